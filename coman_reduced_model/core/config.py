@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The configuration: one table of parameters, read from a ROS 2 parameter file by nodes and command line alike.
+
+The dataclasses below *are* the table: each field carries its nominal, unit, bounds and description. Its dotted
+name (`support.contact_on`) is the ROS parameter name. Effects bring their own parameters, which appear as
+`effects.<effect>.where` and `effects.<effect>.<parameter>`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import ConfigError
+from .effects import CATALOGUE
+from .parameter import Parameter, Value
+
+
+def par(
+    nominal: Value,
+    unit: str,
+    description: str,
+    low: float = float("-inf"),
+    high: float = float("inf"),
+    *,
+    choices: tuple[str, ...] | None = None,
+    length: int | None = None,
+    runtime: bool = False,
+    kind: str | None = None,
+) -> Any:
+    """A dataclass field that declares a parameter; its dotted name comes from where it stands."""
+    if kind is None:
+        kind = {bool: "bool", int: "int", float: "float", str: "str"}.get(type(nominal)) or (
+            "strs" if isinstance(nominal, tuple) and nominal and isinstance(nominal[0], str) else "floats"
+        )
+    parameter = Parameter("", kind, nominal, unit, description, low, high, choices, length, runtime)
+    return field(default=nominal, metadata={"parameter": parameter})
+
+
+@dataclass(frozen=True)
+class LegConfig:
+    """One leg: its chain of joints and the series springs in them."""
+
+    sole_frame: str = par("", "", "URDF frame of the sole: x forward, z up, origin on the ground")
+    joints: tuple[str, ...] = par((), "", "joints of the leg in order from the hip to the ankle", kind="strs")
+    stiffness: tuple[float, ...] = par((), "Nm/rad", "series stiffness of each joint, in the same order", 1e-3, 1e7)
+    damping: tuple[float, ...] = par((), "Nms/rad", "damping of each joint, in the same order", 0.0, 1e5)
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """Which robot it is: a URDF and the legs in it."""
+
+    name: str = par("coman", "", "name for titles and reports")
+    urdf: str = par("", "", "URDF file, relative to this file; empty: the robot_description of bag or topic")
+    base_frame: str = par("base_link", "", "URDF frame of the trunk that both legs hang on")
+    left: LegConfig = field(
+        default_factory=lambda: LegConfig(
+            "l_sole",
+            ("LHipSag", "LHipLat", "LHipYaw", "LKneeSag", "LAnkSag", "LAnkLat"),
+            (3000.0, 3500.0, 2500.0, 180.0, 200.0, 3000.0),
+            (12.0, 12.0, 8.0, 4.0, 4.0, 8.0),
+        )
+    )
+    right: LegConfig = field(
+        default_factory=lambda: LegConfig(
+            "r_sole",
+            ("RHipSag", "RHipLat", "RHipYaw", "RKneeSag", "RAnkSag", "RAnkLat"),
+            (3000.0, 3500.0, 2500.0, 180.0, 200.0, 3000.0),
+            (12.0, 12.0, 8.0, 4.0, 4.0, 8.0),
+        )
+    )
+    foot_length: float = par(0.2, "m", "length of the sole, for pictures and ZMP limits", 0.01, 1.0)
+    foot_width: float = par(0.1, "m", "width of the sole", 0.01, 1.0)
+    gravity: float = par(9.81, "m/s^2", "acceleration of gravity", 0.1, 30.0)
+
+
+@dataclass(frozen=True)
+class StreamsConfig:
+    """How the streams are joined by stamp."""
+
+    max_wait: float = par(0.05, "s", "longest that a joint state waits (in stamps) for the other streams", 0.0, 2.0)
+    max_wrench_age: float = par(0.05, "s", "a wrench farther than this from the joint state is stale", 1e-4, 2.0)
+    max_motor_age: float = par(0.05, "s", "the same for the motor states", 1e-4, 2.0)
+    max_reference_age: float = par(0.1, "s", "the same for com/reference", 1e-4, 5.0)
+    restart_gap: float = par(
+        0.25, "s", "a gap in the joint states longer than this restarts the prediction", 0.01, 60.0
+    )
+    velocity_window: float = par(0.04, "s", "window of the differentiation when velocities are missing", 0.002, 0.5)
+
+
+@dataclass(frozen=True)
+class SupportConfig:
+    """Support phase from the foot wrenches: a Schmitt trigger a foot."""
+
+    contact_on: float = par(0.20, "1", "share of the weight above which a foot lands", 0.01, 0.9, runtime=True)
+    contact_off: float = par(0.10, "1", "share of the weight below which a foot lifts", 0.0, 0.9, runtime=True)
+    dwell_on: float = par(0.004, "s", "a landing must last this long to count", 0.0, 0.5, runtime=True)
+    dwell_off: float = par(0.004, "s", "a lift must last this long to count", 0.0, 0.5, runtime=True)
+    share_hysteresis: float = par(
+        0.10,
+        "1",
+        "in double support the support foot changes when the other carries this much more",
+        0.0,
+        0.9,
+        runtime=True,
+    )
+    weight: float = par(0.0, "N", "weight for the thresholds; 0: mass of the URDF times gravity", 0.0, 1e5)
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The paper's model and the choices in it (model.md; numbers in brackets are the paper's equations)."""
+
+    stiffness: str = par(
+        "full", "", "linear block of K_c (full) or trunk free to turn (condensed)", choices=("full", "condensed")
+    )
+    double_support: str = par(
+        "scaled",
+        "",
+        "force of the support leg over its share (22), (23), or both legs in parallel",
+        choices=("scaled", "both_legs"),
+    )
+    shares: str = par(
+        "constant", "", "shares of (22), (23): the constants below or measured", choices=("constant", "measured")
+    )
+    share_x_before: float = par(
+        0.42, "1", "x share of the leg in the double support before its single support", 0.05, 1.0
+    )
+    share_x_after: float = par(
+        0.58, "1", "x share of the leg in the double support after its single support", 0.05, 1.0
+    )
+    share_z_before: float = par(0.42, "1", "z share before its single support (Fig. 9)", 0.05, 1.0)
+    share_z_after: float = par(0.58, "1", "z share after its single support (Fig. 9)", 0.05, 1.0)
+    a1: float = par(1.0, "1", "coefficient of k_xx in (20)", 0.0, 20.0)
+    b1: float = par(1.0, "1", "coefficient of d_xx in (20)", 0.0, 50.0)
+    c1: float = par(1.0, "1", "coefficient of k_xz in (20)", -20.0, 20.0)
+    e1: float = par(1.0, "1", "coefficient of d_xz in (20)", -50.0, 50.0)
+    a2: float = par(1.0, "1", "coefficient of k_zz in (21)", 0.0, 20.0)
+    b2: float = par(1.0, "1", "coefficient of d_zz in (21)", 0.0, 50.0)
+    c2: float = par(1.0, "1", "coefficient of k_zx in (21)", -20.0, 20.0)
+    e2: float = par(1.0, "1", "coefficient of d_zx in (21)", -50.0, 50.0)
+    singular_limit: float = par(
+        0.02, "1", "smallest singular value of the leg Jacobian (scaled by leg length) taken as it is", 1e-6, 0.5
+    )
+
+
+@dataclass(frozen=True)
+class PredictionConfig:
+    """What is predicted and from which reference (model.md 5 and 6)."""
+
+    reference: str = par(
+        "motor", "", "motor-side kinematics, com/reference, or none (LIPM)", choices=("motor", "topic", "none")
+    )
+    reset_every_steps: int = par(
+        1, "steps", "free run restarts from the measurement every so many steps; 0: never", 0, 1000
+    )
+    horizons: tuple[float, ...] = par(
+        (0.1, 0.2, 0.4), "s", "horizons of the prediction from the measured state", 0.005, 2.0
+    )
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """What the predictor node publishes besides com/prediction."""
+
+    points_rate: float = par(
+        50.0, "Hz", "rate of the PointStamped topics and of com/support when unchanged; 0: off", 0.0, 2000.0
+    )
+    markers_rate: float = par(20.0, "Hz", "rate of com/markers; 0: off", 0.0, 200.0)
+    diagnostics_rate: float = par(1.0, "Hz", "rate of /diagnostics", 0.1, 20.0)
+
+
+@dataclass(frozen=True)
+class GaitConfig:
+    """The walk that the trajectory node plans; names and bounds as in core/gait.py."""
+
+    name: str = par("test1", "", "named gait whose figures the values below replace")
+    step_length: float = par(-1.0, "m", "advance of one step; -1: that of the named gait", -1.0, 1.0)
+    single_support: float = par(-1.0, "s", "duration of single support; -1: that of the named gait", -1.0, 10.0)
+    double_support: float = par(-1.0, "s", "duration of double support; -1: that of the named gait", -1.0, 10.0)
+    steps: int = par(-1, "steps", "number of steps; -1: that of the named gait", -1, 100000)
+    rate: float = par(200.0, "Hz", "rate of com/reference", 1.0, 1000.0)
+    preview_interval: float = par(0.02, "s", "spacing of the preview", 0.001, 0.5)
+    preview_length: int = par(25, "points", "number of preview points", 0, 500)
+    autostart: bool = par(True, "", "start walking at once, without a call of ~/start")
+    repeat: bool = par(False, "", "start the plan again when it ends")
+
+
+@dataclass(frozen=True)
+class EffectConfig:
+    """One effect at one place, with the values of its parameters."""
+
+    name: str
+    where: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything a robot and its predictor are configured by. Immutable; `replaced` gives a changed copy."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    streams: StreamsConfig = field(default_factory=StreamsConfig)
+    support: SupportConfig = field(default_factory=SupportConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    prediction: PredictionConfig = field(default_factory=PredictionConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
+    gait: GaitConfig = field(default_factory=GaitConfig)
+    effects: tuple[EffectConfig, ...] = ()
+    directory: Path = Path(".")  # of the file it came from: relative paths in it start there
+
+    def flat(self) -> dict[str, Value]:
+        """All values by dotted name, effects included."""
+        values = dict(_flatten(self))
+        names: dict[str, list[EffectConfig]] = {}
+        for effect in self.effects:
+            names.setdefault(effect.name, []).append(effect)
+        values["effects.active"] = tuple(names)
+        for name, instances in names.items():
+            values[f"effects.{name}.where"] = tuple(instance.where for instance in instances)
+            for key in instances[0].values:
+                values[f"effects.{name}.{key}"] = tuple(instance.values[key] for instance in instances)
+        return values
+
+    def replaced(self, changes: Mapping[str, Any], source: str = "parameters") -> Config:
+        """A copy with the dotted keys changed, validated as a file is.
+
+        Raises:
+            ConfigError: unknown key, wrong type, out of range, or inconsistent with the rest.
+        """
+        return config_from_flat({**self.flat(), **changes}, source, self.directory)
+
+
+def _flatten(section: Any, prefix: str = "") -> list[tuple[str, Value]]:
+    values: list[tuple[str, Value]] = []
+    for entry in dataclasses.fields(section):
+        value = getattr(section, entry.name)
+        if "parameter" in entry.metadata:
+            values.append((prefix + entry.name, value))
+        elif dataclasses.is_dataclass(value):
+            values += _flatten(value, f"{prefix}{entry.name}.")
+    return values
+
+
+@cache
+def parameter_table() -> dict[str, Parameter]:
+    """Every parameter by its dotted name, effects included."""
+    table: dict[str, Parameter] = {}
+
+    def collect(section: Any, prefix: str) -> None:
+        for entry in dataclasses.fields(section):
+            value = getattr(section, entry.name)
+            name = prefix + entry.name
+            if "parameter" in entry.metadata:
+                table[name] = dataclasses.replace(entry.metadata["parameter"], name=name, nominal=value)
+            elif dataclasses.is_dataclass(value):
+                collect(value, name + ".")
+
+    collect(Config(), "")
+    table["effects.active"] = Parameter(
+        "effects.active", "strs", (), "", "effects added to the model, in this order", choices=tuple(CATALOGUE)
+    )
+    for name, effect in CATALOGUE.items():
+        where = f"effects.{name}.where"
+        table[where] = Parameter(where, "strs", (), "", f"where {name} acts: {effect.place}; one entry an instance")
+        for parameter in effect.parameters:
+            key = f"effects.{name}.{parameter.name}"
+            nominal = (float(parameter.nominal),)  # type: ignore[arg-type]
+            table[key] = dataclasses.replace(parameter, name=key, kind="floats", nominal=nominal)
+    return table
+
+
+def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = Path(".")) -> Config:
+    """A validated configuration from dotted keys; keys not given are nominal.
+
+    Raises:
+        ConfigError: says the source, the key, the value and what is allowed.
+    """
+    table = parameter_table()
+    checked: dict[str, Value] = {}
+    for key, value in values.items():
+        if key not in table:
+            hint = difflib.get_close_matches(key, table, 1)
+            raise ConfigError(f"{source}: {key}: unknown key{f'; did you mean {hint[0]!r}?' if hint else ''}")
+        checked[key] = table[key].check(value, source)
+
+    def build(section: Any, prefix: str) -> Any:
+        changes = {}
+        for entry in dataclasses.fields(section):
+            name = prefix + entry.name
+            current = getattr(section, entry.name)
+            if "parameter" in entry.metadata:
+                changes[entry.name] = checked.get(name, current)
+            elif dataclasses.is_dataclass(current):
+                changes[entry.name] = build(current, name + ".")
+        return dataclasses.replace(section, **changes)
+
+    config: Config = dataclasses.replace(build(Config(), ""), effects=_effects(checked, source), directory=directory)
+    _check_consistency(config, source)
+    return config
+
+
+def _effects(checked: Mapping[str, Value], source: str) -> tuple[EffectConfig, ...]:
+    effects: list[EffectConfig] = []
+    active: tuple[str, ...] = checked.get("effects.active", ())  # type: ignore[assignment]
+    for name in active:
+        where: tuple[str, ...] = checked.get(f"effects.{name}.where", ()) or ("",)  # type: ignore[assignment]
+        values: dict[str, tuple[float, ...]] = {}
+        for parameter in CATALOGUE[name].parameters:
+            key = f"effects.{name}.{parameter.name}"
+            given: tuple[float, ...] = checked.get(key, (float(parameter.nominal),))  # type: ignore[assignment, arg-type]
+            if len(given) not in (1, len(where)):
+                raise ConfigError(
+                    f"{source}: {key}: {len(given)} values for {len(where)} places (effects.{name}.where)"
+                )
+            values[parameter.name] = given * len(where) if len(given) == 1 else given
+        for index, place in enumerate(where):
+            CATALOGUE[name].check_place(place, f"{source}: effects.{name}.where")
+            effects.append(EffectConfig(name, place, {key: given[index] for key, given in values.items()}))
+    return tuple(effects)
+
+
+def _check_consistency(config: Config, source: str) -> None:
+    for side, leg in (("left", config.robot.left), ("right", config.robot.right)):
+        for key in ("stiffness", "damping"):
+            count = len(getattr(leg, key))
+            if count != len(leg.joints):
+                raise ConfigError(
+                    f"{source}: robot.{side}.{key}: {count} values for {len(leg.joints)} joints (robot.{side}.joints)"
+                )
+        if len(set(leg.joints)) != len(leg.joints):
+            raise ConfigError(f"{source}: robot.{side}.joints: a joint is named twice: {', '.join(leg.joints)}")
+    if config.support.contact_off >= config.support.contact_on:
+        raise ConfigError(
+            f"{source}: support.contact_off: {config.support.contact_off} must be below "
+            f"support.contact_on = {config.support.contact_on}"
+        )
+
+
+def load_config(path: str | Path, node: str = "predictor") -> Config:
+    """Read a ROS 2 parameter file: the sections `/**` and then that of the node, if any.
+
+    Raises:
+        ConfigError: the file cannot be read or a value in it is not allowed.
+    """
+    path = Path(path)
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not a text file") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise ConfigError(f"{path}: is not YAML{where}: {getattr(error, 'problem', error)}") from None
+    if not isinstance(document, dict):
+        raise ConfigError(f"{path}: wanted a ROS 2 parameter file: '/**:' with 'ros__parameters:' below it")
+    values: dict[str, Any] = {}
+    for section, body in document.items():
+        if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
+            raise ConfigError(f"{path}: {section}: wanted 'ros__parameters:' below a node's name or '/**'")
+        flat = {key: value for key, value in _flat_yaml(body["ros__parameters"]).items() if not _foreign(key)}
+        name = str(section).rsplit("/", 1)[-1]
+        if name in ("**", "*", node):
+            values.update(flat)
+        else:  # meant for another node: checked all the same, so that a mistake is found now and not there
+            config_from_flat(flat, f"{path}: {section}")
+    return config_from_flat(values, str(path), path.parent)
+
+
+def _foreign(key: str) -> bool:
+    """Parameters that every ROS 2 node has."""
+    return key in ("use_sim_time", "start_type_description_service") or key.startswith("qos_overrides.")
+
+
+def _flat_yaml(tree: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            flat.update(_flat_yaml(value, name + "."))
+        else:
+            flat[name] = value
+    return flat
+
+
+def config_to_yaml(config: Config, comment: str = "") -> str:
+    """The configuration as a ROS 2 parameter file, each value with its description and unit."""
+    table = parameter_table()
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += ["/**:", "  ros__parameters:"]
+    for key, value in config.flat().items():
+        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
+            continue
+        parameter = table[key]
+        text = yaml.safe_dump(
+            list(value) if isinstance(value, tuple) else value, default_flow_style=True, width=10**6
+        ).splitlines()[0]
+        unit = f" [{parameter.unit}]" if parameter.unit not in ("", "1") else ""
+        lines.append(f"    {key}: {text}  # {parameter.description}{unit}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gravity changes the stiffness: the Jacobian turns as the leg deflects under the robot's weight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..model import LegSprings
+
+
+class GravityStiffness(Effect):
+    """Adds the curvature of the potential energy m g z(q) to the joint stiffness.
+
+    The energy of the loaded leg is 1/2 dq^T K_q dq + m g z(q); its second derivative is K_q + m g H_z with
+    H_z the Hessian of the COM height (n, n). This is the term that equation (11) leaves out (the conservative
+    congruence transformation of Chen and Kao, 2000). Horizontally it softens by about m g / z_c, the toppling of
+    an inverted pendulum.
+    """
+
+    name: ClassVar[str] = "gravity_stiffness"
+
+    def springs(self, leg: LegSprings) -> None:
+        leg.K_q += leg.load * leg.height_hessian()
