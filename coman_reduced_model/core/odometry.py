@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Odometry of the feet: `odom` starts at the first support sole and is chained from foot to foot."""
+
+from __future__ import annotations
+
+from math import atan2, cos, sin
+
+import numpy as np
+
+from .types import Array, Foot
+
+
+def pose(R: Array, p: Array) -> Array:
+    """Homogeneous transform (4, 4) from a rotation (3, 3) and a position (3,) [m]."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = p
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of a homogeneous transform (4, 4)."""
+    R = T[:3, :3].T
+    return pose(R, -R @ T[:3, 3])
+
+
+class FootOdometry:
+    """Pose of the support sole in `odom`, from the measured foot-to-foot transform at each change of support.
+
+    Soles are flat on level ground: the chain keeps x, y and yaw of each sole; z, roll and pitch stay zero.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again: the next support sole is the origin of `odom`."""
+        self._foot = Foot.NONE
+        self._T_odom_sole = np.full((4, 4), np.nan)
+
+    def update(self, support_foot: Foot, R_left: Array, p_left: Array, R_right: Array, p_right: Array) -> Array:
+        """Follow the support foot.
+
+        Args:
+            support_foot: the foot that odom is chained to now; NONE keeps the last one.
+            R_left: orientation (3, 3) of the left sole in the base frame.
+            p_left: its position (3,) [m] there.
+            R_right: orientation (3, 3) of the right sole in the base frame.
+            p_right: its position (3,) [m] there.
+
+        Returns:
+            T_odom_sole (4, 4) of the support sole; NaN before there has been a support foot.
+        """
+        if support_foot == self._foot or support_foot == Foot.NONE:
+            return self._T_odom_sole
+        if self._foot == Foot.NONE:
+            self._T_odom_sole = np.eye(4)
+        else:
+            left, right = (R_left, p_left), (R_right, p_right)
+            (R_old, p_old), (R_new, p_new) = (left, right) if support_foot == Foot.RIGHT else (right, left)
+            R_step, p_step = R_old.T @ R_new, R_old.T @ (p_new - p_old)
+            yaw = atan2(R_step[1, 0], R_step[0, 0])
+            c, s = cos(yaw), sin(yaw)
+            step = np.array([[c, -s, 0, p_step[0]], [s, c, 0, p_step[1]], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+            self._T_odom_sole = self._T_odom_sole @ step
+        self._foot = support_foot
+        return self._T_odom_sole
+
+
+def base_in_odom(T_odom_sole: Array, R_base_sole: Array, p_base_sole: Array) -> Array:
+    """Pose of the base in odom (4, 4), from that of the support sole in odom and in the base frame."""
+    return T_odom_sole @ inverse(pose(R_base_sole, p_base_sole))

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Centre of pressure of a foot and zero moment point of both, from the wrenches of the ground on flat soles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .types import Array
+
+MIN_FORCE = 5.0  # [N] below this the quotient moment / force is noise
+
+
+def cop(wrench: Array, min_force: float = MIN_FORCE) -> Array | None:
+    """Centre of pressure (3,) [m] in the frame of a flat sole, whose plane is z = 0.
+
+    Args:
+        wrench: (6,) force [N] and torque [Nm] of the ground on the foot, about the sole origin, in its frame.
+        min_force: vertical force [N] that is needed at least.
+
+    Returns:
+        The point, or None when the vertical force is too small for one.
+    """
+    fz = wrench[2]
+    if not fz >= min_force:
+        return None
+    return np.array([-wrench[4] / fz, wrench[3] / fz, 0.0])
+
+
+def zmp_from_wrenches(
+    left_wrench: Array | None,
+    right_wrench: Array | None,
+    T_support_left: Array,
+    T_support_right: Array,
+    min_force: float = MIN_FORCE,
+) -> Array | None:
+    """Zero moment point (3,) [m] of both feet on the ground plane of the support sole, in its frame.
+
+    Args:
+        left_wrench: (6,) force [N] and torque [Nm] of the ground on the left foot, in its sole frame; None: missing.
+        right_wrench: the same for the right foot.
+        T_support_left: pose (4, 4) of the left sole in the support sole frame.
+        T_support_right: pose (4, 4) of the right sole there.
+        min_force: total vertical force [N] that is needed at least.
+
+    Returns:
+        The point, or None when a wrench is missing or the total vertical force is too small.
+    """
+    if left_wrench is None or right_wrench is None:
+        return None
+    total = np.zeros(6)
+    for wrench, T in ((left_wrench, T_support_left), (right_wrench, T_support_right)):
+        force = T[:3, :3] @ wrench[:3]
+        total[:3] += force
+        total[3:] += T[:3, :3] @ wrench[3:] + np.cross(T[:3, 3], force)
+    return cop(total, min_force)
