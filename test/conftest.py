@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What every test runs in: ROS confined to this machine, and processes that never outlive their test."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Before anything imports rclpy. Each test process gets a domain of its own, so that two runs do not hear each other.
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+
+
+def child_environment(**changes: str) -> dict[str, str]:
+    """Environment for a Python of its own; inherited, the wheels' start-up mark would break that one's rclpy."""
+    environment = {key: value for key, value in os.environ.items() if key != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    return {**environment, "PYTHONUNBUFFERED": "1", **changes}
+
+
+class Process:
+    """A command of ours in a process group of its own, its output (both streams) collected as it comes."""
+
+    def __init__(self, command: list[str], **environment: str) -> None:
+        self.command = command
+        self._lines: list[str] = []
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env=child_environment(**environment),
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.append(line)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def output(self) -> str:
+        return "".join(self._lines)
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def wait_for(self, text: str, timeout: float = 20.0) -> None:
+        """Return once the output contains the text.
+
+        Raises:
+            AssertionError: it ended or timed out [s] without; shows what it printed.
+        """
+        deadline = time.monotonic() + timeout
+        while text not in self.output:
+            ended = not self.running
+            if ended:
+                self._reader.join(2.0)
+                if text in self.output:
+                    return
+            if ended or time.monotonic() > deadline:
+                raise AssertionError(
+                    f"{self.command} {'ended' if ended else 'goes on'} without {text!r}:\n{self.output}"
+                )
+            time.sleep(0.02)
+
+    def wait(self, timeout: float = 30.0) -> int:
+        """Exit code of a process that ends by itself within the timeout [s]."""
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"{self.command} goes on after {timeout} s:\n{self.output}") from None
+        self._reader.join(2.0)
+        return code
+
+    def interrupt(self, times: int = 1) -> None:
+        """Ctrl-C, as often as said."""
+        for index in range(times):
+            if index:
+                time.sleep(0.05)
+            if self.running:
+                os.killpg(self.pid, signal.SIGINT)
+
+    def stop(self, timeout: float = 10.0) -> int:
+        """Ctrl-C and wait; the exit code."""
+        self.interrupt()
+        return self.wait(timeout)
+
+    def kill(self) -> None:
+        """End it and all its children, whatever they do."""
+        try:
+            os.killpg(self.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        self._process.wait()
+
+
+class Starter:
+    """Starts commands of this package; what the `start` fixture gives."""
+
+    def __init__(self) -> None:
+        self.processes: list[Process] = []
+
+    def __call__(self, executable: str, *arguments: str | Path, **environment: str) -> Process:
+        """Start `predictor`, `trajectory`, `virtual_robot` or `coman` of this environment, or any file by its path."""
+        path = Path(sys.executable).parent / executable
+        process = Process([str(path), *map(str, arguments)], **environment)
+        self.processes.append(process)
+        return process
+
+    def node(self, executable: str, *arguments: str | Path, **parameters: object) -> Process:
+        """Start a node with ROS parameters; `__` in a name stands for a dot, as in `gait__name="test2"`."""
+        ros = [item for name, value in parameters.items() for item in ("-p", f"{name.replace('__', '.')}:={value}")]
+        return self(executable, "--ros-args", *arguments, *ros)
+
+
+@pytest.fixture
+def start() -> Iterator[Starter]:
+    """Start processes that are killed at the end of the test if they have not ended."""
+    starter = Starter()
+    yield starter
+    for process in starter.processes:
+        process.kill()
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> str:
+    """A ROS domain for one test, for itself and what it starts: late messages of another test cannot reach it."""
+    domain = str(random.SystemRandom().randint(1, 101))
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    return domain
