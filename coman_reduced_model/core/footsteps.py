@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import PPoly
 
-from coman_reduced_model.core.types import Array, Foot
-from coman_reduced_model.errors import ComanError
+from ..errors import ComanError
+from .types import Array, Foot, Phase
 
 if TYPE_CHECKING:
-    from coman_reduced_model.core.gait import GaitParameters
+    from .gait import GaitParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,52 +84,53 @@ def place_footsteps(p: GaitParameters, left: Array, right: Array) -> list[Footst
     return steps
 
 
+# Swing profiles as coefficients of s = 0..1, highest power first. Both have zero velocity and acceleration at lift and
+# landing, so that a landing that comes early or late on soft legs is still a gentle one.
+_ALONG = np.array([0.0, 6.0, -15.0, 10.0, 0.0, 0.0, 0.0])  # the quintic from 0 to 1
+_UP = 64.0 * np.array([-1.0, 3.0, -3.0, 1.0, 0.0, 0.0, 0.0])  # (4 s (1 - s))^3: from 0 over 1 back to 0
+
+
 class FootMotion:
     """Poses and twists of both soles over the plan: still on the ground, or in a smooth swing (C2)."""
 
     def __init__(self, p: GaitParameters, left: Array, right: Array, ground: float, steps: list[Footstep]):
         """Args: the gait; standing poses (3,) each; height of the ground [m]; the footsteps."""
-        n = len(steps)
-        poses = np.empty((n + 1, 2, 3))  # where each foot stands after step k - 1
-        poses[0] = left, right
-        self._swings = np.zeros((n + 1, 2))  # height of the swing of each foot [m]
+        knots = [0.0]
+        c = np.zeros((7, 2 * len(steps) + 1, 2, 4))  # power, interval (still, swing, still, ...), foot, x y z yaw
+        pose = np.array([[*left[:2], ground, left[2]], [*right[:2], ground, right[2]]])
+        self._phase = np.full(2 * len(steps) + 1, int(Phase.DOUBLE))
         for k, step in enumerate(steps):
-            poses[k + 1] = poses[k]
-            poses[k + 1, step.foot - 1] = step.pose
-            self._swings[k + 1, step.foot - 1] = p.step_height_m
-        # Row k + 1 is in force from the lift of step k to the lift of step k + 1, row 0 before the first step.
-        self._from = poses[[0, *range(n)]]
-        self._delta = poses - self._from
-        self.t_lift = np.array([step.t_lift for step in steps])
-        self._t_start = np.array([0.0, *self.t_lift])
-        self.duration = p.single_support_s
-        self.ground = ground
-        self.swing_foot = np.array([Foot.NONE, *(step.foot for step in steps)], dtype=int)
+            knots += [step.t_lift, step.t_land]
+            foot, swing = step.foot - 1, 2 * k + 1
+            x, y, yaw = step.pose
+            target = np.array([x, y, ground, yaw])
+            scale = (step.t_land - step.t_lift) ** -np.arange(6.0, -1.0, -1.0)
+            c[-1, swing - 1 : swing + 1] = pose
+            c[:, swing, foot] += np.outer(_ALONG * scale, target - pose[foot])
+            c[:, swing, foot, 2] += _UP * scale * p.step_height_m
+            self._phase[swing] = step.foot.other  # the stance foot; Phase and Foot share their numbers
+            pose[foot] = target
+        c[-1, -1] = pose
+        self._switches = np.array(knots[1:])
+        self._step = (np.arange(len(knots)) + 1) // 2 - 1
+        self._pose = PPoly(c, [*knots, knots[-1] + 1.0])  # still intervals extend to any time
+        self._rate = self._pose.derivative()
 
-    def __call__(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Poses (n, 2, 4, 4) and twists (n, 2, 6) of the left and right sole, phase (n,) and step index (n,) at t (n,).
+    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
+        """Poses (n, 2, 4, 4) of the left and right sole, phase (n,) and step index (n,) at the times t (n,) [s]."""
+        pose = self._pose(t)
+        yaw = pose[..., 3]
+        T = np.empty((len(t), 2, 4, 4))
+        T[:] = np.eye(4)
+        T[..., 0, 0] = T[..., 1, 1] = np.cos(yaw)
+        T[..., 1, 0] = sine = np.sin(yaw)
+        T[..., 0, 1] = -sine
+        T[..., :3, 3] = pose[..., :3]
+        interval = self._switches.searchsorted(t, side="right")
+        return T, self._phase[interval], self._step[interval]
 
-        Twists are linear, then angular velocity of the sole origin along the axes of odom [m/s, rad/s].
-        """
-        k = self.t_lift.searchsorted(t, side="right")
-        s = np.minimum(np.maximum((t - self._t_start[k]) / self.duration, 0.0), 1.0)
-        rest = s * (1.0 - s)
-        # Quintic along the ground; s^3 (1 - s)^3 upwards: both with zero velocity and acceleration at lift and landing,
-        # so that a landing that comes early or late on soft legs is still a gentle one.
-        along = (s * s * s * (10.0 + s * (6.0 * s - 15.0)))[:, None, None]
-        up = (64.0 * rest**3)[:, None]
-        along_rate = (30.0 * rest * rest / self.duration)[:, None, None]
-        up_rate = (192.0 * rest * rest * (1.0 - 2.0 * s) / self.duration)[:, None]
-        delta, height = self._delta[k], self._swings[k]
-        pose, rate = self._from[k] + delta * along, delta * along_rate
-        T = np.zeros((len(t), 2, 4, 4))
-        c, si = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        T[..., 0, 0], T[..., 0, 1], T[..., 1, 0], T[..., 1, 1] = c, -si, si, c
-        T[..., 2, 2] = T[..., 3, 3] = 1.0
-        T[..., :2, 3] = pose[..., :2]
-        T[..., 2, 3] = self.ground + height * up
+    def twists(self, t: Array) -> Array:
+        """Linear, then angular velocity (n, 2, 6) of both sole origins along the axes of odom [m/s, rad/s]."""
         twist = np.zeros((len(t), 2, 6))
-        twist[..., :2], twist[..., 2], twist[..., 5] = rate[..., :2], height * up_rate, rate[..., 2]
-        swinging = (k > 0) & (s < 1.0)
-        phase = np.where(swinging, 3 - self.swing_foot[k], 3)  # Phase numbers: the stance foot, or DOUBLE
-        return T, twist, phase, k - 1
+        twist[..., [0, 1, 2, 5]] = self._rate(t)
+        return twist

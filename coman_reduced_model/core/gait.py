@@ -17,56 +17,51 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
-from coman_reduced_model.core.footsteps import FootMotion, Footstep, compose, ground_pose, place_footsteps, side
-from coman_reduced_model.core.lipm import LipmCom, rest_at_both_ends
-from coman_reduced_model.core.types import Array, Foot, Phase, Reference
-from coman_reduced_model.errors import ConfigError
+from ..errors import ConfigError
+from .footsteps import FootMotion, Footstep, compose, ground_pose, place_footsteps, side
+from .lipm import LipmCom, rest_at_both_ends
+from .parameter import Parameter
+from .types import Array, Foot, Phase, Reference
 
 
-def _number(default: float, low: float, high: float, unit: str, description: str) -> Any:
-    return field(default=default, metadata={"low": low, "high": high, "unit": unit, "description": description})
+def _par(name: str, nominal: Any, unit: str, description: str, low: float = -math.inf, high: float = math.inf) -> Any:
+    kind = {int: "int", float: "float", str: "str"}[type(nominal)]
+    choices = ("left", "right") if kind == "str" else None
+    parameter = Parameter(name, kind, nominal, unit, description, low, high, choices)
+    return field(default=nominal, metadata={"parameter": parameter})
 
 
 @dataclass(frozen=True)
 class GaitParameters:
-    """One gait. Units are in the names; bounds and descriptions in the metadata of the fields.
+    """One gait. Each field carries its `Parameter` (unit, bounds, description) in its metadata.
 
     Raises:
         ConfigError: a value is of the wrong type or out of its range.
     """
 
-    step_length_m: float = _number(
-        0.03, -1.0, 1.0, "m", "advance of a step: swing sole lands so far ahead of the stance"
+    step_length_m: float = _par(
+        "step_length_m", 0.03, "m", "the swing sole lands so far ahead of the stance", -1.0, 1.0
     )
-    step_width_m: float = _number(0.1452, 0.02, 1.0, "m", "distance of the sole origins in y")
-    step_height_m: float = _number(0.03, 0.0, 0.5, "m", "clearance of the sole in mid-swing")
-    single_support_s: float = _number(0.5, 0.05, 60.0, "s", "duration of a swing")
-    double_support_s: float = _number(0.2, 0.02, 60.0, "s", "duration of the double support before and after a swing")
-    com_height_m: float = _number(0.42, 0.05, 3.0, "m", "height of the COM above the soles, constant")
-    steps: int = _number(14, 0, 100_000, "", "number of steps; 0 stands")
-    turn_rad: float = _number(0.0, -0.5, 0.5, "rad", "yaw of a step, positive to the left")
-    lateral_m: float = _number(0.0, -0.5, 0.5, "m", "mean sideways advance of a step, positive to the left")
-    stand_before_s: float = _number(1.0, 0.1, 1e6, "s", "standing before the first load transfer")
-    stand_after_s: float = _number(1.0, 0.1, 1e6, "s", "standing after the last load transfer")
-    zmp_offset_x_m: float = _number(0.0, -0.5, 0.5, "m", "ZMP ahead of the sole origin")
-    zmp_offset_y_m: float = _number(0.0, -0.5, 0.5, "m", "ZMP inwards of the sole origin in single support")
-    gravity: float = _number(9.81, 0.1, 100.0, "m/s^2", "acceleration of gravity")
-    first_swing: str = field(default="left", metadata={"unit": "", "description": "foot that steps first: left, right"})
+    step_width_m: float = _par("step_width_m", 0.1452, "m", "distance of the sole origins in y", 0.02, 1.0)
+    step_height_m: float = _par("step_height_m", 0.03, "m", "height of the sole in mid-swing", 0.0, 0.5)
+    single_support_s: float = _par("single_support_s", 0.5, "s", "duration of a swing", 0.05, 60.0)
+    double_support_s: float = _par("double_support_s", 0.2, "s", "duration of a load transfer", 0.02, 60.0)
+    com_height_m: float = _par("com_height_m", 0.38, "m", "height of the COM above the soles, constant", 0.05, 3.0)
+    steps: int = _par("steps", 14, "", "number of steps; 0 stands", 0, 100_000)
+    turn_rad: float = _par("turn_rad", 0.0, "rad", "yaw of a step, positive to the left", -0.5, 0.5)
+    lateral_m: float = _par("lateral_m", 0.0, "m", "mean sideways advance of a step, positive to the left", -0.5, 0.5)
+    stand_before_s: float = _par("stand_before_s", 1.0, "s", "standing before the first load transfer", 0.1, 1e6)
+    stand_after_s: float = _par("stand_after_s", 1.0, "s", "standing after the last load transfer", 0.1, 1e6)
+    zmp_offset_x_m: float = _par("zmp_offset_x_m", 0.0, "m", "ZMP ahead of the sole origin", -0.5, 0.5)
+    zmp_offset_y_m: float = _par("zmp_offset_y_m", 0.0, "m", "ZMP inwards of the sole origin, one leg", -0.5, 0.5)
+    gravity: float = _par("gravity", 9.81, "m/s^2", "acceleration of gravity", 0.1, 100.0)
+    first_swing: str = _par("first_swing", "left", "", "foot that steps first")
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            value = getattr(self, f.name)
-            if f.name == "first_swing":
-                if value not in ("left", "right"):
-                    raise ConfigError(f"first_swing = {value!r}: allowed: left, right")
-                continue
-            kind: type | tuple[type, ...] = (int, np.integer) if f.name == "steps" else (int, float, np.number)
-            low, high, unit = f.metadata["low"], f.metadata["high"], f.metadata["unit"]
-            if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
-                what = "an integer" if f.name == "steps" else "a number"
-                raise ConfigError(f"{f.name} = {value!r}: allowed: {what}, {low:g} to {high:g} {unit}".rstrip())
+            object.__setattr__(self, f.name, f.metadata["parameter"].check(getattr(self, f.name), "gait"))
 
     @property
     def omega(self) -> float:
@@ -124,12 +119,13 @@ class WalkPlan:
     """A planned walk from rest to rest: evaluate it at any time; outside 0..duration_s it stands still."""
 
     def __init__(self, parameters: GaitParameters, footsteps: list[Footstep], feet: FootMotion, lipm: LipmCom):
+        """Made by `plan_walk`."""
         self.parameters = parameters
         self.footsteps = footsteps
         self.duration_s = float(lipm.times[-1])
         self._feet = feet
         self._lipm = lipm
-        self._spline: CubicSpline | None = None  # COM of with_com
+        self._corrected: PPoly | None = None  # COM, velocity and acceleration of with_com
 
     def sample(self, t: float) -> PlanPoint:
         """The plan at time t [s]."""
@@ -141,49 +137,36 @@ class WalkPlan:
     def sample_many(self, t: Array) -> PlanPoint:
         """The plan at the times t (n,) [s], vectorised."""
         t = np.asarray(t, dtype=float)
-        com, com_vel, com_acc, zmp = self._com(t)
-        T, twist, phase, step = self._feet(t)
-        return PlanPoint(t, com, com_vel, com_acc, zmp, T[:, 0], T[:, 1], twist[:, 0], twist[:, 1], phase, step)
+        com, (T, phase, step), twist = self._com(t), self._feet(t), self._feet.twists(t)
+        return PlanPoint(t, *com.swapaxes(0, 1), T[:, 0], T[:, 1], twist[:, 0], twist[:, 1], phase, step)
 
     def reference(self, t: float, stamp_ns: int, preview_dt: float = 0.0, preview_n: int = 0) -> Reference:
         """The message of the trajectory node for time t [s], with preview_n points at t + preview_dt, ... [s]."""
-        com, com_vel, com_acc, zmp = self._com(t + preview_dt * np.arange(preview_n + 1))
-        T, _, phase, step = self._feet(np.array([t], dtype=float))
-        return Reference(
-            stamp_ns,
-            com[0],
-            com_vel[0],
-            com_acc[0],
-            zmp[0],
-            T[0, 0],
-            T[0, 1],
-            Phase(int(phase[0])),
-            int(step[0]),
-            preview_dt if preview_n else 0.0,
-            com[1:],
-            com_vel[1:],
-        )
+        times = t + preview_dt * np.arange(preview_n + 1.0)
+        com = self._com(times)
+        T, phase, step = self._feet(times[:1])
+        preview = (preview_dt, com[1:, 0], com[1:, 1]) if preview_n else ()
+        return Reference(stamp_ns, *com[0], T[0, 0], T[0, 1], Phase(phase[0]), int(step[0]), *preview)
 
     def with_com(self, t_grid: Array, com: Array) -> WalkPlan:
         """The same walk with another COM (n, 3) [m] at the times t_grid (n,) [s]: a C2 spline, at rest at its ends.
 
         For a COM corrected for the mass distribution of a whole robot; ZMP and feet remain those of the plan.
         """
+        spline = CubicSpline(t_grid, com, bc_type="clamped")
+        derivatives = [np.pad(spline.derivative(n).c, ((n, 0), (0, 0), (0, 0))) for n in range(3)]
         plan = copy.copy(self)
-        plan._spline = CubicSpline(t_grid, com, bc_type="clamped")
+        plan._corrected = PPoly(np.stack(derivatives, axis=2), spline.x)  # one evaluation gives all three
         return plan
 
-    def _com(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """COM, its velocity and acceleration, ZMP; each (n, 3)."""
-        p, ground = self.parameters, self._feet.ground
-        com, com_vel, com_acc, zmp = np.zeros((4, len(t), 3))
-        com[:, :2], com_vel[:, :2], zmp[:, :2] = self._lipm(t)
-        com_acc[:, :2] = p.omega**2 * (com[:, :2] - zmp[:, :2])
-        com[:, 2], zmp[:, 2] = ground + p.com_height_m, ground
-        if self._spline is not None:
-            inside = np.clip(t, self._spline.x[0], self._spline.x[-1])
-            com, com_vel, com_acc = (self._spline(inside, nu) for nu in range(3))
-        return com, com_vel, com_acc, zmp
+    def _com(self, t: Array) -> Array:
+        """COM, its velocity, its acceleration and the ZMP: (n, 4, 3)."""
+        points = self._lipm(t)
+        if self._corrected is not None:
+            x = self._corrected.x
+            points[:, :3] = self._corrected(np.minimum(np.maximum(t, x[0]), x[-1]))
+            points[(t < x[0]) | (t > x[-1]), 1:3] = 0.0
+        return points
 
 
 def plan_walk(
@@ -203,32 +186,29 @@ def plan_walk(
     """
     p = parameters
     width = p.step_width_m
-    given = [
-        ground_pose(T, n) for T, n in ((T_odom_left, "T_odom_left"), (T_odom_right, "T_odom_right")) if T is not None
-    ]
-    if len(given) == 2:
-        (left, z_left), (right, z_right) = given
-        ground = (z_left + z_right) / 2
-        right[2] = left[2] + math.remainder(right[2] - left[2], math.tau)
-    elif T_odom_left is not None:
-        left, ground = given[0]
+    if T_odom_left is not None:
+        left, ground = ground_pose(T_odom_left, "T_odom_left")
         right = compose(left, 0.0, -width)
-    elif T_odom_right is not None:
-        right, ground = given[0]
-        left = compose(right, 0.0, width)
     else:
         left, right, ground = np.array([0.0, width / 2, 0.0]), np.array([0.0, -width / 2, 0.0]), 0.0
+    if T_odom_right is not None:
+        right, z_right = ground_pose(T_odom_right, "T_odom_right")
+        if T_odom_left is None:
+            left, ground = compose(right, 0.0, width), z_right
+        ground = (ground + z_right) / 2
+        right[2] = left[2] + math.remainder(right[2] - left[2], math.tau)
     footsteps = place_footsteps(p, left, right)
-    lipm = _com_over(p, left, right, footsteps)
+    lipm = _com_over(p, left, right, ground, footsteps)
     return WalkPlan(p, footsteps, FootMotion(p, left, right, ground, footsteps), lipm)
 
 
-def _com_over(p: GaitParameters, left: Array, right: Array, footsteps: list[Footstep]) -> LipmCom:
+def _com_over(p: GaitParameters, left: Array, right: Array, ground: float, footsteps: list[Footstep]) -> LipmCom:
     """ZMP under the feet, and the COM over it that starts and ends at rest midway between the feet."""
     feet = {Foot.LEFT: left, Foot.RIGHT: right}
 
     def under(foot: Foot, inwards: float) -> Array:
-        return compose(feet[foot], p.zmp_offset_x_m, -side(foot) * inwards)[:2]
+        x, y, _ = compose(feet[foot], p.zmp_offset_x_m, -side(foot) * inwards)
+        return np.array([x, y, ground])
 
     def middle() -> Array:
         return (under(Foot.LEFT, 0.0) + under(Foot.RIGHT, 0.0)) / 2
@@ -253,4 +233,4 @@ def _com_over(p: GaitParameters, left: Array, right: Array, footsteps: list[Foot
                 f"{key} = {getattr(p, key):g} s is too short: starting or stopping the COM would swing the ZMP out by"
                 f" {counter:.3f} m; allowed: half the step width, {p.step_width_m / 2:.3f} m (stand longer)"
             )
-    return LipmCom(knots, moved, p.omega)
+    return LipmCom(knots, moved, p.com_height_m, p.omega)

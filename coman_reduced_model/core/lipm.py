@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coman_reduced_model.core.types import Array
+from .types import Array
 
 
 def _knot_weights(times: Array, omega: float) -> Array:
@@ -38,12 +38,12 @@ def rest_at_both_ends(times: Array, zmp: Array, omega: float, free: tuple[int, i
 
     Args:
         times: (K,) knots, strictly increasing [s].
-        zmp: (K, 2) ZMP at the knots [m].
+        zmp: (K, 3) ZMP at the knots [m].
         omega: sqrt(g / z_c) [rad/s].
         free: the knot to move at the start and the one at the end.
 
     Returns:
-        (K, 2) the ZMP with these two knots moved [m].
+        (K, 3) the ZMP with these two knots moved [m].
     """
     weights = _knot_weights(times, omega)
     moved = zmp.copy()
@@ -54,35 +54,44 @@ def rest_at_both_ends(times: Array, zmp: Array, omega: float, free: tuple[int, i
 class LipmCom:
     """Bounded COM trajectory over a piecewise-linear ZMP; before the first and after the last knot it stands still."""
 
-    def __init__(self, times: Array, zmp: Array, omega: float):
-        """Args: times (K,) strictly increasing [s], K >= 2; zmp (K, 2) [m]; omega [rad/s]."""
+    def __init__(self, times: Array, zmp: Array, height: float, omega: float):
+        """Solves for the COM.
+
+        Args:
+            times: (K,) knots, strictly increasing, K >= 2 [s].
+            zmp: (K, 3) ZMP at the knots [m], at constant z.
+            height: of the COM above the ZMP [m].
+            omega: sqrt(g / height) [rad/s].
+        """
         span = np.diff(times)
         slope = np.diff(zmp, axis=0) / span[:, None]
-        jump = np.diff(slope, axis=0, prepend=np.zeros((1, 2)), append=np.zeros((1, 2))) / (2.0 * omega)
+        jump = np.diff(slope, axis=0, prepend=np.zeros((1, 3)), append=np.zeros((1, 3))) / (2.0 * omega)
         decay = np.exp(-omega * span)
         # In each interval the exponentials of all knots on its left add up to one, and so do those on its right.
         past, future = np.zeros_like(slope), np.zeros_like(slope)
-        left, right = np.zeros(2), np.zeros(2)
-        for i in range(len(span)):
-            left = jump[i] + (left * decay[i - 1] if i else 0.0)
-            past[i] = left
-        for i in reversed(range(len(span))):
-            right = jump[i + 1] + (right * decay[i + 1] if i + 1 < len(span) else 0.0)
-            future[i] = right
-        self.times, self.omega = times, omega
-        # One gather a call: start value, slope, past and future amplitude of each interval, (K-1, 4, 2).
-        self._table = np.stack([zmp[:-1], slope, past, future], axis=1)
+        past[0], future[-1] = jump[0], jump[-1]
+        for i in range(1, len(span)):
+            past[i] = jump[i] + past[i - 1] * decay[i - 1]
+            future[-1 - i] = jump[-1 - i] + future[-i] * decay[-i]
+        still, up = np.zeros_like(slope), np.tile([0.0, 0.0, height], (len(span), 1))
+        # What multiplies 1, t, exp(-omega t), exp(omega (t - span)) in each interval: (K - 1, 4 terms, 4 quantities, 3).
+        quantities = [
+            [zmp[:-1] + up, slope, past, future],  # COM
+            [slope, still, -omega * past, omega * future],  # its velocity
+            [still, still, omega**2 * past, omega**2 * future],  # its acceleration
+            [zmp[:-1], slope, still, still],  # ZMP
+        ]
+        self.times = times
+        self._inner, self._edges = times[1:-1], np.stack([times[:-1], times[1:]], axis=1)
+        self._rates = np.array([-omega, omega])
+        self._terms = np.array(quantities).transpose(2, 1, 0, 3).reshape(len(span), 4, 12)
 
-    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
-        """COM position [m], velocity [m/s] and ZMP [m], each (n, 2), at the times t (n,) [s].
-
-        The acceleration is omega^2 (com - zmp).
-        """
+    def __call__(self, t: Array) -> Array:
+        """COM, its velocity, its acceleration and the ZMP: (n, 4, 3) [m, m/s, m/s^2, m] at the times t (n,) [s]."""
         t = np.minimum(np.maximum(t, self.times[0]), self.times[-1])
-        i = np.minimum(self.times.searchsorted(t, side="right"), len(self.times) - 1) - 1
-        start, slope, past, future = self._table[i].swapaxes(0, 1)
-        since = (t - self.times[i])[:, None]
-        past = past * np.exp(-self.omega * since)
-        future = future * np.exp(self.omega * (t - self.times[i + 1]))[:, None]
-        zmp = start + slope * since
-        return zmp + (past + future), slope + self.omega * (future - past), zmp
+        i = self._inner.searchsorted(t, side="right")
+        since = t[:, None] - self._edges[i]  # since the start, and (negative) since the end of the interval
+        basis = np.ones((len(t), 1, 4))
+        basis[:, 0, 1] = since[:, 0]
+        basis[:, 0, 2:] = np.exp(since * self._rates)
+        return (basis @ self._terms[i]).reshape(-1, 4, 3)

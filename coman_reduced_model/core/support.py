@@ -2,9 +2,14 @@
 """Support phase from the vertical foot forces: a Schmitt trigger a foot, debounced in time.
 
 A foot lands when its force stays above `contact_on` shares of the weight for `dwell_on` seconds and lifts when it
-stays below `contact_off` for `dwell_off`. Dwell times are counted in stamps, so a phase does not depend on the rate;
-a change is reported when its dwell has passed but dated back to the first sample that showed it, so that
-`phase_time` carries no such delay.
+stays below `contact_off` for `dwell_off`. Dwell times are counted in stamps, so a phase does not depend on the rate.
+A change is reported when its dwell has passed but dated back to the first sample that showed it, so `phase_time`
+carries no such delay.
+
+The thresholds are low, because a foot that lands or peels off carries a few percent of the weight for several
+hundredths of a second, and a foot sensor's zero drifts by as much. So the zero of each sensor is learnt while its
+foot is in the air, slowly, and never by more than `contact_off`: whatever is learnt, an unloaded foot cannot be
+made to look loaded, nor a loaded one unloaded.
 """
 
 from __future__ import annotations
@@ -14,45 +19,59 @@ from math import isfinite
 from .config import SupportConfig
 from .types import Foot, Phase, SupportState
 
-NAN = float("nan")
+_NAN = float("nan")
+_PHASES = (Phase.FLIGHT, Phase.LEFT, Phase.RIGHT, Phase.DOUBLE)  # by left + 2 right; a lookup is faster than Phase()
+_AIR_SETTLE_NS = 0.1e9  # the zero is learnt from this long after lift-off: peeling and ringing are over by then
+_ZERO_TIME_NS = 0.5e9  # time constant of the zero: about one swing, far longer than a landing
+_SHARE_FORCE = 0.05  # share of the weight that must be on the ground for a load share to mean anything
 
 
-class _Debounced:
-    """A value that changes once another value has been asked for long enough without a break."""
+class _Contact:
+    """Contact of one foot, and the zero of its sensor."""
 
-    __slots__ = ("since_ns", "value", "wanted", "_first_ns")
+    __slots__ = ("_first_ns", "_last_ns", "loaded", "since_ns", "zero")
 
-    def __init__(self, value: int, stamp_ns: int) -> None:
-        self.value = value
-        self.since_ns = stamp_ns  # when the value began to hold
-        self.wanted = value
-        self._first_ns = stamp_ns
+    def __init__(self, loaded: bool, stamp_ns: int, zero: float) -> None:
+        self.loaded = loaded
+        self.since_ns = stamp_ns  # first sample of the present contact or swing
+        self.zero = zero  # [N] what the sensor reads unloaded
+        self._first_ns = -1  # first sample of a change under way; -1: none is
+        self._last_ns = stamp_ns
 
-    def update(self, wanted: int, stamp_ns: int, dwell_ns: float) -> bool:
-        """Ask for a value; True when it was adopted now."""
-        if wanted == self.value:
-            self.wanted = wanted
+    def update(self, stamp_ns: int, force: float, on: float, off: float, dwell_on: float, dwell_off: float) -> bool:
+        """Take a raw force; thresholds in N, dwell times in ns. True when the contact changed."""
+        dt, self._last_ns = stamp_ns - self._last_ns, stamp_ns
+        load = force - self.zero
+        if (load >= off) if self.loaded else (load <= on):
+            self._first_ns = -1
+            if not self.loaded and stamp_ns - self.since_ns > _AIR_SETTLE_NS and load < off:
+                zero = self.zero + load * min(1.0, dt / _ZERO_TIME_NS)
+                self.zero = min(off, max(-off, zero))
             return False
-        if wanted != self.wanted:
-            self.wanted = wanted
+        if self._first_ns < 0:
             self._first_ns = stamp_ns
-        if stamp_ns - self._first_ns < dwell_ns:
+        if stamp_ns - self._first_ns < (dwell_off if self.loaded else dwell_on):
             return False
-        self.value = wanted
+        self.loaded = not self.loaded
         self.since_ns = self._first_ns
+        self._first_ns = -1
         return True
 
-    def interrupt(self) -> None:
+    def interrupt(self, stamp_ns: int) -> None:
         """Forget a change that is under way: the samples that would confirm it are missing."""
-        self.wanted = self.value
+        self._first_ns = -1
+        self._last_ns = stamp_ns
 
 
 class SupportDetector:
     """Phase, support foot and load share from the vertical forces of both feet.
 
     Args:
-        config: thresholds as shares of the weight, dwell times [s].
+        config: thresholds as shares of the weight, dwell times [s]; may be exchanged at any time.
         weight_N: weight of the robot [N]; `config.weight` takes precedence if it is not zero.
+
+    Raises:
+        ValueError: the weight is not positive.
     """
 
     def __init__(self, config: SupportConfig, weight_N: float) -> None:
@@ -60,16 +79,22 @@ class SupportDetector:
         self.weight = config.weight or weight_N  # [N]
         if not self.weight > 0.0:
             raise ValueError(f"weight for the support phase must be positive, got {self.weight} N")
+        self._zeros = (0.0, 0.0)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything; the next complete sample decides without dwell."""
-        self._left: _Debounced | None = None
-        self._right: _Debounced | None = None
-        self._foot: _Debounced | None = None
+        """Forget the phase; the next complete sample decides without dwell. The zeros of the sensors stay."""
+        self._feet: tuple[_Contact, _Contact] | None = None
         self._phase = Phase.FLIGHT
+        self._foot = Foot.NONE
         self._began_ns = 0
         self._last_ns = 0
+        self._lead_ns = -1  # since when the other foot has carried more; -1: it does not
+
+    @property
+    def zeros(self) -> tuple[float, float]:
+        """What the left and right sensor read without load [N], as learnt so far."""
+        return (self._feet[0].zero, self._feet[1].zero) if self._feet else self._zeros
 
     def update(self, stamp_ns: int, left_fz: float | None, right_fz: float | None) -> SupportState:
         """Take one pair of forces.
@@ -80,60 +105,69 @@ class SupportDetector:
             right_fz: the same for the right foot.
 
         Returns:
-            A fresh state. While a wrench is stale, phase and support foot are held and share and force are NaN. In
-            flight the support foot is the last one; NONE only before any foot has been seen on the ground.
+            A fresh state. `left_share` is free of the sensors' zeros, `total_force` is the plain sum. While a wrench is
+            stale, phase and support foot are held and share and force are NaN. In flight the support foot is the last
+            one; NONE only before any foot has been seen on the ground.
         """
         if stamp_ns < self._last_ns:
+            self._zeros = self.zeros
             self.reset()
         self._last_ns = stamp_ns
         if left_fz is None or right_fz is None or not isfinite(left_fz + right_fz):
             return self._stale(stamp_ns)
-        total = left_fz + right_fz
-        if self._left is None:
-            self._start(stamp_ns, left_fz, right_fz)
-        else:
-            self._track(stamp_ns, left_fz, right_fz)
-        share = min(1.0, max(0.0, left_fz / total)) if total > 0.02 * self.weight else NAN
-        return SupportState(self._phase, Foot(self._foot.value), share, (stamp_ns - self._began_ns) * 1e-9, total)
+        if self._feet is None:
+            self._feet = self._start(stamp_ns, left_fz, right_fz)
+        left, right = self._feet
+        config = self.config
+        on, off = config.contact_on * self.weight, config.contact_off * self.weight
+        dwell_on, dwell_off = config.dwell_on * 1e9, config.dwell_off * 1e9
+        changed = left.update(stamp_ns, left_fz, on, off, dwell_on, dwell_off)
+        changed |= right.update(stamp_ns, right_fz, on, off, dwell_on, dwell_off)
+        if changed:
+            self._phase = _PHASES[left.loaded + 2 * right.loaded]
+            self._began_ns = max(self._began_ns, left.since_ns, right.since_ns)
+        left_load, right_load = left_fz - left.zero, right_fz - right.zero
+        load = left_load + right_load
+        self._follow(stamp_ns, left_load - right_load, load, dwell_on)
+        share = min(1.0, max(0.0, left_load / load)) if load > _SHARE_FORCE * self.weight else _NAN
+        time = (stamp_ns - self._began_ns) * 1e-9
+        return SupportState(self._phase, self._foot, share, time, left_fz + right_fz)
 
     def _stale(self, stamp_ns: int) -> SupportState:
-        if self._left is None:
+        if self._feet is None:
             return SupportState()
-        for part in (self._left, self._right, self._foot):
-            part.interrupt()
-        return SupportState(self._phase, Foot(self._foot.value), NAN, (stamp_ns - self._began_ns) * 1e-9, NAN)
+        for foot in self._feet:
+            foot.interrupt(stamp_ns)
+        self._lead_ns = -1
+        return SupportState(self._phase, self._foot, _NAN, (stamp_ns - self._began_ns) * 1e-9, _NAN)
 
-    def _start(self, stamp_ns: int, left_fz: float, right_fz: float) -> None:
+    def _start(self, stamp_ns: int, left_fz: float, right_fz: float) -> tuple[_Contact, _Contact]:
         middle = 0.5 * (self.config.contact_on + self.config.contact_off) * self.weight
-        left, right = left_fz > middle, right_fz > middle
-        foot = Foot.NONE if not (left or right) else Foot.LEFT if left_fz >= right_fz else Foot.RIGHT
-        self._left, self._right = _Debounced(left, stamp_ns), _Debounced(right, stamp_ns)
-        self._foot = _Debounced(foot, stamp_ns)
-        self._phase = Phase(left + 2 * right)
+        left, right = (
+            _Contact(fz - zero > middle, stamp_ns, zero)
+            for fz, zero in zip((left_fz, right_fz), self._zeros, strict=True)
+        )
+        self._phase = _PHASES[left.loaded + 2 * right.loaded]
+        if self._phase:
+            self._foot = Foot.LEFT if left_fz >= right_fz else Foot.RIGHT
         self._began_ns = stamp_ns
+        return left, right
 
-    def _track(self, stamp_ns: int, left_fz: float, right_fz: float) -> None:
-        config, changed = self.config, False
-        for foot, fz in ((self._left, left_fz), (self._right, right_fz)):
-            share = fz / self.weight
-            if foot.value:
-                changed |= foot.update(share >= config.contact_off, stamp_ns, config.dwell_off * 1e9)
-            else:
-                changed |= foot.update(share > config.contact_on, stamp_ns, config.dwell_on * 1e9)
-        if changed:
-            self._phase = Phase(self._left.value + 2 * self._right.value)
-            self._began_ns = max(self._began_ns, self._left.since_ns, self._right.since_ns)
-        current = self._foot.value
-        if self._phase in (Phase.LEFT, Phase.RIGHT):
-            if current != self._phase:
-                self._foot = _Debounced(Foot(int(self._phase)), self._began_ns)
-        elif self._phase == Phase.DOUBLE:
-            lead = (left_fz - right_fz) / max(left_fz + right_fz, 1e-9)
-            wanted = current
-            if current != Foot.LEFT and lead > config.share_hysteresis:
-                wanted = Foot.LEFT
-            elif current != Foot.RIGHT and -lead > config.share_hysteresis:
-                wanted = Foot.RIGHT
-            elif current == Foot.NONE:
-                wanted = Foot.LEFT if lead >= 0 else Foot.RIGHT
-            self._foot.update(wanted, stamp_ns, config.dwell_on * 1e9)
+    def _follow(self, stamp_ns: int, difference: float, load: float, dwell_ns: float) -> None:
+        """The support foot: the one on the ground, or of two the one that has carried clearly more for a while."""
+        if self._phase is Phase.LEFT:
+            self._foot = Foot.LEFT
+        elif self._phase is Phase.RIGHT:
+            self._foot = Foot.RIGHT
+        elif self._phase is Phase.DOUBLE:
+            heavier = Foot.LEFT if difference > 0.0 else Foot.RIGHT
+            if self._foot is Foot.NONE:
+                self._foot = heavier
+            elif heavier is not self._foot and abs(difference) > self.config.share_hysteresis * load:
+                if self._lead_ns < 0:
+                    self._lead_ns = stamp_ns
+                if stamp_ns - self._lead_ns >= dwell_ns:
+                    self._foot = heavier
+                else:
+                    return
+        self._lead_ns = -1

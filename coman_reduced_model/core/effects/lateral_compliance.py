@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from .base import Effect
 
 if TYPE_CHECKING:
@@ -17,4 +19,4 @@ class LateralCompliance(Effect):
     name: ClassVar[str] = "lateral_compliance"
 
     def terms(self, terms: Terms) -> None:
-        terms.lateral = True
+        terms.axes = np.arange(3)

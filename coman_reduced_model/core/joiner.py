@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Joins the streams by stamp: messages in, one Sample for each joint state out.
+
+A joint state at time t waits until every *expected* stream has a message with a stamp of t or later: both
+wrenches, and the motor states or the reference if the prediction needs them. If one is late or gone, it waits until
+a joint state `streams.max_wait` newer has come. Other streams never delay anything: their nearest message so far is
+taken. Streams with equal stamps therefore complete at once; a slower stream delays by its period.
+
+Values at t are interpolated between the two messages around it; where only one is near enough, it is taken as it
+is; where none is, the value is None. A message later than t counts only within half of `max_wait`. So long as
+the streams arrive at most that far apart, Samples do not depend on the order of arrival, to the last bit: each
+stream is judged by itself (`streams.Stream`), and what is joined is decided by stamps that have surely come.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import RobotError
+from .config import Config
+from .differentiate import Differentiator
+from .joint_map import JointMap, JointState, Refused
+from .streams import CAPACITY, Item, Rejections, Stream
+from .types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
+WRENCHES = {Foot.LEFT: "left_foot/wrench", Foot.RIGHT: "right_foot/wrench"}
+
+
+class Joiner:
+    """Joins one robot's streams. Each `add_*` returns the Samples that are complete now, oldest first.
+
+    Attributes:
+        streams: by name, for rates and ages.
+        rejections: what was not used and why.
+        incomplete: by stream, the number of Samples that went without an expected value.
+        extra_joints: joints in messages that the URDF lacks (ignored).
+        clock_offset_s: by expected stream that does come and yet is never near enough: how far its newest stamp is
+            after that of the joint states.
+    """
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        limits = config.streams
+        self._robot = robot
+        self._max_wait = round(limits.max_wait * 1e9)
+        self._reach = self._max_wait // 2
+        self._gap = round(limits.restart_gap * 1e9)
+        self.rejections = Rejections()
+
+        def stream(name: str, max_age_s: float) -> Stream:
+            return Stream(name, max_age_s, limits.restart_gap, self.rejections)
+
+        self._joints = stream(JOINTS, 0.0)
+        self._motors = stream(MOTORS, limits.max_motor_age)
+        self._wrenches = {foot: stream(name, limits.max_wrench_age) for foot, name in WRENCHES.items()}
+        self._reference = stream(REFERENCE, limits.max_reference_age)
+        self._imu = stream(IMU, limits.max_wrench_age)
+        self._others = (*self._wrenches.values(), self._motors, self._reference, self._imu)
+        self.streams = {each.name: each for each in (self._joints, *self._others)}
+        needs = {"motor": (self._motors,), "topic": (self._reference,), "none": ()}[config.prediction.reference]
+        self._expected = (*self._wrenches.values(), *needs)
+        self.incomplete = {each.name: 0 for each in self._expected}
+        self.clock_offset_s: dict[str, float] = {}
+        self._accepted_at_miss: dict[str, int] = {}
+
+        legs = config.robot.left.joints + config.robot.right.joints
+        size = len(robot.joint_names)
+        # A joint without motor-side encoder is rigid: its motor position is the link's, filled in by _sample.
+        self._maps = {JOINTS: JointMap(robot.joint_names, legs), MOTORS: JointMap(robot.joint_names, legs, math.nan)}
+        self._differentiators = {name: Differentiator(limits.velocity_window, limits.restart_gap, size) for name in self._maps}
+        self._waiting: deque[Item] = deque()
+        self._wrench_maps: dict[tuple[Foot, str], Array | RobotError] = {}
+
+    @property
+    def extra_joints(self) -> tuple[str, ...]:
+        """Joints that messages listed and the URDF lacks."""
+        return tuple(sorted(set().union(*(each.extra for each in self._maps.values()))))
+
+    @property
+    def unlisted_joints(self) -> tuple[str, ...]:
+        """Joints of the URDF that no joint state listed: held at zero."""
+        return self._maps[JOINTS].unlisted
+
+    @property
+    def waiting(self) -> int:
+        """Joint states that wait for other streams."""
+        return len(self._waiting)
+
+    def add_joint(self, message: JointMessage) -> list[Sample]:
+        """A joint state, link side."""
+        accepted = self._joint_items(self._joints, message)
+        if not accepted:
+            return []
+        samples = self._restart(accepted[0][0]) if self._joints.jumped else []
+        for stamp, state in accepted:
+            if self._velocity(JOINTS, stamp, state):
+                self._waiting.append((stamp, state))
+        return samples + self._ready() if samples else self._ready()
+
+    def add_motor(self, message: JointMessage) -> list[Sample]:
+        """A joint state, motor side."""
+        accepted = self._joint_items(self._motors, message)
+        samples = self._went_back(self._motors) if self._motors.jumped else []
+        self._motors.items.extend(item for item in accepted if self._velocity(MOTORS, *item))
+        return samples + self._ready()
+
+    def add_wrench(self, foot: Foot, message: WrenchMessage) -> list[Sample]:
+        """What the ground exerts on a foot."""
+        stream = self._wrenches[foot]
+        stream.received += 1
+        wrench = np.concatenate((message.force, message.torque))
+        if wrench.shape != (6,) or not math.isfinite(wrench.sum()):
+            self._reject(stream, "nan", f"force {message.force}, torque {message.torque}")
+            return []
+        to_sole = self._wrench_maps.get((foot, message.frame_id))
+        if to_sole is None:
+            to_sole = self._wrench_map(foot, message.frame_id)
+        if isinstance(to_sole, RobotError):
+            self._reject(stream, "frame", str(to_sole))
+            return []
+        return self._add(stream, message.stamp_ns, to_sole @ wrench)
+
+    def add_reference(self, message: Reference) -> list[Sample]:
+        """A point of the planned motion."""
+        self._reference.received += 1
+        total = message.com.sum() + message.com_vel.sum() + message.com_acc.sum() + message.zmp.sum()
+        total += message.preview_com.sum() + message.preview_com_vel.sum() + message.preview_dt
+        if not math.isfinite(total + message.T_odom_left.sum() + message.T_odom_right.sum()):
+            self._reject(self._reference, "nan", "a value is NaN or infinite")
+            return []
+        return self._add(self._reference, message.stamp_ns, message)
+
+    def add_imu(self, message: ImuMessage) -> list[Sample]:
+        """Orientation and rates of the trunk."""
+        self._imu.received += 1
+        if not math.isfinite(message.angular_velocity.sum() + message.linear_acceleration.sum()):
+            self._reject(self._imu, "nan", "a value is NaN or infinite")
+            return []
+        return self._add(self._imu, message.stamp_ns, message)
+
+    def flush(self) -> list[Sample]:
+        """The end: joint states that still wait become Samples with what is there."""
+        for stream in self.streams.values():
+            stream.finish()
+        return self._drain()
+
+    # --- taking messages in ---
+
+    def _reject(self, stream: Stream, reason: str, sentence: str) -> None:
+        self.rejections.add(stream.name, reason, f"{stream.name}: {sentence}")
+
+    def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
+        accepted = stream.accept(stamp, value)
+        samples = self._went_back(stream) if stream.jumped else []
+        stream.items.extend(accepted)
+        return samples + self._ready() if samples else self._ready()
+
+    def _joint_items(self, stream: Stream, message: JointMessage) -> tuple[Item, ...]:
+        stream.received += 1
+        try:
+            state = self._maps[stream.name].sort(message)
+        except Refused as refused:
+            self._reject(stream, refused.reason, str(refused))
+            return ()
+        return stream.accept(message.stamp_ns, state)
+
+    def _velocity(self, name: str, stamp: int, state: JointState) -> bool:
+        """Fill in a velocity that the message does not give; False while there is none."""
+        if state.qd is not None:
+            return True
+        state.qd = self._differentiators[name].update(stamp, state.q)
+        if state.qd is None:
+            self.rejections.add(name, "no_velocity", f"{name}: gives no velocities, and one position makes none")
+        return state.qd is not None
+
+    def _wrench_map(self, foot: Foot, frame_id: str) -> Array | RobotError:
+        """(6, 6) matrix from wrenches in a frame to the sole's, or why there is none."""
+        result: Array | RobotError
+        try:
+            unit = np.eye(6)
+            result = np.array([self._robot.wrench_to_sole(foot, frame_id, e[:3], e[3:]) for e in unit]).T.copy()
+        except RobotError as error:
+            result = error
+        if len(self._wrench_maps) >= 64:  # a broken driver may name another frame every time
+            self._wrench_maps.clear()
+        self._wrench_maps[foot, frame_id] = result
+        return result
+
+    # --- clocks that go back ---
+
+    def _restart(self, stamp: int) -> list[Sample]:
+        """The joint states went back (bag loop): finish what waits, forget what belongs to the run before."""
+        self._joints.jumped = False
+        samples = self._drain()
+        for stream in self._others:
+            if stream.last is not None and stream.last > stamp + self._gap:
+                stream.forget()
+        return samples
+
+    def _went_back(self, stream: Stream) -> list[Sample]:
+        """Another stream went back: its messages so far serve the joint states that wait, and no others."""
+        stream.jumped = False
+        samples = self._drain()
+        stream.items.clear()
+        return samples
+
+    # --- giving samples out ---
+
+    def _ready(self) -> list[Sample]:
+        samples: list[Sample] = []
+        waiting = self._waiting
+        while waiting:
+            stamp = waiting[0][0]
+            overdue = self._joints.last - stamp > self._max_wait or len(waiting) > CAPACITY  # type: ignore[operator]
+            if not overdue:
+                for stream in self._expected:
+                    if stream.last is None or stream.last < stamp:
+                        return samples
+            samples.append(self._sample(*waiting.popleft()))
+        return samples
+
+    def _drain(self) -> list[Sample]:
+        samples = [self._sample(*item) for item in self._waiting]
+        self._waiting.clear()
+        return samples
+
+    def _sample(self, stamp: int, state: JointState) -> Sample:
+        sample = Sample(
+            stamp,
+            state.q,
+            state.qd,  # type: ignore[arg-type]
+            state.tau,
+            left_wrench=self._wrench_at(Foot.LEFT, stamp),
+            right_wrench=self._wrench_at(Foot.RIGHT, stamp),
+        )
+        if self._motors.items:
+            self._join_motors(sample)
+        if self._reference.items:
+            sample.reference = self._reference_at(stamp)
+        if self._imu.items:
+            sample.imu = self._imu.nearest(stamp)
+        self._note(self._wrenches[Foot.LEFT], sample.left_wrench)
+        self._note(self._wrenches[Foot.RIGHT], sample.right_wrench)
+        if self._motors in self._expected:
+            self._note(self._motors, sample.motor_q)
+        elif self._reference in self._expected:
+            self._note(self._reference, sample.reference)
+        return sample
+
+    def _note(self, stream: Stream, value: object) -> None:
+        """Keep count of expected values that are missing, and tell a clock that differs from a stream that stopped."""
+        if value is not None:
+            if self.clock_offset_s:
+                self.clock_offset_s.pop(stream.name, None)
+            return
+        self.incomplete[stream.name] += 1
+        if stream.last is not None and stream.accepted != self._accepted_at_miss.get(stream.name):
+            self._accepted_at_miss[stream.name] = stream.accepted
+            self.clock_offset_s[stream.name] = (stream.last - self._joints.last) * 1e-9  # type: ignore[operator]
+
+    # What follows copies what it takes as it is: effects correct Samples in place.
+
+    def _wrench_at(self, foot: Foot, stamp: int) -> Array | None:
+        before, after = self._wrenches[foot].bracket(stamp, self._reach)
+        if before is None:
+            return None if after is None else after[1].copy()
+        if after is None or before[0] == stamp:
+            return before[1].copy()
+        return before[1] + (stamp - before[0]) / (after[0] - before[0]) * (after[1] - before[1])
+
+    def _join_motors(self, sample: Sample) -> None:
+        stamp = sample.stamp_ns
+        before, after = self._motors.bracket(stamp, self._reach)
+        if before is not None and after is not None and before[0] != stamp:
+            weight = (stamp - before[0]) / (after[0] - before[0])
+            old, new = before[1], after[1]
+            sample.motor_q = old.q + weight * (new.q - old.q)
+            sample.motor_qd = old.qd + weight * (new.qd - old.qd)
+        elif (found := before or after) is not None:
+            sample.motor_q, sample.motor_qd = found[1].q.copy(), found[1].qd.copy()
+        if sample.motor_q is not None and self._maps[MOTORS].unlisted:
+            rigid = np.isnan(sample.motor_q)
+            sample.motor_q[rigid] = sample.q[rigid]
+            sample.motor_qd[rigid] = sample.qd[rigid]  # type: ignore[index]
+
+    def _reference_at(self, stamp: int) -> Reference | None:
+        before, after = self._reference.bracket(stamp, self._reach)
+        if before is None or after is None or before[0] == stamp:
+            found = before or after
+            return None if found is None else found[1]
+        return _mixed(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), stamp)
+
+
+def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Reference:
+    """The plan between two of its points: vectors interpolated, feet and phase those of the nearer one.
+
+    Where the previews do not match, the nearer point is taken whole, with its own stamp.
+    """
+    nearer = new if weight > 0.5 else old
+    if old.preview_dt != new.preview_dt or old.preview_com.shape != new.preview_com.shape:
+        return nearer
+
+    def mix(name: str) -> Array:
+        first: Array = getattr(old, name)
+        return first + weight * (getattr(new, name) - first)
+
+    vectors = ("com", "com_vel", "com_acc", "zmp", "preview_com", "preview_com_vel")
+    return dataclasses.replace(nearer, stamp_ns=stamp, **{name: mix(name) for name in vectors})

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Joint arrays of a message, in whatever order it lists them, into the order of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .types import Array, JointMessage
+
+
+@dataclass(slots=True)
+class JointState:
+    """A joint message in the order of `Robot.joint_names`; arrays (nj,)."""
+
+    q: Array  # [rad]; `fill` where the message does not list the joint
+    qd: Array | None  # [rad/s], likewise; None: not given
+    tau: Array | None  # [Nm]; NaN where not given; None: not given at all
+
+
+class Refused(Exception):
+    """A message that cannot be used: a reason for the counter and a sentence for people."""
+
+    def __init__(self, reason: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.reason = reason
+
+
+class _Order:
+    """How one tuple of names maps to the robot."""
+
+    def __init__(self, names: tuple[str, ...], joint_names: tuple[str, ...], needed: Sequence[str]) -> None:
+        self.refused: Refused | None = None
+        position = {name: i for i, name in enumerate(names)}
+        if len(position) != len(names):
+            twice = next(name for i, name in enumerate(names) if position[name] != i)
+            self.refused = Refused("repeated_joint", f"joint {twice!r} is listed twice")
+        missing = [name for name in needed if name not in position]
+        if len(missing) == len(needed):
+            # Grippers and heads often publish on the same topic; that is no fault of the legs' driver.
+            self.refused = Refused("no_leg_joint", f"no joint of the legs among {', '.join(names)[:120] or 'no joints'}")
+        elif missing:
+            self.refused = Refused("missing_joint", f"joint {', '.join(map(repr, missing))} of the legs is missing")
+        listed = [name for name in joint_names if name in position]
+        self.take = np.array([position[name] for name in listed], dtype=np.intp)
+        self.put = np.array([i for i, name in enumerate(joint_names) if name in position], dtype=np.intp)
+        self.complete = len(listed) == len(joint_names)
+        self.extra = tuple(name for name in names if name not in joint_names)
+        self.unlisted = tuple(name for name in joint_names if name not in position)
+
+    def place(self, values: Array, fill: float, size: int) -> Array:
+        """Values taken from a message in the order of the robot; `fill` where it lists no such joint."""
+        if self.complete:
+            return values
+        result = np.full(size, fill)
+        result[self.put] = values
+        return result
+
+
+class JointMap:
+    """Sorts joint messages; remembers each order of names that it has seen.
+
+    Every message must list all joints of both legs: legs split over several messages are refused. Joints that the
+    URDF lacks are ignored; other joints of the URDF that no message lists get `fill`.
+
+    Attributes:
+        extra: joints in messages that the URDF lacks, each once.
+        unlisted: joints of the URDF that the last usable message did not list.
+    """
+
+    def __init__(self, joint_names: Sequence[str], needed: Sequence[str], fill: float = 0.0) -> None:
+        self._names = tuple(joint_names)
+        self._needed = tuple(needed)
+        self._fill = fill
+        self._orders: dict[tuple[str, ...], _Order] = {}
+        self.extra: set[str] = set()
+        self.unlisted: tuple[str, ...] = ()
+
+    def sort(self, message: JointMessage) -> JointState:
+        """The message in the order of the robot.
+
+        Raises:
+            Refused: arrays of unequal length, a missing or repeated joint, NaN or infinite values.
+        """
+        names = message.names
+        for label, values in (
+            ("positions", message.position),
+            ("velocities", message.velocity),
+            ("efforts", message.effort),
+        ):
+            if values is not None and len(values) != len(names):
+                raise Refused("length", f"{len(values)} {label} for {len(names)} names")
+        order = self._orders.get(names) or self._learn(names)
+        if order.refused is not None:
+            raise order.refused
+        size = len(self._names)
+        position = message.position[order.take]
+        self._check("position", position, order)
+        q = order.place(position, self._fill, size)
+        qd = tau = None
+        if message.velocity is not None:
+            velocity = message.velocity[order.take]
+            if not np.isnan(velocity[0]) or not np.isnan(velocity).all():  # all NaN: how some drivers say "none"
+                self._check("velocity", velocity, order)
+                qd = order.place(velocity, self._fill, size)
+        if message.effort is not None:
+            effort = message.effort[order.take]
+            if not _finite(effort.sum()) and np.isinf(effort).any():  # NaN: that joint measures none
+                raise Refused("nan", f"effort of {self._names[int(order.put[np.isinf(effort).argmax()])]!r} is infinite")
+            tau = order.place(effort, np.nan, size)
+        return JointState(q, qd, tau)
+
+    def _learn(self, names: tuple[str, ...]) -> _Order:
+        if len(self._orders) >= 64:  # a broken driver may send other names every time
+            self._orders.clear()
+        order = self._orders[names] = _Order(names, self._names, self._needed)
+        if order.refused is None:
+            self.extra.update(order.extra)
+            self.unlisted = order.unlisted
+        return order
+
+    def _check(self, label: str, values: Array, order: _Order) -> None:
+        # Summing finds what is not finite at a third of the cost of np.isfinite().all().
+        if _finite(values.sum()):
+            return
+        bad = ~np.isfinite(values)
+        if bad.any():
+            worst = int(bad.argmax())
+            name = self._names[int(order.put[worst])]
+            raise Refused("nan", f"{label} of {name!r} is {values[worst]}")
+
+
+def _finite(total: float) -> bool:
+    return bool(total - total == 0.0)

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sample in, Prediction out: the one path that the node, the command line, tuning and diagnosis share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .config import Config
+from .horizon import HorizonJudge
+from .integrator import advance, run, transition
+from .model import Model, Terms
+from .odometry import FootOdometry, pose
+from .reference import motor_com, planned_com, preview
+from .robot import Robot
+from .support import SupportDetector
+from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
+from .zmp import zmp_from_wrenches
+
+_NAN3 = np.full(3, np.nan)
+_PREVIEW_STEP = 0.02  # [s] longest step within a horizon
+_LOST = 0.5  # [m] a free run this far from the measurement has diverged
+
+
+class Predictor:
+    """Predicts the COM of one robot, sample by sample.
+
+    *Free run*: initialised from the measurement at touchdown (every `prediction.reset_every_steps` steps) and then
+    driven by reference and phase alone. *Horizon*: from each measured state some tenths of a second ahead.
+    """
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        self.robot = robot
+        self.config = config
+        self.model = Model(robot, config)
+        self.link = robot.posture()
+        self.motor = robot.posture()
+        self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
+        self.odometry = FootOdometry()
+        self.judge = HorizonJudge(config.prediction.horizons)
+        self._horizons = np.array(config.prediction.horizons)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: as if the next sample were the first (odom starts anew). The judged errors are kept."""
+        self.support.reset()
+        self.odometry.reset()
+        self.judge.restart()
+        self._stamp_ns = 0
+        self._phase = Phase.FLIGHT
+        self._foot = Foot.NONE
+        self._stance = Foot.NONE  # the foot of the last single support
+        self._steps = 0
+        self._state: Array | None = None  # (6,) free-run COM position and velocity in the support sole
+        self._reference: tuple[Array, Array] | None = None  # at the last sample, if in the same sole frame
+        self._T_odom_sole = np.full((4, 4), np.nan)
+
+    def update(self, sample: Sample) -> Prediction:
+        """Take one sample.
+
+        Args:
+            sample: with a stamp later than the last one.
+
+        Returns:
+            The prediction at its stamp; NaN with a flag where something is missing, never zeros.
+        """
+        flags = Flags.OK
+        for effect in self.model.effects:
+            effect.correct(sample)
+        dt = (sample.stamp_ns - self._stamp_ns) * 1e-9
+        if self._stamp_ns and not 0.0 < dt <= self.config.streams.restart_gap:
+            self.reset()
+        left, right = sample.left_wrench, sample.right_wrench
+        if left is None or right is None:
+            flags |= Flags.STALE_WRENCH
+        support = self.support.update(
+            sample.stamp_ns, None if left is None else float(left[2]), None if right is None else float(right[2])
+        )
+        self.link.update(sample.q, sample.qd)
+        foot, R, p = support.support_foot, self.link.R, self.link.p
+        T_odom_sole = self.odometry.update(foot, R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT])
+        if foot == Foot.NONE:
+            flags |= Flags.NO_SUPPORT | Flags.NOT_INITIALISED
+            return self._finish(sample, support, T_odom_sole, flags)
+        com, com_vel = self.link.com_in_sole(foot)
+        if support.phase == Phase.FLIGHT:
+            self._state = None
+            flags |= Flags.NO_SUPPORT | Flags.NOT_INITIALISED
+            return self._finish(sample, support, T_odom_sole, flags, com, com_vel)
+
+        zmp = self._zmp(sample, foot)
+        terms, reference, reference_vel = self._terms(sample, support, com, zmp)
+        if foot != self._foot and self._state is not None:
+            self._change_frame(T_odom_sole)
+        if terms is None:
+            self._state = None
+            flags |= Flags.NO_REFERENCE | Flags.NOT_INITIALISED
+        else:
+            if terms.near_singular:
+                flags |= Flags.NEAR_SINGULAR
+            flags |= self._free_run(dt, terms, self._touchdown(support), com, com_vel, reference, reference_vel)
+        horizons = self._predict_horizons(sample, foot, terms, com, com_vel, reference, reference_vel)
+        self._judge(sample.stamp_ns, T_odom_sole, com, com_vel, reference, horizons, zmp)
+        return self._finish(
+            sample, support, T_odom_sole, flags, com, com_vel, reference, reference_vel, self._state, horizons
+        )
+
+    def _finish(
+        self,
+        sample: Sample,
+        support: SupportState,
+        T_odom_sole: Array,
+        flags: Flags,
+        com: Array = _NAN3,
+        com_vel: Array = _NAN3,
+        reference: Array = _NAN3,
+        reference_vel: Array = _NAN3,
+        state: Array | None = None,
+        horizons: Array | None = None,
+    ) -> Prediction:
+        self._stamp_ns = sample.stamp_ns
+        self._phase, self._foot, self._T_odom_sole = support.phase, support.support_foot, T_odom_sole
+        if support.phase in (Phase.LEFT, Phase.RIGHT):
+            self._stance = support.support_foot
+        robot = self.config.robot
+        frame = {Foot.NONE: "", Foot.LEFT: robot.left.sole_frame, Foot.RIGHT: robot.right.sole_frame}
+        return Prediction(
+            sample.stamp_ns,
+            frame[support.support_foot],
+            support,
+            com,
+            com_vel,
+            reference,
+            reference_vel,
+            _NAN3 if state is None else state[:3].copy(),
+            _NAN3 if state is None else state[3:].copy(),
+            T_odom_sole,
+            [] if horizons is None else [HorizonPrediction(h, horizons[i]) for i, h in enumerate(self._horizons.tolist())],
+            flags,
+        )
+
+    def _touchdown(self, support: SupportState) -> bool:
+        """Whether a step ends at this sample: the swing foot lands, or stance changes without double support."""
+        before, now = self._phase, support.phase
+        if before == now or before not in (Phase.LEFT, Phase.RIGHT):
+            return False
+        self._steps += 1
+        every = self.config.prediction.reset_every_steps
+        return every > 0 and self._steps % every == 0
+
+    def _zmp(self, sample: Sample, foot: Foot) -> Array | None:
+        R, p = self.link.sole_to_sole(foot, foot.other)
+        other, own = pose(R, p), np.eye(4)
+        poses = (own, other) if foot == Foot.LEFT else (other, own)
+        return zmp_from_wrenches(sample.left_wrench, sample.right_wrench, *poses)
+
+    def _terms(
+        self, sample: Sample, support: SupportState, com: Array, zmp: Array | None
+    ) -> tuple[Terms | None, Array, Array]:
+        """Terms, reference COM and velocity in the support sole; None and NaN if the reference is missing."""
+        foot = support.support_foot
+        source = self.config.prediction.reference
+        if source == "none":
+            return (None if zmp is None else self.model.pendulum(com[2], zmp)), _NAN3, _NAN3
+        if source == "motor":
+            if sample.motor_q is None or sample.motor_qd is None:
+                return None, _NAN3, _NAN3
+            self.motor.update(sample.motor_q, sample.motor_qd)
+            references = {foot: motor_com(self.motor, foot)}
+            if support.phase == Phase.DOUBLE:
+                R, p = self.link.sole_to_sole(foot, foot.other)
+                p_r, v_r = motor_com(self.motor, foot.other)
+                references[foot.other] = (R @ p_r + p, R @ v_r)
+            posture = self.motor
+        else:
+            if sample.reference is None:
+                return None, _NAN3, _NAN3
+            references = {foot: planned_com(sample.reference, foot)}
+            references[foot.other] = references[foot]
+            posture = self.link
+        landed = self._stance not in (Foot.NONE, foot)
+        return (self.model.terms(posture, support, references, landed), *references[foot])
+
+    def _change_frame(self, T_odom_sole: Array) -> None:
+        """Tell the free-run state in the new support sole, so that it is continuous in odom."""
+        old, new = self._T_odom_sole, T_odom_sole
+        R = new[:3, :3].T @ old[:3, :3]
+        assert self._state is not None
+        self._state = np.concatenate(
+            (R @ self._state[:3] + new[:3, :3].T @ (old[:3, 3] - new[:3, 3]), R @ self._state[3:])
+        )
+        self._reference = None
+
+    def _free_run(
+        self, dt: float, terms: Terms, restart: bool, com: Array, com_vel: Array, reference: Array, reference_vel: Array
+    ) -> Flags:
+        """Advance the free run to this sample, or start it from the measurement."""
+        before, self._reference = self._reference, (reference, reference_vel)
+        if self._state is None or restart:
+            self._state = np.concatenate((com, com_vel))
+            return Flags.RESET
+        # The reference moves linearly over the step; what else has changed (posture, phase) counts from its start.
+        force = terms.force
+        if before is not None and reference is not _NAN3:
+            force = force - terms.K @ (reference - before[0]) - terms.D @ (reference_vel - before[1])
+        axes = terms.axes
+        M_inv, K, D = _square(terms)
+        both = np.concatenate((axes, axes + 3))
+        Phi = transition(M_inv, K, D, dt)
+        moved = advance(self._state[both], Phi, np.linalg.inv(K), D, force[axes], terms.force[axes], dt)
+        if reference is not _NAN3:
+            self._state = np.concatenate((reference, reference_vel))
+        self._state[both] = moved
+        if not np.abs(self._state[:3] - com).max() < _LOST:
+            self._state = np.concatenate((com, com_vel))
+            return Flags.RESET | Flags.REJECTED_STATE
+        return Flags.OK
+
+    def _predict_horizons(
+        self,
+        sample: Sample,
+        foot: Foot,
+        terms: Terms | None,
+        com: Array,
+        com_vel: Array,
+        reference: Array,
+        reference_vel: Array,
+    ) -> Array | None:
+        """COM (k, 3) at each horizon ahead of the measured state, in the support sole; None without terms."""
+        if terms is None:
+            return None
+        axes = terms.axes
+        M_inv, K, D = _square(terms)
+        horizons = self._horizons
+        if reference is _NAN3:
+            out = np.repeat(com[None], len(horizons), axis=0)
+        else:
+            out = reference + preview(sample, foot, reference_vel, horizons)[0]
+        both = np.concatenate((axes, axes + 3))
+        state = np.concatenate((com, com_vel))[both]
+        start = 0.0
+        order = np.argsort(horizons)
+        for i in order:
+            steps = max(1, int(np.ceil((horizons[i] - start) / _PREVIEW_STEP - 1e-9)))
+            times = np.linspace(start, horizons[i], steps + 1)
+            forces = np.repeat(terms.force[None], steps + 1, axis=0)
+            if reference is not _NAN3:
+                moved, faster = preview(sample, foot, reference_vel, times)
+                forces = forces + moved @ terms.K.T + faster @ terms.D.T
+            state = run(state, M_inv, K, D, np.ascontiguousarray(forces[:, axes]), times[1] - times[0])[-1]
+            out[i, axes] = state[: len(axes)]
+            start = horizons[i]
+        return out
+
+    def _judge(
+        self,
+        stamp_ns: int,
+        T_odom_sole: Array,
+        com: Array,
+        com_vel: Array,
+        reference: Array,
+        horizons: Array | None,
+        zmp: Array | None,
+    ) -> None:
+        h = self._horizons[:, None]
+        nothing = np.full((len(h), 3), np.nan)
+        if zmp is None:
+            lipm = nothing
+        else:
+            omega = np.sqrt(self.model.gravity / max(com[2], 0.05))
+            lipm = zmp + (com - zmp) * np.cosh(omega * h) + com_vel / omega * np.sinh(omega * h)
+            lipm[:, 2] = com[2]
+        model = nothing if horizons is None else horizons
+        self.judge.update(stamp_ns, T_odom_sole, com, reference, model, com + com_vel * h, lipm)
+
+
+def _square(terms: Terms) -> tuple[Array, Array, Array]:
+    """M^-1, K and D of the integrated axes (n, n)."""
+    axes = np.ix_(terms.axes, terms.axes)
+    return np.eye(len(terms.axes)) / terms.mass, np.ascontiguousarray(terms.K[axes]), np.ascontiguousarray(terms.D[axes])

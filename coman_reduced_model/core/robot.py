@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Kinematics of the robot by Pinocchio: COM, soles and Jacobians, for any URDF with two legs.
+
+Everything is computed with the trunk at the origin and then told in the frame of a sole, which is assumed flat
+on the ground. Frames: `base` is the trunk (`robot.base_frame`), `sole` the named sole.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+from numba import njit
+
+from ..errors import RobotError
+from .config import LegConfig, RobotConfig
+from .stiffness import leg_jacobian
+from .types import Array, Foot
+
+_LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
+
+
+class Robot:
+    """A URDF and the two legs in it.
+
+    Attributes:
+        joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
+        mass: of all links [kg].
+        legs: indices of the joints of each leg in `joint_names`, hip to ankle.
+    """
+
+    def __init__(self, urdf: str, config: RobotConfig, source: str = "robot_description") -> None:
+        """Build the model from URDF text.
+
+        Raises:
+            RobotError: the URDF cannot be read, has no mass, or lacks a joint or frame of the configuration.
+        """
+        self.config = config
+        self.urdf = urdf
+        self.model = _build(urdf, source)
+        self.mass = float(pin.computeTotalMass(self.model))
+        if not self.mass > 0.0:
+            raise RobotError(f"{source}: the URDF has no mass (sum of all links {self.mass:g} kg)")
+        joints = [
+            (name, joint)
+            for name, joint in zip(self.model.names[1:], self.model.joints[1:], strict=True)
+            if joint.nv == 1
+        ]
+        self.joint_names = tuple(name for name, _ in joints)
+        self.idx_v = np.array([joint.idx_v for _, joint in joints], dtype=np.intp)
+        self._simple = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 1]
+        self._continuous = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 2]
+        self._from = np.array([i for i, _ in self._simple], dtype=np.intp)
+        self._to = np.array([idx for _, idx in self._simple], dtype=np.intp)
+        self.base_id = self._frame(config.base_frame, "robot.base_frame", source)
+        self.sole_ids: dict[Foot, int] = {}
+        self.legs: dict[Foot, Array] = {}
+        self.leg_columns: dict[Foot, Array] = {}
+        for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right)):
+            self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{_LEG_NAMES[foot]}.sole_frame", source)
+            self.legs[foot] = self._leg(foot, leg, source)
+            self.leg_columns[foot] = self.idx_v[self.legs[foot]]
+        self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
+
+    def _frame(self, name: str, key: str, source: str) -> int:
+        if not self.model.existFrame(name):
+            known = ", ".join(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
+            raise RobotError(f"{source}: no frame {name!r} ({key}); links of the URDF: {known[:300]}")
+        return int(self.model.getFrameId(name))
+
+    def _leg(self, foot: Foot, leg: LegConfig, source: str) -> Array:
+        key = f"robot.{_LEG_NAMES[foot]}.joints"
+        if not leg.joints:
+            raise RobotError(f"{source}: {key}: no joints named")
+        for name in leg.joints:
+            if name not in self.joint_names:
+                raise RobotError(
+                    f"{source}: no movable joint {name!r} ({key}); joints of the URDF: {', '.join(self.joint_names)[:300]}"
+                )
+        chain = list(self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint])
+        base = list(self.model.supports[self.model.frames[self.base_id].parentJoint])
+        between = [self.model.names[j] for j in chain if j not in base and self.model.joints[j].nv == 1]
+        if between != list(leg.joints):
+            raise RobotError(
+                f"{source}: {key}: the joints from {self.config.base_frame!r} to {leg.sole_frame!r} are "
+                f"{', '.join(between) or 'none'}, not {', '.join(leg.joints)}"
+            )
+        return np.array([self.joint_names.index(name) for name in leg.joints], dtype=np.intp)
+
+    def posture(self) -> Posture:
+        """A workspace for one posture; link and motor side each hold one."""
+        return Posture(self)
+
+    def wrench_to_sole(self, foot: Foot, frame_id: str, force: Array, torque: Array) -> Array:
+        """A wrench on the foot, told in any frame fixed to it, as (6,) force [N], torque [Nm] in its sole frame.
+
+        Raises:
+            RobotError: the frame does not exist or is not fixed to that foot.
+        """
+        try:
+            R, p = self._wrench_maps[foot, frame_id]
+        except KeyError:
+            R, p = self._wrench_maps[foot, frame_id] = self._wrench_map(foot, frame_id)
+        wrench = np.empty(6)
+        wrench[:3] = R @ force
+        wrench[3:] = R @ torque
+        wrench[3] += p[1] * wrench[2] - p[2] * wrench[1]
+        wrench[4] += p[2] * wrench[0] - p[0] * wrench[2]
+        wrench[5] += p[0] * wrench[1] - p[1] * wrench[0]
+        return wrench
+
+    def _wrench_map(self, foot: Foot, frame_id: str) -> tuple[Array, Array]:
+        name = frame_id.lstrip("/")
+        if not self.model.existFrame(name):
+            raise RobotError(f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which the URDF lacks")
+        sole = self.model.frames[self.sole_ids[foot]]
+        frame = self.model.frames[self.model.getFrameId(name)]
+        if frame.parentJoint != sole.parentJoint:
+            raise RobotError(
+                f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which is not fixed to that foot"
+            )
+        M = sole.placement.actInv(frame.placement)
+        return M.rotation.copy(), M.translation.copy()
+
+    def scatter(self, q: Array, out: Array) -> None:
+        """Write joint positions (nj,) into a configuration vector of the model, in place."""
+        if self._continuous:
+            out[self._to] = q[self._from]
+            for i, idx in self._continuous:
+                out[idx], out[idx + 1] = np.cos(q[i]), np.sin(q[i])
+        else:
+            out[self._to] = q
+
+
+class Posture:
+    """The robot at one set of joint positions and velocities; `update` refreshes all quantities in place.
+
+    Attributes, all in the base frame (views into Pinocchio's data: copy what is to be kept):
+        com, com_vel: (3,) [m], [m/s].
+        R_left, p_left, R_right, p_right: rotation (3, 3) and position (3,) of the soles.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.data = robot.model.createData()
+        self._q = pin.neutral(robot.model)
+        self._v = np.zeros(robot.model.nv)
+        self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
+        # Pinocchio's containers keep their addresses, so that the views stay valid and cost nothing to read.
+        self.com = self.data.com[0]
+        self.com_vel = self.data.vcom[0]
+        self._soles = {foot: self.data.oMf[index] for foot, index in robot.sole_ids.items()}
+        self.R = {foot: placement.rotation for foot, placement in self._soles.items()}
+        self.p = {foot: placement.translation for foot, placement in self._soles.items()}
+        self._Jcom = np.empty((3, robot.model.nv))
+
+    def update(self, q: Array, qd: Array) -> None:
+        """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
+        robot = self.robot
+        robot.scatter(q, self._q)
+        self._v[robot.idx_v] = qd
+        pin.computeJointJacobians(robot.model, self.data, self._q)
+        pin.centerOfMass(robot.model, self.data, self._q, self._v, False)
+        pin.updateFramePlacements(robot.model, self.data)
+
+    def sole_jacobian(self, foot: Foot) -> Array:
+        """(6, nv) velocity [linear; angular] of the sole against the trunk, in base axes at the sole."""
+        return pin.getFrameJacobian(self.robot.model, self.data, self.robot.sole_ids[foot], pin.LOCAL_WORLD_ALIGNED)
+
+    def leg_jacobian(self, foot: Foot) -> Array:
+        """The Jacobian of (8), (6, n): see `stiffness.leg_jacobian`."""
+        columns = self.robot.leg_columns[foot]
+        return leg_jacobian(self.sole_jacobian(foot), columns, self.com, self.R[foot], self.p[foot])
+
+    def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
+        """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
+        return _com_in_sole(self.com, self.com_vel, self.sole_jacobian(foot), self._v, self.R[foot], self.p[foot])
+
+    def sole_to_sole(self, foot: Foot, other: Foot) -> tuple[Array, Array]:
+        """Pose of the sole `other` in the frame of the sole `foot`: rotation (3, 3), position (3,)."""
+        Rt = self.R[foot].T
+        return Rt @ self.R[other], Rt @ (self.p[other] - self.p[foot])
+
+
+@njit(cache=True)
+def _com_in_sole(
+    com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array
+) -> tuple[Array, Array]:
+    twist = np.zeros(6)
+    for k in range(6):
+        for i in range(v.shape[0]):
+            twist[k] += J_sole[k, i] * v[i]
+    r = com - p
+    vel = com_vel - twist[:3]
+    vel[0] -= twist[4] * r[2] - twist[5] * r[1]
+    vel[1] -= twist[5] * r[0] - twist[3] * r[2]
+    vel[2] -= twist[3] * r[1] - twist[4] * r[0]
+    out, out_vel = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        for k in range(3):
+            out[i] += R[k, i] * r[k]
+            out_vel[i] += R[k, i] * vel[k]
+    return out, out_vel
+
+
+def _build(urdf: str, source: str) -> pin.Model:
+    text = urdf.strip()
+    if not text:
+        raise RobotError(f"{source}: the URDF is empty")
+    try:  # checked here, because urdfdom writes its complaints to the terminal
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise RobotError(f"{source}: the URDF is not XML: {error}") from None
+    if root.tag != "robot" or root.find("link") is None:
+        raise RobotError(f"{source}: not a URDF: wanted <robot> with links, found <{root.tag}>")
+    try:
+        # A free-flyer root, because Pinocchio drops the root link's mass from the COM of a fixed base.
+        return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    except Exception as error:  # urdfdom's complaints reach Python as several types
+        reason = " ".join(str(error).split())[:200]
+        raise RobotError(f"{source}: the URDF cannot be read: {reason}") from None

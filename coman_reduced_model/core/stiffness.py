@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Joint springs seen at the COM: (8)-(13) of the paper. Compiled, because they run at the rate of the sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .types import Array
+
+
+@njit(cache=True)
+def leg_jacobian(J_sole: Array, columns: Array, com: Array, R: Array, p: Array) -> Array:
+    """The Jacobian of (8), from the sole to the frame at the COM.
+
+    Args:
+        J_sole: (6, nv) velocity [linear; angular] of the sole against the trunk, base axes, at the sole.
+        columns: (n,) columns of the leg's joints, hip to ankle.
+        com: (3,) COM in base axes [m].
+        R, p: rotation (3, 3) and position (3,) of the sole in the base frame.
+
+    Returns:
+        (6, n) linear [m/rad] over angular [1] velocity of the trunk-fixed frame at the COM, in the axes of the
+        sole, the sole held still.
+    """
+    n = columns.shape[0]
+    J = np.empty((6, n))
+    r0, r1, r2 = com[0] - p[0], com[1] - p[1], com[2] - p[2]
+    for i in range(n):
+        c = columns[i]
+        v0, v1, v2 = J_sole[0, c], J_sole[1, c], J_sole[2, c]
+        w0, w1, w2 = J_sole[3, c], J_sole[4, c], J_sole[5, c]
+        # Seen from the sole the trunk moves the other way; at the COM: -(v + w x r).
+        a0 = -v0 - (w1 * r2 - w2 * r1)
+        a1 = -v1 - (w2 * r0 - w0 * r2)
+        a2 = -v2 - (w0 * r1 - w1 * r0)
+        for k in range(3):
+            J[k, i] = R[0, k] * a0 + R[1, k] * a1 + R[2, k] * a2
+            J[3 + k, i] = -(R[0, k] * w0 + R[1, k] * w1 + R[2, k] * w2)
+    return J
+
+
+@njit(cache=True)
+def height_hessian(J: Array) -> Array:
+    """Second derivative of the COM height by the joint angles, (n, n) [m/rad^2], of the Jacobian (6, n) of (8).
+
+    For two joints of a chain d^2c/dq_i dq_j = a_i x J_j with i the one nearer to the sole; joints count from the
+    hip, so that the nearer one has the larger index.
+    """
+    n = J.shape[1]
+    H = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            H[i, j] = H[j, i] = J[3, i] * J[1, j] - J[4, i] * J[0, j]
+    return H
+
+
+@njit(cache=True)
+def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float) -> tuple[Array, Array, bool]:
+    """Cartesian stiffness and damping K_c, D_c of (12), (13), safe where J is singular.
+
+    K_c is the inverse of the compliance J K_q^-1 J^T, which exists where J^-1 does not (straight knee); for six
+    joints it equals J^-T K_q J^-1. Near a singular posture the compliance is kept from vanishing in any direction,
+    which bounds the stiffness there and changes nothing elsewhere. D_c = K_c J K_q^-1 D_q K_q^-1 J^T K_c, which for
+    six joints equals J^-T D_q J^-1.
+
+    Args:
+        J: (6, n) or, for the trunk free to turn (`condensed`), its linear rows (3, n).
+        K_q, D_q: (n, n) joint stiffness [Nm/rad] and damping [Nms/rad].
+        length: of the leg [m]; makes rows of metres and of radians comparable.
+        limit: smallest singular value of the scaled J that is taken as it is [1].
+
+    Returns:
+        K (r, r), D (r, r) in N/m, N, Nm and their rates, and whether the posture is near singular.
+    """
+    rows, n = J.shape
+    Js = J.copy()
+    Js[:3] /= length
+    S = np.linalg.inv(K_q)
+    JS = Js @ S
+    C = JS @ Js.T
+    stiffest = 0.0
+    for i in range(n):
+        stiffest = max(stiffest, abs(K_q[i, i]))
+    floor = limit * limit / stiffest
+    # A speck that only makes the inverse exist: 1e-6 of the floor.
+    for i in range(rows):
+        C[i, i] += 1e-6 * floor
+    K = np.linalg.inv(C)
+    smallest = 1.0 / np.sqrt((K * K).sum())
+    near_singular = smallest < floor
+    if near_singular:
+        for i in range(rows):
+            C[i, i] += floor - smallest
+        K = np.linalg.inv(C)
+    G = K @ JS
+    D = G @ D_q @ G.T
+    K = 0.5 * (K + K.T)
+    for i in range(min(rows, 3)):
+        for j in range(rows):
+            K[i, j] /= length
+            K[j, i] /= length
+            D[i, j] /= length
+            D[j, i] /= length
+    return K, D, near_singular
