@@ -6,11 +6,68 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .integrator import run
+from .reference import look_ahead
 from .types import Array
 
 PREDICTORS = ("model", "rigid", "persistence", "lipm")
 BASELINES = PREDICTORS[1:]
+_STEP = 0.02  # [s] longest step of a prediction; the steps are exact, this only samples the reference
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
+
+
+@njit(cache=True)
+def predict_horizons(
+    com: Array, com_vel: Array, horizons: Array, M: Array, K: Array, D: Array, axes: Array, force: Array,
+    reference: Array, reference_vel: Array, plan: Array, plan_vel: Array, plan_dt: float,
+) -> Array:  # fmt: skip
+    """COM at each horizon ahead of the measured state, posture and phase staying as they are.
+
+    Args:
+        com, com_vel: (3,) measured [m], [m/s] in the support sole.
+        horizons: (k,) ascending [s].
+        M, K, D, axes, force: `model.Terms` now.
+        reference, reference_vel: (3,) now; NaN without a reference (LIPM): what is not integrated stays.
+        plan, plan_vel, plan_dt: from `reference.plan_ahead`.
+
+    Returns:
+        (k, 3) [m] in the support sole.
+    """
+    out = np.empty((horizons.shape[0], 3))
+    free = np.isnan(reference[0])
+    velocity = np.zeros(3) if free else reference_vel
+    state = np.concatenate((com, com_vel))
+    start = 0.0
+    for h in range(horizons.shape[0]):
+        steps = max(1, int(np.ceil((horizons[h] - start) / _STEP - 1e-9)))
+        moved, faster = look_ahead(plan, plan_vel, plan_dt, velocity, start, horizons[h], steps)
+        u = force + K @ moved[0] + D @ faster[0]
+        end = moved[steps].copy()
+        for k in range(steps, -1, -1):
+            moved[k] -= moved[0]
+            faster[k] -= faster[0]
+        state = run(state, M, K, D, axes, u, moved, faster, (horizons[h] - start) / steps)
+        out[h] = com if free else reference + end
+        for i in axes:
+            out[h, i] = state[i]
+        start = horizons[h]
+    return out
+
+
+@njit(cache=True)
+def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array) -> tuple[Array, Array]:
+    """Persistence p + p' h and the LIPM from the measured state with the measured ZMP, (k, 3) each [m].
+
+    Height is constant in the LIPM. A ZMP of NaN gives a LIPM of NaN.
+    """
+    persistence, lipm = np.empty((horizons.shape[0], 3)), np.empty((horizons.shape[0], 3))
+    omega = np.sqrt(gravity / max(com[2], 0.05))
+    for h in range(horizons.shape[0]):
+        c, s = np.cosh(omega * horizons[h]), np.sinh(omega * horizons[h])
+        persistence[h] = com + com_vel * horizons[h]
+        lipm[h] = zmp + (com - zmp) * c + com_vel / omega * s
+        lipm[h, 2] = com[2] + 0.0 * zmp[0]
+    return persistence, lipm
 
 
 class HorizonJudge:

@@ -75,18 +75,68 @@ def advance(state: Array, Phi: Array, K_inv: Array, D: Array, u0: Array, u1: Arr
 
 
 @njit(cache=True)
-def step(state: Array, M_inv: Array, K: Array, D: Array, u0: Array, u1: Array, dt: float) -> Array:
-    """One exact step over dt [s]; shapes as in `transition` and `advance`."""
-    return advance(state, transition(M_inv, K, D, dt), np.linalg.inv(K), D, u0, u1, dt)
+def select(M: Array, K: Array, D: Array, axes: Array) -> tuple[Array, Array, Array]:
+    """M^-1, K and D (n, n) of the integrated axes (n,) alone."""
+    n = axes.shape[0]
+    Ms, Ks, Ds = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            Ms[i, j] = M[axes[i], axes[j]]
+            Ks[i, j] = K[axes[i], axes[j]]
+            Ds[i, j] = D[axes[i], axes[j]]
+    return np.linalg.inv(Ms), Ks, Ds
 
 
 @njit(cache=True)
-def run(state: Array, M_inv: Array, K: Array, D: Array, forces: Array, dt: float) -> Array:
-    """Many steps under forces (k + 1, n) given every dt [s]; returns the states (k + 1, 2n), the first as given."""
-    Phi = transition(M_inv, K, D, dt)
-    K_inv = np.linalg.inv(K)
-    states = np.empty((forces.shape[0], state.shape[0]))
-    states[0] = state
-    for i in range(forces.shape[0] - 1):
-        states[i + 1] = advance(states[i], Phi, K_inv, D, forces[i], forces[i + 1], dt)
-    return states
+def step(state: Array, M: Array, K: Array, D: Array, axes: Array, u0: Array, u1: Array, dt: float) -> Array:
+    """One exact step over dt [s] of the axes that are integrated.
+
+    Args:
+        state: (2d,) all coordinates and their velocities; those not in `axes` are returned as they are.
+        M, K, D: (d, d).
+        axes: (n,) indices of the integrated coordinates.
+        u0, u1: (d,) force at the start and at the end.
+        dt: [s].
+    """
+    d, n = K.shape[0], axes.shape[0]
+    M_inv, Ks, Ds = select(M, K, D, axes)
+    reduced, first, last = np.empty(2 * n), np.empty(n), np.empty(n)
+    for i in range(n):
+        reduced[i], reduced[n + i] = state[axes[i]], state[d + axes[i]]
+        first[i], last[i] = u0[axes[i]], u1[axes[i]]
+    reduced = advance(reduced, transition(M_inv, Ks, Ds, dt), np.linalg.inv(Ks), Ds, first, last, dt)
+    out = state.copy()
+    for i in range(n):
+        out[axes[i]], out[d + axes[i]] = reduced[i], reduced[n + i]
+    return out
+
+
+@njit(cache=True)
+def run(
+    state: Array, M: Array, K: Array, D: Array, axes: Array, force: Array, moved: Array, faster: Array, dt: float
+) -> Array:
+    """Many equal steps while the reference goes its way and all else stays: the end state (2d,).
+
+    Args:
+        state, M, K, D, axes: as in `step`.
+        force: (d,) at the start.
+        moved, faster: (k + 1, d) displacement and change of velocity of the reference since the start, every dt.
+        dt: [s].
+    """
+    d, n = K.shape[0], axes.shape[0]
+    M_inv, Ks, Ds = select(M, K, D, axes)
+    Phi, K_inv = transition(M_inv, Ks, Ds, dt), np.linalg.inv(Ks)
+    reduced = np.empty(2 * n)
+    for i in range(n):
+        reduced[i], reduced[n + i] = state[axes[i]], state[d + axes[i]]
+    forces = np.empty((moved.shape[0], n))
+    for k in range(moved.shape[0]):
+        u = force + K @ moved[k] + D @ faster[k]
+        for i in range(n):
+            forces[k, i] = u[axes[i]]
+    for k in range(moved.shape[0] - 1):
+        reduced = advance(reduced, Phi, K_inv, Ds, forces[k], forces[k + 1], dt)
+    out = state.copy()
+    for i in range(n):
+        out[axes[i]], out[d + axes[i]] = reduced[i], reduced[n + i]
+    return out

@@ -24,7 +24,7 @@ import numpy as np
 from ..errors import RobotError
 from .config import Config
 from .differentiate import Differentiator
-from .joint_map import JointMap, JointState, Refused
+from .joint_map import JointMap, JointState, Refused, surely_finite
 from .streams import CAPACITY, Item, Rejections, Stream
 from .types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 
@@ -117,7 +117,7 @@ class Joiner:
         stream = self._wrenches[foot]
         stream.received += 1
         wrench = np.concatenate((message.force, message.torque))
-        if wrench.shape != (6,) or not math.isfinite(wrench.sum()):
+        if not surely_finite(wrench) and not np.isfinite(wrench).all():
             self._reject(stream, "nan", f"force {message.force}, torque {message.torque}")
             return []
         to_sole = self._wrench_maps.get((foot, message.frame_id))

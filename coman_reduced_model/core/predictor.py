@@ -6,18 +6,17 @@ from __future__ import annotations
 import numpy as np
 
 from .config import Config
-from .horizon import HorizonJudge
-from .integrator import advance, run, transition
+from .horizon import HorizonJudge, predict_baselines, predict_horizons
+from .integrator import step
 from .model import Model, Terms
 from .odometry import FootOdometry, pose
-from .reference import motor_com, planned_com, preview
+from .reference import motor_com, plan_ahead, planned_com
 from .robot import Robot
 from .support import SupportDetector
 from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)
-_PREVIEW_STEP = 0.02  # [s] longest step within a horizon
 _LOST = 0.5  # [m] a free run this far from the measurement has diverged
 
 
@@ -36,8 +35,9 @@ class Predictor:
         self.motor = robot.posture()
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
-        self.judge = HorizonJudge(config.prediction.horizons)
-        self._horizons = np.array(config.prediction.horizons)
+        self.judge = HorizonJudge(tuple(sorted(config.prediction.horizons)))
+        self._horizons = np.array(self.judge.horizons)
+        self._nothing = np.full((len(self._horizons), 3), np.nan)
         self.reset()
 
     def reset(self) -> None:
@@ -98,8 +98,9 @@ class Predictor:
             if terms.near_singular:
                 flags |= Flags.NEAR_SINGULAR
             flags |= self._free_run(dt, terms, self._touchdown(support), com, com_vel, reference, reference_vel)
-        horizons = self._predict_horizons(sample, foot, terms, com, com_vel, reference, reference_vel)
-        self._judge(sample.stamp_ns, T_odom_sole, com, com_vel, reference, horizons, zmp)
+        horizons = self._predict_horizons(
+            sample, support, T_odom_sole, terms, com, com_vel, reference, reference_vel, zmp
+        )
         return self._finish(
             sample, support, T_odom_sole, flags, com, com_vel, reference, reference_vel, self._state, horizons
         )
@@ -200,16 +201,13 @@ class Predictor:
             return Flags.RESET
         # The reference moves linearly over the step; what else has changed (posture, phase) counts from its start.
         force = terms.force
-        if before is not None and reference is not _NAN3:
-            force = force - terms.K @ (reference - before[0]) - terms.D @ (reference_vel - before[1])
-        axes = terms.axes
-        M_inv, K, D = _square(terms)
-        both = np.concatenate((axes, axes + 3))
-        Phi = transition(M_inv, K, D, dt)
-        moved = advance(self._state[both], Phi, np.linalg.inv(K), D, force[axes], terms.force[axes], dt)
         if reference is not _NAN3:
-            self._state = np.concatenate((reference, reference_vel))
-        self._state[both] = moved
+            if before is not None:
+                force = force - terms.K @ (reference - before[0]) - terms.D @ (reference_vel - before[1])
+            for axis in (0, 1, 2):  # what is not integrated follows the reference
+                if axis not in terms.axes:
+                    self._state[axis], self._state[3 + axis] = reference[axis], reference_vel[axis]
+        self._state = step(self._state, terms.M, terms.K, terms.D, terms.axes, force, terms.force, dt)
         if not np.abs(self._state[:3] - com).max() < _LOST:
             self._state = np.concatenate((com, com_vel))
             return Flags.RESET | Flags.REJECTED_STATE
@@ -218,62 +216,29 @@ class Predictor:
     def _predict_horizons(
         self,
         sample: Sample,
-        foot: Foot,
+        support: SupportState,
+        T_odom_sole: Array,
         terms: Terms | None,
         com: Array,
         com_vel: Array,
         reference: Array,
         reference_vel: Array,
-    ) -> Array | None:
-        """COM (k, 3) at each horizon ahead of the measured state, in the support sole; None without terms."""
-        if terms is None:
-            return None
-        axes = terms.axes
-        M_inv, K, D = _square(terms)
-        horizons = self._horizons
-        if reference is _NAN3:
-            out = np.repeat(com[None], len(horizons), axis=0)
-        else:
-            out = reference + preview(sample, foot, reference_vel, horizons)[0]
-        both = np.concatenate((axes, axes + 3))
-        state = np.concatenate((com, com_vel))[both]
-        start = 0.0
-        order = np.argsort(horizons)
-        for i in order:
-            steps = max(1, int(np.ceil((horizons[i] - start) / _PREVIEW_STEP - 1e-9)))
-            times = np.linspace(start, horizons[i], steps + 1)
-            forces = np.repeat(terms.force[None], steps + 1, axis=0)
-            if reference is not _NAN3:
-                moved, faster = preview(sample, foot, reference_vel, times)
-                forces = forces + moved @ terms.K.T + faster @ terms.D.T
-            state = run(state, M_inv, K, D, np.ascontiguousarray(forces[:, axes]), times[1] - times[0])[-1]
-            out[i, axes] = state[: len(axes)]
-            start = horizons[i]
-        return out
-
-    def _judge(
-        self,
-        stamp_ns: int,
-        T_odom_sole: Array,
-        com: Array,
-        com_vel: Array,
-        reference: Array,
-        horizons: Array | None,
         zmp: Array | None,
-    ) -> None:
-        h = self._horizons[:, None]
-        nothing = np.full((len(h), 3), np.nan)
-        if zmp is None:
-            lipm = nothing
-        else:
-            omega = np.sqrt(self.model.gravity / max(com[2], 0.05))
-            lipm = zmp + (com - zmp) * np.cosh(omega * h) + com_vel / omega * np.sinh(omega * h)
-            lipm[:, 2] = com[2]
-        model = nothing if horizons is None else horizons
-        self.judge.update(stamp_ns, T_odom_sole, com, reference, model, com + com_vel * h, lipm)
+    ) -> Array | None:
+        """COM (k, 3) at each horizon ahead of the measured state, in the support sole; None without terms.
 
-
-def _square(terms: Terms) -> tuple[Array, Array, Array]:
-    """M^-1, K and D of the integrated axes (n, n)."""
-    axes = np.ix_(terms.axes, terms.axes)
-    return np.eye(len(terms.axes)) / terms.mass, np.ascontiguousarray(terms.K[axes]), np.ascontiguousarray(terms.D[axes])
+        Hands it to the judge together with the baselines.
+        """
+        horizons = None
+        if terms is not None:
+            plan = plan_ahead(sample, support.support_foot)
+            horizons = predict_horizons(
+                com, com_vel, self._horizons, terms.M, terms.K, terms.D, terms.axes, terms.force,
+                reference, reference_vel, *plan,
+            )  # fmt: skip
+        baselines = predict_baselines(
+            com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons
+        )
+        model = self._nothing if horizons is None else horizons
+        self.judge.update(sample.stamp_ns, T_odom_sole, com, reference, model, *baselines)
+        return horizons

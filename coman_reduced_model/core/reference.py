@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from .robot import Posture
 from .types import Array, Foot, Reference, Sample
+
+_NOTHING = np.empty((0, 3))
 
 
 def planned_com(reference: Reference, foot: Foot) -> tuple[Array, Array]:
@@ -18,24 +21,48 @@ def planned_com(reference: Reference, foot: Foot) -> tuple[Array, Array]:
     return (reference.com - T[:3, 3]) @ T[:3, :3], reference.com_vel @ T[:3, :3]
 
 
-def preview(sample: Sample, foot: Foot, reference_vel: Array, times: Array) -> tuple[Array, Array]:
-    """How the reference goes on: displacement (k, 3) [m] and change of velocity (k, 3) [m/s] at times ahead (k,) [s].
+def plan_ahead(sample: Sample, foot: Foot) -> tuple[Array, Array, float]:
+    """The preview of `com/reference` relative to its present point, in the axes of the planned sole of the foot.
 
-    From the preview of `com/reference` if the sample has one, in the axes of the planned sole; it is held beyond its
-    end. Without one the reference is taken to go on at its present velocity.
+    Returns:
+        Displacement (n, 3) [m] and change of velocity (n, 3) [m/s], the first row zero, and their spacing [s];
+        n is 0 if there is no preview.
     """
     plan = sample.reference
     if plan is None or len(plan.preview_com) == 0 or not plan.preview_dt > 0.0:
-        return times[:, None] * reference_vel, np.zeros((len(times), 3))
+        return _NOTHING, _NOTHING, 0.0
     R = (plan.T_odom_left if foot == Foot.LEFT else plan.T_odom_right)[:3, :3]
-    com = np.vstack((plan.com, plan.preview_com))
-    vel = np.vstack((plan.com_vel, plan.preview_com_vel))
-    position = np.minimum(times / plan.preview_dt, len(com) - 1.0)
-    index = np.minimum(position.astype(np.intp), len(com) - 2)
-    w = (position - index)[:, None]
-    moved = (1.0 - w) * com[index] + w * com[index + 1] - plan.com
-    faster = (1.0 - w) * vel[index] + w * vel[index + 1] - plan.com_vel
-    return moved @ R, faster @ R
+    moved = np.zeros((len(plan.preview_com) + 1, 3))
+    faster = np.zeros_like(moved)
+    np.subtract(plan.preview_com, plan.com, out=moved[1:])
+    np.subtract(plan.preview_com_vel, plan.com_vel, out=faster[1:])
+    return moved @ R, faster @ R, plan.preview_dt
+
+
+@njit(cache=True)
+def look_ahead(
+    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, start: float, end: float, steps: int
+) -> tuple[Array, Array]:
+    """How the reference goes on at equal steps from start to end [s] ahead.
+
+    With a plan (n, 3) from `plan_ahead` linearly between its points, held beyond its end; without one (n = 0) at its
+    present velocity `reference_vel` (3,).
+
+    Returns:
+        Displacement (steps + 1, 3) [m] and change of velocity (steps + 1, 3) [m/s] since now.
+    """
+    moved, faster = np.zeros((steps + 1, 3)), np.zeros((steps + 1, 3))
+    for k in range(steps + 1):
+        t = start + (end - start) * k / steps
+        if plan.shape[0] < 2:
+            moved[k] = t * reference_vel
+            continue
+        position = min(t / plan_dt, plan.shape[0] - 1.0)
+        i = min(int(position), plan.shape[0] - 2)
+        w = position - i
+        moved[k] = (1.0 - w) * plan[i] + w * plan[i + 1]
+        faster[k] = (1.0 - w) * plan_vel[i] + w * plan_vel[i + 1]
+    return moved, faster
 
 
 def motor_com(motor: Posture, foot: Foot) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from .types import Array
 
@@ -47,9 +48,21 @@ def zmp_from_wrenches(
     """
     if left_wrench is None or right_wrench is None:
         return None
-    total = np.zeros(6)
-    for wrench, T in ((left_wrench, T_support_left), (right_wrench, T_support_right)):
-        force = T[:3, :3] @ wrench[:3]
-        total[:3] += force
-        total[3:] += T[:3, :3] @ wrench[3:] + np.cross(T[:3, 3], force)
-    return cop(total, min_force)
+    x, y, fz = _net(left_wrench, right_wrench, T_support_left, T_support_right)
+    return np.array([x, y, 0.0]) if fz >= min_force else None
+
+
+@njit(cache=True)
+def _net(left: Array, right: Array, T_left: Array, T_right: Array) -> tuple[float, float, float]:
+    """ZMP x, y [m] and total vertical force [N] in the support sole; x and y are infinite without force."""
+    mx = my = fz = 0.0
+    for wrench, T in ((left, T_left), (right, T_right)):
+        f0 = T[0, 0] * wrench[0] + T[0, 1] * wrench[1] + T[0, 2] * wrench[2]
+        f1 = T[1, 0] * wrench[0] + T[1, 1] * wrench[1] + T[1, 2] * wrench[2]
+        f2 = T[2, 0] * wrench[0] + T[2, 1] * wrench[1] + T[2, 2] * wrench[2]
+        mx += T[0, 0] * wrench[3] + T[0, 1] * wrench[4] + T[0, 2] * wrench[5] + T[1, 3] * f2 - T[2, 3] * f1
+        my += T[1, 0] * wrench[3] + T[1, 1] * wrench[4] + T[1, 2] * wrench[5] + T[2, 3] * f0 - T[0, 3] * f2
+        fz += f2
+    if fz == 0.0:
+        return np.inf, np.inf, 0.0
+    return -my / fz, mx / fz, fz
