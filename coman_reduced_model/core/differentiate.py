@@ -34,7 +34,7 @@ class Differentiator:
         self._t[self._end] = stamp_ns
         self._q[self._end] = q
         self._end += 1
-        # Two points always remain: at a rate so low that the window holds one, the last difference is the best there is.
+        # Two points always remain: at a rate so low that the window holds one, the last difference is the best one.
         while self._end - self._start > 2 and stamp_ns - self._t[self._start] > self._window:
             self._start += 1
         count = self._end - self._start

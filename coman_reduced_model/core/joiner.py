@@ -24,8 +24,8 @@ import numpy as np
 from ..errors import RobotError
 from .config import Config
 from .differentiate import Differentiator
-from .joint_map import JointMap, JointState, Refused, surely_finite
-from .streams import CAPACITY, Item, Rejections, Stream
+from .joint_map import JointMap, JointState, surely_finite
+from .streams import CAPACITY, Item, Refused, Rejections, Stream
 from .types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 
 if TYPE_CHECKING:
@@ -75,7 +75,9 @@ class Joiner:
         size = len(robot.joint_names)
         # A joint without motor-side encoder is rigid: its motor position is the link's, filled in by _sample.
         self._maps = {JOINTS: JointMap(robot.joint_names, legs), MOTORS: JointMap(robot.joint_names, legs, math.nan)}
-        self._differentiators = {name: Differentiator(limits.velocity_window, limits.restart_gap, size) for name in self._maps}
+        self._differentiators = {
+            name: Differentiator(limits.velocity_window, limits.restart_gap, size) for name in self._maps
+        }
         self._waiting: deque[Item] = deque()
         self._wrench_maps: dict[tuple[Foot, str], Array | RobotError] = {}
 
@@ -155,7 +157,7 @@ class Joiner:
     # --- taking messages in ---
 
     def _reject(self, stream: Stream, reason: str, sentence: str) -> None:
-        self.rejections.add(stream.name, reason, f"{stream.name}: {sentence}")
+        self.rejections.add(stream.name, reason, sentence)
 
     def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
         accepted = stream.accept(stamp, value)
@@ -178,7 +180,7 @@ class Joiner:
             return True
         state.qd = self._differentiators[name].update(stamp, state.q)
         if state.qd is None:
-            self.rejections.add(name, "no_velocity", f"{name}: gives no velocities, and one position makes none")
+            self.rejections.add(name, "no_velocity", "gives no velocities, and one position makes none")
         return state.qd is not None
 
     def _wrench_map(self, foot: Foot, frame_id: str) -> Array | RobotError:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .streams import Refused
 from .types import Array, JointMessage
 
 
@@ -19,14 +20,6 @@ class JointState:
     q: Array  # [rad]; `fill` where the message does not list the joint
     qd: Array | None  # [rad/s], likewise; None: not given
     tau: Array | None  # [Nm]; NaN where not given; None: not given at all
-
-
-class Refused(Exception):
-    """A message that cannot be used: a reason for the counter and a sentence for people."""
-
-    def __init__(self, reason: str, sentence: str) -> None:
-        super().__init__(sentence)
-        self.reason = reason
 
 
 class _Order:
@@ -41,7 +34,9 @@ class _Order:
         missing = [name for name in needed if name not in position]
         if len(missing) == len(needed):
             # Grippers and heads often publish on the same topic; that is no fault of the legs' driver.
-            self.refused = Refused("no_leg_joint", f"no joint of the legs among {', '.join(names)[:120] or 'no joints'}")
+            self.refused = Refused(
+                "no_leg_joint", f"no joint of the legs among {', '.join(names)[:120] or 'no joints'}"
+            )
         elif missing:
             self.refused = Refused("missing_joint", f"joint {', '.join(map(repr, missing))} of the legs is missing")
         listed = [name for name in joint_names if name in position]
@@ -109,7 +104,9 @@ class JointMap:
         if message.effort is not None:
             effort = message.effort[order.take]
             if not surely_finite(effort) and np.isinf(effort).any():  # NaN: that joint measures none
-                raise Refused("nan", f"effort of {self._names[int(order.put[np.isinf(effort).argmax()])]!r} is infinite")
+                raise Refused(
+                    "nan", f"effort of {self._names[int(order.put[np.isinf(effort).argmax()])]!r} is infinite"
+                )
             tau = order.place(effort, np.nan, size)
         return JointState(q, qd, tau)
 

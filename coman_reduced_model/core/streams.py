@@ -16,6 +16,14 @@ CAPACITY = 8192
 Item = tuple[int, Any]
 
 
+class Refused(Exception):
+    """A message that cannot be used: a reason for the counter and a sentence for people."""
+
+    def __init__(self, reason: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.reason = reason
+
+
 class Rejections:
     """What was not used and why, counted by "stream/reason", with the last sentence for each."""
 
@@ -27,7 +35,7 @@ class Rejections:
         """Count one rejected message."""
         key = f"{stream}/{reason}"
         self.counts[key] += 1
-        self.last[key] = sentence
+        self.last[key] = f"{stream}: {sentence}"
 
 
 class Stream:
@@ -123,7 +131,7 @@ class Stream:
         self._reject("stamp_jump", sentence)
 
     def _reject(self, reason: str, sentence: str) -> None:
-        self._rejections.add(self.name, reason, f"{self.name}: {sentence}")
+        self._rejections.add(self.name, reason, sentence)
 
     def bracket(self, stamp: int, reach: int) -> tuple[Item | None, Item | None]:
         """The newest item at or before a stamp and the oldest within `reach` [ns] after it, each within max_age.

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The whole way from messages to predictions, with its counters. The node and `coman predict` both run this."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from .config import Config
+from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
+from .plausibility import Plausibility
+from .predictor import Predictor
+from .streams import Refused
+from .types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
+
+if TYPE_CHECKING:
+    from .horizon import HorizonJudge
+    from .robot import Robot
+
+
+@dataclass(frozen=True)
+class StreamStatus:
+    """One input stream, as /diagnostics tells it."""
+
+    name: str
+    expected: bool  # predictions need it
+    received: int  # messages, also those rejected
+    accepted: int
+    rate_hz: float  # of the accepted stamps, smoothed; NaN before there are two
+    age_s: float  # newest joint state minus the newest of this stream; NaN if there is none
+    incomplete: int  # samples that went without its value
+
+
+@dataclass(frozen=True)
+class Status:
+    """What has happened since the start; for /diagnostics and `summary.json`."""
+
+    streams: dict[str, StreamStatus]
+    samples: int
+    restarts: int  # times that the joint states broke off or went back
+    waiting: int  # joint states that wait for other streams now
+    rejected: dict[str, int]  # by "stream/reason"
+    last_rejection: dict[str, str]  # the last sentence for each
+    extra_joints: tuple[str, ...]  # in messages, not in the URDF: ignored
+    unlisted_joints: tuple[str, ...]  # in the URDF, not in messages: held at zero
+    warnings: tuple[str, ...]  # what looks wrong and what to look at, a line each
+
+
+class Pipeline:
+    """Joiner, predictor and counters of one robot.
+
+    Attributes:
+        on_sample: if set, called with each Sample before it is predicted.
+    """
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        self.robot = robot
+        self.config = config
+        self.joiner = Joiner(robot, config)
+        self.predictor = Predictor(robot, config)
+        self.plausibility = Plausibility(robot, config)
+        self.on_sample: Callable[[Sample], None] | None = None
+        self.samples = 0
+        self.restarts = 0
+        self._gap = round(config.streams.restart_gap * 1e9)
+        self._last_stamp: int | None = None
+        self._add: dict[str, Callable[[Any], list[Sample]]] = {
+            JOINTS: self.joiner.add_joint,
+            MOTORS: self.joiner.add_motor,
+            REFERENCE: self.joiner.add_reference,
+            IMU: self.joiner.add_imu,
+            WRENCHES[Foot.LEFT]: lambda message: self.joiner.add_wrench(Foot.LEFT, message),
+            WRENCHES[Foot.RIGHT]: lambda message: self.joiner.add_wrench(Foot.RIGHT, message),
+        }
+
+    @property
+    def judge(self) -> HorizonJudge:
+        """Errors of the horizon predictions so far."""
+        return self.predictor.judge
+
+    def on_joint(self, message: JointMessage) -> list[Prediction]:
+        """A link-side joint state."""
+        return self._predict(self.joiner.add_joint(message))
+
+    def on_motor(self, message: JointMessage) -> list[Prediction]:
+        """A motor-side joint state."""
+        return self._predict(self.joiner.add_motor(message))
+
+    def on_wrench(self, foot: Foot, message: WrenchMessage) -> list[Prediction]:
+        """What the ground exerts on a foot."""
+        return self._predict(self.joiner.add_wrench(foot, message))
+
+    def on_reference(self, message: Reference) -> list[Prediction]:
+        """A point of the planned motion."""
+        return self._predict(self.joiner.add_reference(message))
+
+    def on_imu(self, message: ImuMessage) -> list[Prediction]:
+        """Orientation and rates of the trunk."""
+        return self._predict(self.joiner.add_imu(message))
+
+    def feed(self, stream: str, message: Any, convert: Callable[[Any], Any]) -> list[Prediction]:
+        """A message of a stream, by name, as it came: `convert` (messages.FROM) makes it one of the above.
+
+        A message that cannot be converted is counted as rejected.
+        """
+        try:
+            converted = convert(message)
+        except Refused as refused:
+            self.joiner.rejections.add(stream, refused.reason, str(refused))
+            return []
+        return self._predict(self._add[stream](converted))
+
+    def flush(self) -> list[Prediction]:
+        """The end: predictions for the joint states that still wait for other streams."""
+        return self._predict(self.joiner.flush())
+
+    def _predict(self, samples: list[Sample]) -> list[Prediction]:
+        return [self._update(sample) for sample in samples]
+
+    def _update(self, sample: Sample) -> Prediction:
+        last, self._last_stamp = self._last_stamp, sample.stamp_ns
+        if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
+            self.restarts += 1
+            self.predictor.reset()
+            self.plausibility.reset()
+        self.samples += 1
+        if self.on_sample is not None:
+            self.on_sample(sample)
+        self.plausibility.update(sample)
+        return self.predictor.update(sample)
+
+    def status(self) -> Status:
+        """Counters, rates and warnings so far."""
+        joiner = self.joiner
+        newest = joiner.streams[JOINTS].last
+        streams = {}
+        for name, stream in joiner.streams.items():
+            known = newest is not None and stream.last is not None
+            streams[name] = StreamStatus(
+                name,
+                name == JOINTS or name in joiner.incomplete,
+                stream.received,
+                stream.accepted,
+                1.0 / stream.period_s if stream.period_s else float("nan"),
+                (newest - stream.last) * 1e-9 if known else float("nan"),  # type: ignore[operator]
+                joiner.incomplete.get(name, 0),
+            )
+        return Status(
+            streams,
+            self.samples,
+            self.restarts,
+            joiner.waiting,
+            dict(joiner.rejections.counts),
+            dict(joiner.rejections.last),
+            joiner.extra_joints,
+            joiner.unlisted_joints,
+            tuple(self._warnings(streams)),
+        )
+
+    def _warnings(self, streams: dict[str, StreamStatus]) -> list[str]:
+        lines = []
+        if not streams[JOINTS].accepted:
+            lines.append(f"{JOINTS}: no usable message yet")
+        for name, stream in streams.items():
+            if name == JOINTS or not stream.expected or not streams[JOINTS].accepted:
+                continue
+            offset = self.joiner.clock_offset_s.get(name)
+            if not stream.accepted:
+                lines.append(f"{name}: no usable message yet, and the predictions need it")
+            elif offset is not None and abs(offset) > self.config.streams.max_wait:
+                side = "behind" if offset < 0.0 else "ahead of"
+                lines.append(
+                    f"{name}: its clock is {abs(offset):.3f} s {side} {JOINTS}: no value is near enough in time"
+                )
+            elif stream.age_s > self.config.streams.restart_gap:
+                lines.append(f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}")
+        return lines + self.plausibility.warnings()

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mistakes of wiring that no single message shows: wrenches of the wrong sign, feet that are swapped.
+
+They are told, never corrected: what is wrong is for a person to decide.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .config import Config
+from .types import Foot, Sample
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+_INTERVAL_NS = 20_000_000  # looking every 20 ms is enough, and costs nothing
+_ENOUGH = 50  # looks before a verdict: 1 s
+_CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
+_NEGATIVE = 0.02  # share of the weight: a mean force below minus this is no bias of a sensor
+_CARRIES = 0.8  # share of the total force on the one foot of a single support
+
+
+class Plausibility:
+    """Watches Samples at 50 Hz."""
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        self._robot = robot
+        self._weight = robot.mass * config.robot.gravity
+        self._posture = robot.posture()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._next = 0
+        self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
+        self._looks = 0
+        self._lower_carries = self._higher_carries = 0
+
+    def update(self, sample: Sample) -> None:
+        """Take one sample; stamps must increase between resets."""
+        if sample.stamp_ns < self._next:
+            return
+        self._next = sample.stamp_ns + _INTERVAL_NS
+        if sample.left_wrench is None or sample.right_wrench is None:
+            return
+        left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
+        self._force[Foot.LEFT] += left
+        self._force[Foot.RIGHT] += right
+        self._looks += 1
+        # With the sign wrong as well, the foot that carries is the one with the larger magnitude.
+        total = abs(left) + abs(right)
+        if total < 0.5 * self._weight or max(abs(left), abs(right)) < _CARRIES * total:
+            return
+        foot = Foot.LEFT if abs(left) > abs(right) else Foot.RIGHT
+        self._posture.update(sample.q, sample.qd)
+        height = self._posture.sole_to_sole(foot, foot.other)[1][2]
+        if height > _CLEARANCE:
+            self._lower_carries += 1
+        elif height < -_CLEARANCE:
+            self._higher_carries += 1
+
+    def warnings(self) -> list[str]:
+        """What looks wrong, a line each."""
+        lines = []
+        if self._looks >= _ENOUGH:
+            for foot, name in ((Foot.LEFT, "left_foot/wrench"), (Foot.RIGHT, "right_foot/wrench")):
+                mean = self._force[foot] / self._looks
+                if mean < -_NEGATIVE * self._weight:
+                    lines.append(
+                        f"{name}: the mean vertical force is {mean:.0f} N: wrong sign? wanted is what the ground "
+                        "exerts on the foot (positive while it stands)"
+                    )
+        looks = self._lower_carries + self._higher_carries
+        if looks >= _ENOUGH // 2 and self._higher_carries > 0.8 * looks:
+            lines.append(
+                f"wrenches: in {self._higher_carries} of {looks} looks at single support the foot in the air by "
+                "the joints carries the robot by the wrenches: left and right swapped?"
+            )
+        return lines

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""ROS messages to and from the types of the core: the one place that knows their fields.
+
+Every function serves the classes of rclpy and those that rosbags makes from message definitions alike. What makes
+messages takes a `MessageTypes`: `ros_types()` for rclpy, `bag.types.bag_types()` for bags.
+"""
+
+from __future__ import annotations
+
+import array
+import importlib
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.streams import Refused
+from .core.types import Array, Foot, ImuMessage, JointMessage, Phase, Prediction, Reference, SupportState, WrenchMessage
+
+ODOM = "odom"
+OWN = "coman_reduced_model_msgs"
+JOINT_STATE, WRENCH_STAMPED, IMU_TYPE = (
+    "sensor_msgs/msg/JointState",
+    "geometry_msgs/msg/WrenchStamped",
+    "sensor_msgs/msg/Imu",
+)
+COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE = (
+    f"{OWN}/msg/ComReference",
+    f"{OWN}/msg/ComPrediction",
+    f"{OWN}/msg/SupportState",
+)
+POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
+
+# What the predictor takes in: relative topic name (which is the stream's name, but for the IMU's) and type.
+INPUT_TYPES = {
+    JOINTS: JOINT_STATE,
+    MOTORS: JOINT_STATE,
+    **{name: WRENCH_STAMPED for name in WRENCHES.values()},
+    REFERENCE: COM_REFERENCE,
+    IMU: IMU_TYPE,
+}
+
+
+class MessageTypes:
+    """Message classes by their short names (`types.Header`), and what a float64[] field takes (`types.doubles`)."""
+
+    _NAMES = (
+        "builtin_interfaces/msg/Time",
+        "std_msgs/msg/Header",
+        "std_msgs/msg/String",
+        *(f"geometry_msgs/msg/{name}" for name in ("Point", "Vector3", "Quaternion", "Pose", "PointStamped")),
+        *(f"geometry_msgs/msg/{name}" for name in ("Wrench", "WrenchStamped")),
+        "sensor_msgs/msg/JointState",
+        "sensor_msgs/msg/Imu",
+        *(f"{OWN}/msg/{name}" for name in ("SupportState", "HorizonPrediction", "ComPrediction", "ComReference")),
+    )
+
+    def __init__(self, find: Callable[[str], type], doubles: Callable[[Array], Any]) -> None:
+        self.doubles = doubles
+        for name in self._NAMES:
+            setattr(self, name.rsplit("/", 1)[-1], find(name))
+
+    def __getattr__(self, name: str) -> Any:  # for type checkers: the classes are set in the constructor
+        raise AttributeError(name)
+
+
+def ros_types() -> MessageTypes:
+    """The classes of rclpy; needs ROS 2 and the built messages."""
+
+    def find(name: str) -> type:
+        package, _, short = name.split("/")
+        found: type = getattr(importlib.import_module(f"{package}.msg"), short)
+        return found
+
+    return MessageTypes(find, lambda values: array.array("d", values.tobytes()))
+
+
+# --- messages to core types ---
+
+
+def stamp_of(header: Any) -> int:
+    """Stamp of a header [ns]."""
+    stamp = header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def joint_from(message: Any) -> JointMessage:
+    """A sensor_msgs/JointState, link or motor side; empty velocity and effort become None."""
+    velocity, effort = message.velocity, message.effort
+    return JointMessage(
+        stamp_of(message.header),
+        tuple(message.name),
+        np.asarray(message.position, dtype=np.float64),
+        np.asarray(velocity, dtype=np.float64) if len(velocity) else None,
+        np.asarray(effort, dtype=np.float64) if len(effort) else None,
+    )
+
+
+def wrench_from(message: Any) -> WrenchMessage:
+    """A geometry_msgs/WrenchStamped."""
+    wrench = message.wrench
+    return WrenchMessage(stamp_of(message.header), message.header.frame_id, _xyz(wrench.force), _xyz(wrench.torque))
+
+
+def imu_from(message: Any) -> ImuMessage:
+    """A sensor_msgs/Imu; its orientation is None if the first covariance says so (-1), as the message defines."""
+    o = message.orientation
+    given = message.orientation_covariance[0] >= 0.0
+    return ImuMessage(
+        stamp_of(message.header),
+        message.header.frame_id,
+        np.array((o.x, o.y, o.z, o.w)) if given else None,
+        _xyz(message.angular_velocity),
+        _xyz(message.linear_acceleration),
+    )
+
+
+def reference_from(message: Any) -> Reference:
+    """A ComReference.
+
+    Raises:
+        Refused: an unknown phase or previews that do not fit together.
+    """
+    position, velocity = (np.asarray(a, dtype=np.float64) for a in (message.preview_position, message.preview_velocity))
+    if len(position) % 3 or len(position) != len(velocity):
+        raise Refused("length", f"{len(position)} numbers of preview positions, {len(velocity)} of velocities")
+    if len(position) and not 0.0 < message.preview_dt < math.inf:
+        raise Refused("preview", f"preview_dt {message.preview_dt} s")
+    if message.phase not in (0, 1, 2, 3):
+        raise Refused("phase", f"phase {message.phase} is not one of 0 to 3")
+    if message.header.frame_id.lstrip("/") != ODOM:
+        raise Refused("frame", f"it is in frame {message.header.frame_id!r}, wanted {ODOM!r}")
+    return Reference(
+        stamp_of(message.header),
+        _xyz(message.position),
+        _xyz(message.velocity),
+        _xyz(message.acceleration),
+        _xyz(message.zmp),
+        matrix_from(message.left_sole),
+        matrix_from(message.right_sole),
+        Phase(message.phase),
+        int(message.step),
+        float(message.preview_dt),
+        position.reshape(-1, 3),
+        velocity.reshape(-1, 3),
+    )
+
+
+FROM = {
+    JOINTS: joint_from,
+    MOTORS: joint_from,
+    **{name: wrench_from for name in WRENCHES.values()},
+    REFERENCE: reference_from,
+    IMU: imu_from,
+}
+
+
+def _xyz(value: Any) -> Array:
+    return np.array((value.x, value.y, value.z))
+
+
+def matrix_from(pose: Any) -> Array:
+    """(4, 4) of a geometry_msgs/Pose; NaN where its quaternion is zero or not finite."""
+    o, p = pose.orientation, pose.position
+    x, y, z, w = o.x, o.y, o.z, o.w
+    norm = x * x + y * y + z * z + w * w
+    s = 2.0 / norm if norm > 1e-12 else math.nan
+    return np.array(
+        (
+            (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w), p.x),
+            (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w), p.y),
+            (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y), p.z),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )
+
+
+# --- core types to messages ---
+
+
+def header_to(types: MessageTypes, stamp_ns: int, frame_id: str) -> Any:
+    """A std_msgs/Header."""
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return types.Header(stamp=types.Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def point_to(types: MessageTypes, stamp_ns: int, point: Array) -> Any:
+    """A geometry_msgs/PointStamped in `odom`, for plots and RViz."""
+    return types.PointStamped(header=header_to(types, stamp_ns, ODOM), point=_vector(types.Point, point))
+
+
+def support_to(types: MessageTypes, prediction: Prediction) -> Any:
+    """The SupportState of a prediction, as a message of its own or a part of ComPrediction."""
+    return _support(types, prediction.support, header_to(types, prediction.stamp_ns, prediction.frame_id))
+
+
+def _support(types: MessageTypes, support: SupportState, header: Any) -> Any:
+    return types.SupportState(
+        header=header,
+        phase=int(support.phase),
+        support_foot=int(support.support_foot),
+        left_share=float(support.left_share),
+        phase_time=float(support.phase_time),
+        total_force=float(support.total_force),
+    )
+
+
+def prediction_to(types: MessageTypes, prediction: Prediction) -> Any:
+    """A ComPrediction."""
+    point, vector = types.Point, types.Vector3
+    header = header_to(types, prediction.stamp_ns, prediction.frame_id)
+    return types.ComPrediction(
+        header=header,
+        support=_support(types, prediction.support, header),
+        measured_position=_vector(point, prediction.measured_com),
+        measured_velocity=_vector(vector, prediction.measured_com_vel),
+        reference_position=_vector(point, prediction.reference_com),
+        reference_velocity=_vector(vector, prediction.reference_com_vel),
+        predicted_position=_vector(point, prediction.predicted_com),
+        predicted_velocity=_vector(vector, prediction.predicted_com_vel),
+        residual=_vector(vector, prediction.residual),
+        sole_pose=pose_to(types, prediction.T_odom_sole),
+        horizons=[
+            types.HorizonPrediction(h=float(each.h), position=_vector(point, each.com)) for each in prediction.horizons
+        ],
+        flags=int(prediction.flags),
+    )
+
+
+def reference_to(types: MessageTypes, reference: Reference) -> Any:
+    """A ComReference."""
+    return types.ComReference(
+        header=header_to(types, reference.stamp_ns, ODOM),
+        position=_vector(types.Point, reference.com),
+        velocity=_vector(types.Vector3, reference.com_vel),
+        acceleration=_vector(types.Vector3, reference.com_acc),
+        zmp=_vector(types.Point, reference.zmp),
+        left_sole=pose_to(types, reference.T_odom_left),
+        right_sole=pose_to(types, reference.T_odom_right),
+        phase=int(reference.phase),
+        step=int(reference.step),
+        preview_dt=float(reference.preview_dt),
+        preview_position=types.doubles(np.ascontiguousarray(reference.preview_com, dtype=np.float64).ravel()),
+        preview_velocity=types.doubles(np.ascontiguousarray(reference.preview_com_vel, dtype=np.float64).ravel()),
+    )
+
+
+def joint_to(types: MessageTypes, message: JointMessage) -> Any:
+    """A sensor_msgs/JointState."""
+    empty = np.empty(0)
+    return types.JointState(
+        header=header_to(types, message.stamp_ns, ""),
+        name=list(message.names),
+        position=types.doubles(message.position),
+        velocity=types.doubles(empty if message.velocity is None else message.velocity),
+        effort=types.doubles(empty if message.effort is None else message.effort),
+    )
+
+
+def wrench_to(types: MessageTypes, message: WrenchMessage) -> Any:
+    """A geometry_msgs/WrenchStamped."""
+    return types.WrenchStamped(
+        header=header_to(types, message.stamp_ns, message.frame_id),
+        wrench=types.Wrench(force=_vector(types.Vector3, message.force), torque=_vector(types.Vector3, message.torque)),
+    )
+
+
+def imu_to(types: MessageTypes, message: ImuMessage) -> Any:
+    """A sensor_msgs/Imu; an unknown orientation is marked with -1, as the message defines."""
+    known = message.orientation is not None
+    x, y, z, w = message.orientation.tolist() if message.orientation is not None else (0.0, 0.0, 0.0, 1.0)
+    return types.Imu(
+        header=header_to(types, message.stamp_ns, message.frame_id),
+        orientation=types.Quaternion(x=x, y=y, z=z, w=w),
+        orientation_covariance=np.array([0.0 if known else -1.0] + [0.0] * 8),
+        angular_velocity=_vector(types.Vector3, message.angular_velocity),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=_vector(types.Vector3, message.linear_acceleration),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def _vector(kind: Callable[..., Any], value: Array) -> Any:
+    x, y, z = value.tolist()
+    return kind(x=x, y=y, z=z)
+
+
+def pose_to(types: MessageTypes, T: Array) -> Any:
+    """A geometry_msgs/Pose; NaN throughout where the pose is not known."""
+    x, y, z, w = quaternion(T[:3, :3])
+    return types.Pose(position=_vector(types.Point, T[:3, 3]), orientation=types.Quaternion(x=x, y=y, z=z, w=w))
+
+
+def quaternion(R: Array) -> tuple[float, float, float, float]:
+    """Unit quaternion x, y, z, w with w >= 0 of a rotation (3, 3), by its largest component (Shepperd 1978)."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    if not math.isfinite(a + e + i):
+        return (math.nan,) * 4
+    # Four times the products of the components with the largest one.
+    rows = (
+        (1.0 + a - e - i, b + d, c + g, h - f),
+        (b + d, 1.0 - a + e - i, f + h, c - g),
+        (c + g, f + h, 1.0 - a - e + i, d - b),
+        (h - f, c - g, d - b, 1.0 + a + e + i),
+    )
+    row = max(zip((rows[0][0], rows[1][1], rows[2][2], rows[3][3]), rows, strict=True))[1]
+    norm = math.copysign(math.sqrt(sum(v * v for v in row)), row[3])
+    return (row[0] / norm, row[1] / norm, row[2] / norm, row[3] / norm)
+
+
+def foot_of(stream: str) -> Foot:
+    """The foot whose wrench a stream is; NONE for the others."""
+    return next((foot for foot, name in WRENCHES.items() if name == stream), Foot.NONE)
