@@ -31,10 +31,10 @@ class _Contact:
 
     __slots__ = ("_first_ns", "_last_ns", "loaded", "since_ns", "zero")
 
-    def __init__(self, loaded: bool, stamp_ns: int, zero: float) -> None:
+    def __init__(self, loaded: bool, stamp_ns: int) -> None:
         self.loaded = loaded
         self.since_ns = stamp_ns  # first sample of the present contact or swing
-        self.zero = zero  # [N] what the sensor reads unloaded
+        self.zero = 0.0  # [N] what the sensor reads unloaded
         self._first_ns = -1  # first sample of a change under way; -1: none is
         self._last_ns = stamp_ns
 
@@ -79,11 +79,10 @@ class SupportDetector:
         self.weight = config.weight or weight_N  # [N]
         if not self.weight > 0.0:
             raise ValueError(f"weight for the support phase must be positive, got {self.weight} N")
-        self._zeros = (0.0, 0.0)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the phase; the next complete sample decides without dwell. The zeros of the sensors stay."""
+        """Forget everything; the next complete sample decides without dwell."""
         self._feet: tuple[_Contact, _Contact] | None = None
         self._phase = Phase.FLIGHT
         self._foot = Foot.NONE
@@ -94,7 +93,7 @@ class SupportDetector:
     @property
     def zeros(self) -> tuple[float, float]:
         """What the left and right sensor read without load [N], as learnt so far."""
-        return (self._feet[0].zero, self._feet[1].zero) if self._feet else self._zeros
+        return (self._feet[0].zero, self._feet[1].zero) if self._feet else (0.0, 0.0)
 
     def update(self, stamp_ns: int, left_fz: float | None, right_fz: float | None) -> SupportState:
         """Take one pair of forces.
@@ -110,7 +109,6 @@ class SupportDetector:
             one; NONE only before any foot has been seen on the ground.
         """
         if stamp_ns < self._last_ns:
-            self._zeros = self.zeros
             self.reset()
         self._last_ns = stamp_ns
         if left_fz is None or right_fz is None or not isfinite(left_fz + right_fz):
@@ -143,10 +141,7 @@ class SupportDetector:
 
     def _start(self, stamp_ns: int, left_fz: float, right_fz: float) -> tuple[_Contact, _Contact]:
         middle = 0.5 * (self.config.contact_on + self.config.contact_off) * self.weight
-        left, right = (
-            _Contact(fz - zero > middle, stamp_ns, zero)
-            for fz, zero in zip((left_fz, right_fz), self._zeros, strict=True)
-        )
+        left, right = _Contact(left_fz > middle, stamp_ns), _Contact(right_fz > middle, stamp_ns)
         self._phase = _PHASES[left.loaded + 2 * right.loaded]
         if self._phase:
             self._foot = Foot.LEFT if left_fz >= right_fz else Foot.RIGHT
