@@ -33,7 +33,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        *shared_files("config", "launch", "bags"),
+        *shared_files("config", "launch", "bags", "msg_defs/msg"),
     ],
     zip_safe=False,
     entry_points={
