@@ -196,6 +196,7 @@ class GaitConfig:
     preview_length: int = par(25, "points", "number of preview points", 0, 500)
     autostart: bool = par(True, "", "start walking at once, without a call of ~/start")
     repeat: bool = par(False, "", "start the plan again when it ends")
+    start_time: float = par(-1.0, "s", "ROS time at which the plan starts, as in a bag; -1: at once", -1.0, 1e11)
 
 
 @dataclass(frozen=True)
@@ -349,8 +350,10 @@ def _check_consistency(config: Config, source: str) -> None:
         )
 
 
-def load_config(path: str | Path, node: str = "predictor") -> Config:
+def load_config(path: str | Path, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
     """Read a ROS 2 parameter file: the sections `/**` and then that of the node, if any.
+
+    Keys that `ignored` names are not looked at, nor are those that every ROS 2 node has.
 
     Raises:
         ConfigError: the file cannot be read or a value in it is not allowed.
@@ -372,7 +375,8 @@ def load_config(path: str | Path, node: str = "predictor") -> Config:
     for section, body in document.items():
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: {section}: wanted 'ros__parameters:' below a node's name or '/**'")
-        flat = {key: value for key, value in _flat_yaml(body["ros__parameters"]).items() if not _foreign(key)}
+        flat = _flat_yaml(body["ros__parameters"])
+        flat = {key: value for key, value in flat.items() if key not in ignored and not _foreign(key)}
         name = str(section).rsplit("/", 1)[-1]
         if name in ("**", "*", node):
             values.update(flat)
