@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Everything that is slow the first time, before real messages come: numba compiles, caches fill."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.config import Config
+from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.pipeline import Pipeline
+from ..core.robot import Robot
+from ..core.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from ..messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
+
+_PERIOD_NS = 5_000_000
+_SAMPLES = 100
+
+
+def warm_up(robot: Robot, config: Config, types: MessageTypes) -> None:
+    """Walk on the spot for half a second in a pipeline that is thrown away: every phase, every stream.
+
+    The messages take the way of real ones, because compiled code is made for the very types of its arguments.
+    """
+    pipeline = Pipeline(robot, config)
+    soles = {Foot.LEFT: config.robot.left.sole_frame, Foot.RIGHT: config.robot.right.sole_frame}
+    weight = robot.mass * config.robot.gravity
+    names = robot.joint_names
+    for index in range(_SAMPLES):
+        stamp = 1_000_000_000 + index * _PERIOD_NS
+        q = np.full(len(names), 0.1 + 0.001 * index)
+        zero = np.zeros(len(names))
+        share = (0.5, 1.0, 0.5, 0.0)[index * 8 // _SAMPLES % 4]
+        for foot, part in ((Foot.LEFT, share), (Foot.RIGHT, 1.0 - share)):
+            wrench = WrenchMessage(stamp, soles[foot], np.array((0.0, 0.0, part * weight)), np.zeros(3))
+            pipeline.feed(WRENCHES[foot], wrench_to(types, wrench), FROM[WRENCHES[foot]])
+        reference = reference_to(types, _reference(stamp))
+        pipeline.feed(REFERENCE, reference, FROM[REFERENCE])
+        motor = joint_to(types, JointMessage(stamp, names, q + 0.01, zero, None))
+        pipeline.feed(MOTORS, motor, FROM[MOTORS])
+        joint = joint_to(types, JointMessage(stamp, names, q, zero, zero))
+        for prediction in pipeline.feed(JOINTS, joint, FROM[JOINTS]):
+            prediction_to(types, prediction)
+
+
+def _reference(stamp: int) -> Reference:
+    com = np.array((0.0, 0.0, 0.4))
+    preview = np.tile(com, (25, 1))
+    zero = np.zeros(3)
+    sole = np.eye(4)
+    return Reference(stamp, com, zero, zero, zero, sole, sole, Phase.DOUBLE, 0, 0.02, preview, np.zeros((25, 3)))
