@@ -10,13 +10,11 @@ JOBS   ?= 2
 
 # No packet leaves this machine, and two runs on it do not hear each other.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-export ROS_DOMAIN_ID ?= $(shell shuf -i 1-101 -n 1 2>/dev/null || echo 42)
+export ROS_DOMAIN_ID := $(shell echo $$(($$$$ % 101 + 1)))
 # A sourced ROS installation or another environment of wheels would lend .venv the wrong libraries.
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION
 unexport ROS_STATIC_PEERS ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport VIRTUAL_ENV MAKEFLAGS MFLAGS
-export UV_LINK_MODE ?= copy
-export MUJOCO_GL ?= disable
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
