@@ -20,28 +20,7 @@ import yaml
 
 from ..errors import ConfigError
 from .effects import CATALOGUE
-from .parameter import Parameter, Value
-
-
-def par(
-    nominal: Value,
-    unit: str,
-    description: str,
-    low: float = float("-inf"),
-    high: float = float("inf"),
-    *,
-    choices: tuple[str, ...] | None = None,
-    length: int | None = None,
-    runtime: bool = False,
-    kind: str | None = None,
-) -> Any:
-    """A dataclass field that declares a parameter; its dotted name comes from where it stands."""
-    if kind is None:
-        kind = {bool: "bool", int: "int", float: "float", str: "str"}.get(type(nominal)) or (
-            "strs" if isinstance(nominal, tuple) and nominal and isinstance(nominal[0], str) else "floats"
-        )
-    parameter = Parameter("", kind, nominal, unit, description, low, high, choices, length, runtime)
-    return field(default=nominal, metadata={"parameter": parameter})
+from .parameter import Parameter, Value, par
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from ..errors import ComanError
@@ -116,7 +117,7 @@ class FootMotion:
         self._pose = PPoly(c, [*knots, knots[-1] + 1.0])  # still intervals extend to any time
         self._rate = self._pose.derivative()
 
-    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
+    def __call__(self, t: Array) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
         """Poses (n, 2, 4, 4) of the left and right sole, phase (n,) and step index (n,) at the times t (n,) [s]."""
         pose = self._pose(t)
         yaw = pose[..., 3]

@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,8 @@ from scipy.interpolate import CubicSpline, PPoly
 from ..errors import ConfigError
 from .footsteps import FootMotion, Footstep, compose, ground_pose, place_footsteps, side
 from .lipm import LipmCom, rest_at_both_ends
-from .parameter import Parameter
+from .parameter import par
 from .types import Array, Foot, Phase, Reference
-
-
-def _par(name: str, nominal: Any, unit: str, description: str, low: float = -math.inf, high: float = math.inf) -> Any:
-    kind = {int: "int", float: "float", str: "str"}[type(nominal)]
-    choices = ("left", "right") if kind == "str" else None
-    parameter = Parameter(name, kind, nominal, unit, description, low, high, choices)
-    return field(default=nominal, metadata={"parameter": parameter})
 
 
 @dataclass(frozen=True)
@@ -41,27 +34,26 @@ class GaitParameters:
         ConfigError: a value is of the wrong type or out of its range.
     """
 
-    step_length_m: float = _par(
-        "step_length_m", 0.03, "m", "the swing sole lands so far ahead of the stance", -1.0, 1.0
-    )
-    step_width_m: float = _par("step_width_m", 0.1452, "m", "distance of the sole origins in y", 0.02, 1.0)
-    step_height_m: float = _par("step_height_m", 0.03, "m", "height of the sole in mid-swing", 0.0, 0.5)
-    single_support_s: float = _par("single_support_s", 0.5, "s", "duration of a swing", 0.05, 60.0)
-    double_support_s: float = _par("double_support_s", 0.2, "s", "duration of a load transfer", 0.02, 60.0)
-    com_height_m: float = _par("com_height_m", 0.38, "m", "height of the COM above the soles, constant", 0.05, 3.0)
-    steps: int = _par("steps", 14, "", "number of steps; 0 stands", 0, 100_000)
-    turn_rad: float = _par("turn_rad", 0.0, "rad", "yaw of a step, positive to the left", -0.5, 0.5)
-    lateral_m: float = _par("lateral_m", 0.0, "m", "mean sideways advance of a step, positive to the left", -0.5, 0.5)
-    stand_before_s: float = _par("stand_before_s", 1.0, "s", "standing before the first load transfer", 0.1, 1e6)
-    stand_after_s: float = _par("stand_after_s", 1.0, "s", "standing after the last load transfer", 0.1, 1e6)
-    zmp_offset_x_m: float = _par("zmp_offset_x_m", 0.0, "m", "ZMP ahead of the sole origin", -0.5, 0.5)
-    zmp_offset_y_m: float = _par("zmp_offset_y_m", 0.0, "m", "ZMP inwards of the sole origin, one leg", -0.5, 0.5)
-    gravity: float = _par("gravity", 9.81, "m/s^2", "acceleration of gravity", 0.1, 100.0)
-    first_swing: str = _par("first_swing", "left", "", "foot that steps first")
+    step_length_m: float = par(0.03, "m", "the swing sole lands so far ahead of the stance sole", -1.0, 1.0)
+    step_width_m: float = par(0.1452, "m", "distance of the sole origins in y", 0.02, 1.0)
+    step_height_m: float = par(0.03, "m", "height of the sole in mid-swing", 0.0, 0.5)
+    single_support_s: float = par(0.5, "s", "duration of a swing", 0.05, 60.0)
+    double_support_s: float = par(0.2, "s", "duration of a load transfer, the first and the last included", 0.02, 60.0)
+    com_height_m: float = par(0.38, "m", "height of the COM above the soles, constant", 0.05, 3.0)
+    steps: int = par(14, "", "number of steps; the last brings the feet together; 0 stands", 0, 10_000)
+    turn_rad: float = par(0.0, "rad", "yaw of a step, positive to the left", -0.5, 0.5)
+    lateral_m: float = par(0.0, "m", "mean sideways advance of a step, positive to the left", -0.5, 0.5)
+    stand_before_s: float = par(1.0, "s", "standing before the first load transfer", 0.1, 1e6)
+    stand_after_s: float = par(1.0, "s", "standing after the last load transfer", 0.1, 1e6)
+    zmp_offset_x_m: float = par(0.0, "m", "ZMP ahead of the sole origin", -0.5, 0.5)
+    zmp_offset_y_m: float = par(0.0, "m", "ZMP inwards of the sole origin while on one leg", -0.5, 0.5)
+    gravity: float = par(9.81, "m/s^2", "acceleration of gravity", 0.1, 100.0)
+    first_swing: str = par("left", "", "foot that steps first", choices=("left", "right"))
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            object.__setattr__(self, f.name, f.metadata["parameter"].check(getattr(self, f.name), "gait"))
+            parameter = replace(f.metadata["parameter"], name=f.name)
+            object.__setattr__(self, f.name, parameter.check(getattr(self, f.name), "gait"))
 
     @property
     def omega(self) -> float:
@@ -88,11 +80,11 @@ def gait(name: str, **overrides: Any) -> GaitParameters:
         ConfigError: the gait or a parameter does not exist, or a value is not allowed.
     """
     if name not in GAITS:
-        raise ConfigError(f"gait = {name!r}: allowed: {', '.join(GAITS)}")
-    values = {f.name: getattr(GAITS[name], f.name) for f in fields(GaitParameters)}
-    if unknown := set(overrides) - set(values):
-        raise ConfigError(f"{min(unknown)}: no such gait parameter; allowed: {', '.join(values)}")
-    return GaitParameters(**(values | overrides))
+        raise ConfigError(f"gait: {name!r} is not allowed (allowed: {', '.join(GAITS)})")
+    names = [f.name for f in fields(GaitParameters)]
+    if unknown := set(overrides).difference(names):
+        raise ConfigError(f"gait: {min(unknown)}: unknown key (allowed: {', '.join(names)})")
+    return replace(GAITS[name], **overrides)
 
 
 @dataclass(slots=True)
@@ -130,23 +122,28 @@ class WalkPlan:
     def sample(self, t: float) -> PlanPoint:
         """The plan at time t [s]."""
         many = self.sample_many(np.array([t], dtype=float))
-        one = PlanPoint(*(getattr(many, name)[0] for name in PlanPoint.__slots__))
+        one = PlanPoint(*(getattr(many, f.name)[0] for f in fields(PlanPoint)))
         one.t, one.phase, one.step = float(one.t), Phase(one.phase), int(one.step)
         return one
 
     def sample_many(self, t: Array) -> PlanPoint:
         """The plan at the times t (n,) [s], vectorised."""
         t = np.asarray(t, dtype=float)
-        com, (T, phase, step), twist = self._com(t), self._feet(t), self._feet.twists(t)
-        return PlanPoint(t, *com.swapaxes(0, 1), T[:, 0], T[:, 1], twist[:, 0], twist[:, 1], phase, step)
+        com, com_vel, com_acc, zmp = self._com(t).swapaxes(0, 1)
+        (T, phase, step), twist = self._feet(t), self._feet.twists(t)
+        left, right, left_twist, right_twist = T[:, 0], T[:, 1], twist[:, 0], twist[:, 1]
+        return PlanPoint(t, com, com_vel, com_acc, zmp, left, right, left_twist, right_twist, phase, step)
 
     def reference(self, t: float, stamp_ns: int, preview_dt: float = 0.0, preview_n: int = 0) -> Reference:
         """The message of the trajectory node for time t [s], with preview_n points at t + preview_dt, ... [s]."""
         times = t + preview_dt * np.arange(preview_n + 1.0)
-        com = self._com(times)
+        points = self._com(times)
+        com, com_vel, com_acc, zmp = points[0]
         T, phase, step = self._feet(times[:1])
-        preview = (preview_dt, com[1:, 0], com[1:, 1]) if preview_n else ()
-        return Reference(stamp_ns, *com[0], T[0, 0], T[0, 1], Phase(phase[0]), int(step[0]), *preview)
+        now = Reference(stamp_ns, com, com_vel, com_acc, zmp, T[0, 0], T[0, 1], Phase(phase[0]), int(step[0]))
+        if preview_n:
+            now.preview_dt, now.preview_com, now.preview_com_vel = preview_dt, points[1:, 0], points[1:, 1]
+        return now
 
     def with_com(self, t_grid: Array, com: Array) -> WalkPlan:
         """The same walk with another COM (n, 3) [m] at the times t_grid (n,) [s]: a C2 spline, at rest at its ends.
@@ -230,7 +227,7 @@ def _com_over(p: GaitParameters, left: Array, right: Array, ground: float, foots
         counter = float(np.linalg.norm(moved[i] - planned[i]))
         if counter > p.step_width_m / 2:  # beyond the soles' origins: the robot would topple
             raise ConfigError(
-                f"{key} = {getattr(p, key):g} s is too short: starting or stopping the COM would swing the ZMP out by"
-                f" {counter:.3f} m; allowed: half the step width, {p.step_width_m / 2:.3f} m (stand longer)"
+                f"gait: {key}: {getattr(p, key):g} s is too short: the ZMP must swing out by {counter:.3f} m to"
+                f" start or stop the COM (allowed: half the step width, {p.step_width_m / 2:.3f} m)"
             )
     return LipmCom(knots, moved, p.com_height_m, p.omega)

@@ -17,17 +17,14 @@ import numpy as np
 from .types import Array
 
 
-def _knot_weights(times: Array, omega: float) -> Array:
-    """Rows c0, c1 (2, K) with c @ zmp = the motion left over at the first and the last knot.
+def _unrest(times: Array, zmp: Array, omega: float) -> Array:
+    """Motion left over at the first and the last knot, (2, m), for m ZMP coordinates at the knots (K, m).
 
     Outside the plan the ZMP stands still, so the COM is exactly at rest at the ends if and only if both are zero.
     """
-    slope = np.zeros((len(times) + 1, len(times)))  # slope before, between and after the knots, from the knot values
-    span = np.diff(times)
-    rows = np.arange(len(span))
-    slope[rows + 1, rows], slope[rows + 1, rows + 1] = -1.0 / span, 1.0 / span
-    decay = np.exp(-omega * np.stack([times - times[0], times[-1] - times]))
-    return decay @ np.diff(slope, axis=0)
+    none = np.zeros((1, zmp.shape[1]))
+    jump = np.diff(np.diff(zmp, axis=0) / np.diff(times)[:, None], axis=0, prepend=none, append=none)
+    return np.exp(-omega * np.stack([times - times[0], times[-1] - times])) @ jump
 
 
 def rest_at_both_ends(times: Array, zmp: Array, omega: float, free: tuple[int, int]) -> Array:
@@ -45,10 +42,9 @@ def rest_at_both_ends(times: Array, zmp: Array, omega: float, free: tuple[int, i
     Returns:
         (K, 3) the ZMP with these two knots moved [m].
     """
-    weights = _knot_weights(times, omega)
-    moved = zmp.copy()
-    moved[list(free)] -= np.linalg.solve(weights[:, list(free)], weights @ zmp)
-    return moved
+    nudge = np.zeros((len(times), 2))
+    nudge[list(free), [0, 1]] = 1.0
+    return zmp - nudge @ np.linalg.solve(_unrest(times, nudge, omega), _unrest(times, zmp, omega))
 
 
 class LipmCom:
@@ -74,7 +70,7 @@ class LipmCom:
             past[i] = jump[i] + past[i - 1] * decay[i - 1]
             future[-1 - i] = jump[-1 - i] + future[-i] * decay[-i]
         still, up = np.zeros_like(slope), np.tile([0.0, 0.0, height], (len(span), 1))
-        # What multiplies 1, t, exp(-omega t), exp(omega (t - span)) in each interval: (K - 1, 4 terms, 4 quantities, 3).
+        # What multiplies 1, t, exp(-omega t), exp(omega (t - span)) in each interval.
         quantities = [
             [zmp[:-1] + up, slope, past, future],  # COM
             [slope, still, -omega * past, omega * future],  # its velocity
@@ -84,14 +80,17 @@ class LipmCom:
         self.times = times
         self._inner, self._edges = times[1:-1], np.stack([times[:-1], times[1:]], axis=1)
         self._rates = np.array([-omega, omega])
+        # (K - 1, 4 terms, 4 quantities x 3)
         self._terms = np.array(quantities).transpose(2, 1, 0, 3).reshape(len(span), 4, 12)
 
     def __call__(self, t: Array) -> Array:
         """COM, its velocity, its acceleration and the ZMP: (n, 4, 3) [m, m/s, m/s^2, m] at the times t (n,) [s]."""
         t = np.minimum(np.maximum(t, self.times[0]), self.times[-1])
         i = self._inner.searchsorted(t, side="right")
-        since = t[:, None] - self._edges[i]  # since the start, and (negative) since the end of the interval
+        since = t[:, None] - self._edges.take(
+            i, axis=0
+        )  # since the start, and (negative) since the end of the interval
         basis = np.ones((len(t), 1, 4))
         basis[:, 0, 1] = since[:, 0]
         basis[:, 0, 2:] = np.exp(since * self._rates)
-        return (basis @ self._terms[i]).reshape(-1, 4, 3)
+        return (basis @ self._terms.take(i, axis=0)).reshape(-1, 4, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import ConfigError
@@ -101,6 +101,27 @@ class Parameter:
         if self.kind in ("int", "float", "floats") and (math.isfinite(self.low) or math.isfinite(self.high)):
             return f"allowed: {self.low:g} to {self.high:g}{unit}"
         return f"wanted: {_TYPE_NAMES[self.kind]}{f', in{unit}' if unit else ''}"
+
+
+def par(
+    nominal: Value,
+    unit: str,
+    description: str,
+    low: float = float("-inf"),
+    high: float = float("inf"),
+    *,
+    choices: tuple[str, ...] | None = None,
+    length: int | None = None,
+    runtime: bool = False,
+    kind: str | None = None,
+) -> Any:
+    """A dataclass field that declares a parameter; its dotted name comes from where it stands."""
+    if kind is None:
+        kind = {bool: "bool", int: "int", float: "float", str: "str"}.get(type(nominal)) or (
+            "strs" if isinstance(nominal, tuple) and nominal and isinstance(nominal[0], str) else "floats"
+        )
+    parameter = Parameter("", kind, nominal, unit, description, low, high, choices, length, runtime)
+    return field(default=nominal, metadata={"parameter": parameter})
 
 
 def _number(value: Any) -> float | None:
