@@ -38,9 +38,9 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"predictor = {NAME}.ros.predictor_node:main",
-            f"trajectory = {NAME}.ros.trajectory_node:main",
-            f"virtual_robot = {NAME}.ros.virtual_robot_node:main",
+            f"predictor = {NAME}.ros.main:predictor",
+            f"trajectory = {NAME}.ros.main:trajectory",
+            f"virtual_robot = {NAME}.ros.main:virtual_robot",
             f"coman = {NAME}.cli.main:main",
         ],
     },

@@ -11,8 +11,8 @@ from std_msgs.msg import String
 
 from ..core.config import Config
 from ..errors import RobotError
+from ..topics import DESCRIPTION
 from . import qos
-from .parameters import DESCRIPTION
 
 
 class Description:

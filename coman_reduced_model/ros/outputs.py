@@ -10,8 +10,10 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ..core.config import Config
+from ..core.throttle import Throttle
 from ..core.types import Array, Prediction
 from ..messages import MessageTypes, point_to, prediction_to, support_to
+from ..topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos
 from .markers import Markers
 
@@ -24,21 +26,22 @@ class Outputs:
             return node.create_publisher(kind, topic, profile, qos_overriding_options=qos.overridable())
 
         self._types = types
-        self._prediction = publisher(ComPrediction, "com/prediction", qos.prediction_output())
-        self._support = publisher(SupportState, "com/support", qos.display_output())
+        self._prediction = publisher(ComPrediction, PREDICTION, qos.prediction_output())
+        self._support = publisher(SupportState, SUPPORT, qos.display_output())
         self._points = [
-            publisher(PointStamped, topic, qos.display_output())
-            for topic in ("com/measured", "com/predicted", "com/reference_point")
+            publisher(PointStamped, topic, qos.display_output()) for topic in (MEASURED, PREDICTED, REFERENCE_POINT)
         ]
         self._marker_array = publisher(MarkerArray, "com/markers", qos.display_output())
         self._markers = Markers(config)
-        self._every_points = _Every(config.output.points_rate)
-        self._every_markers = _Every(config.output.markers_rate)
+        self._every_points = Throttle(config.output.points_rate)
+        self._every_markers = Throttle(config.output.markers_rate)
+        self._message: ComPrediction | None = None  # filled anew for each one: that is cheaper
         self._last_support: tuple[int, int] | None = None
 
     def publish(self, prediction: Prediction) -> None:
         """Publish one prediction."""
-        self._prediction.publish(prediction_to(self._types, prediction))
+        self._message = prediction_to(self._types, prediction, self._message)
+        self._prediction.publish(self._message)
         support = prediction.support
         changed = self._last_support != (support.phase, support.support_foot)
         due = self._every_points.due(prediction.stamp_ns)
@@ -62,18 +65,3 @@ class Outputs:
 def in_odom(T_odom_sole: Array, point: Array) -> Array:
     """A point (3,) of the support sole's frame in `odom` [m]."""
     return T_odom_sole[:3, :3] @ point + T_odom_sole[:3, 3]
-
-
-class _Every:
-    """True at most `rate` times a second of stamps; never for a rate of 0."""
-
-    def __init__(self, rate: float) -> None:
-        self._interval = round(1e9 / rate) if rate > 0.0 else 0
-        self._last = 0
-
-    def due(self, stamp_ns: int) -> bool:
-        if not self._interval or 0 <= stamp_ns - self._last < self._interval:
-            return False
-        # On a grid, so that 1 kHz joint states give 30 Hz and not 29.4.
-        self._last = stamp_ns - stamp_ns % self._interval
-        return True

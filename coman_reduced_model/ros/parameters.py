@@ -16,8 +16,8 @@ from rclpy.parameter import Parameter as RosParameter
 from ..core.config import Config, config_from_flat, load_config, parameter_table
 from ..core.parameter import Parameter
 from ..errors import ConfigError
+from ..topics import DESCRIPTION
 
-DESCRIPTION = "robot_description"
 _TYPES = {"floats": RosParameter.Type.DOUBLE_ARRAY, "strs": RosParameter.Type.STRING_ARRAY}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import gc
 import importlib
-import sys
 import time
 from functools import partial
 from typing import Any
@@ -14,20 +13,18 @@ from rclpy.node import Node
 
 from ..bag.decode import decoder
 from ..core.config import Config
-from ..core.joiner import IMU
 from ..core.pipeline import Pipeline
 from ..core.robot import Robot
 from ..messages import INPUT_TYPES, ros_types
+from ..topics import INPUT_TOPICS
 from . import qos
 from .description import Description
 from .diagnostics import Diagnostics
 from .outputs import Outputs
 from .parameters import declare
-from .spin import run
 from .warm_up import warm_up
 
 NAME = "predictor"
-TOPICS = {stream: "imu/data" if stream == IMU else stream for stream in INPUT_TYPES}
 
 
 class PredictorNode(Node):
@@ -59,7 +56,7 @@ class PredictorNode(Node):
             kind = getattr(importlib.import_module(f"{package}.msg"), short)
             self.create_subscription(
                 kind,
-                TOPICS[stream],
+                INPUT_TOPICS[stream],
                 # Serialised, as they are in a bag: cheaper than message objects, and decoded by the same code.
                 partial(self._on_message, stream, decoder(stream)),
                 qos.sensor_input(),
@@ -93,12 +90,3 @@ class PredictorNode(Node):
         if self.pipeline is not None:
             for prediction in self.pipeline.flush():
                 self.outputs.publish(prediction)
-
-
-def main(argv: list[str] | None = None) -> None:
-    """Entry point of the executable."""
-    sys.exit(run(NAME, PredictorNode, argv))
-
-
-if __name__ == "__main__":
-    main()

@@ -26,7 +26,7 @@ def sensor_input() -> QoSProfile:
 
 
 def sensor_output() -> QoSProfile:
-    """What sensor topics and com/reference are sent with (virtual robot, trajectory, replay): suits every subscriber."""
+    """What sensor topics and com/reference are sent with (virtual robot, trajectory, replay): suits any subscriber."""
     return _profile(1000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 
 

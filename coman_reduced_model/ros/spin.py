@@ -12,37 +12,41 @@ from typing import Any
 from ..errors import ComanError
 
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
 class Stop:
-    """Takes SIGINT and SIGTERM. While `at_once`, the first one interrupts; otherwise it is only noted."""
+    """Takes the first SIGINT or SIGTERM; all later ones are ignored. While `at_once`, it interrupts."""
 
     def __init__(self) -> None:
         self.requested = False
         self.at_once = True
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in _SIGNALS:
             signal.signal(number, self._take)
 
     def _take(self, number: int, frame: object) -> None:
-        first, self.requested = not self.requested, True
-        if first and self.at_once:
+        self.requested = True
+        for each in _SIGNALS:  # ignored even while the interpreter shuts down, which would restore a handler
+            signal.signal(each, signal.SIG_IGN)
+        if self.at_once:
             raise KeyboardInterrupt
 
 
-def run(name: str, make_node: Callable[[], Any], argv: list[str] | None = None) -> int:
+def run(name: str, find: Callable[[], Callable[[], Any]]) -> int:
     """Run a node until it is told to stop.
 
     Args:
         name: of the node, for messages.
-        make_node: makes it. It may have `todo`, work that takes seconds (and may be interrupted), done between
-            callbacks and then set to None; and `finish()`, called before it is destroyed.
-        argv: arguments; None: those of the command line.
+        find: imports what makes the node, which takes long enough for a first Ctrl-C. The node may have `todo`, work
+            that takes seconds (and may be interrupted), done between callbacks and then set to None; its `finish()`
+            is called before it is destroyed.
 
     Returns:
         Exit code.
     """
     stop = Stop()
-    argv = sys.argv if argv is None else argv
     try:
-        return _run(name, make_node, argv, stop)
+        return _run(name, find(), sys.argv, stop)
     except KeyboardInterrupt:
         return 0
     except ComanError as error:
