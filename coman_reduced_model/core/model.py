@@ -7,7 +7,7 @@ integrates it. Effects from the configuration change the joint springs or the as
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,9 +18,7 @@ from .robot import Posture, Robot
 from .stiffness import height_hessian, spring_damper
 from .types import Array, Foot, Phase, SupportState
 
-XZ = np.array([0, 2])
 XY = np.array([0, 1])
-XYZ = np.array([0, 1, 2])
 
 
 @dataclass(slots=True)
@@ -54,7 +52,7 @@ class Terms:
     K: Array
     D: Array
     force: Array
-    axes: Array = field(default_factory=lambda: XZ)  # integrated; the others follow the reference and are not felt
+    axes: Array  # (n,) indices of the integrated coordinates; the others follow the reference and are not felt
     near_singular: bool = False
 
 
@@ -76,7 +74,9 @@ class Model:
         joints = config.robot.left.joints + config.robot.right.joints
         for effect in self.effects:
             if effect.place == "joint" and effect.where not in joints:
-                raise ConfigError(f"effects.{effect.name}.where: no leg joint {effect.where!r}; legs: {', '.join(joints)}")
+                raise ConfigError(
+                    f"effects.{effect.name}.where: no leg joint {effect.where!r}; legs: {', '.join(joints)}"
+                )
         self._legs = {}
         for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
             self._legs[foot] = (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
@@ -85,6 +85,10 @@ class Model:
         self._tuning_K = np.array([[c.a1, 1.0, c.c1], [1.0, 1.0, 1.0], [c.c2, 1.0, c.a2]])
         self._tuning_D = np.array([[c.b1, 1.0, c.e1], [1.0, 1.0, 1.0], [c.e2, 1.0, c.b2]])
         self._rows = 3 if c.stiffness == "condensed" else 6
+        self.axes = np.array(sorted({0, 2}.union(*(effect.axes for effect in self.effects))))
+        # A deflection that is not integrated is not felt either: without its column K p_r would pull all the same.
+        ignored = [axis for axis in range(3) if axis not in self.axes]
+        self._tuning_K[:, ignored] = self._tuning_D[:, ignored] = 0.0
 
     def leg_stiffness(self, posture: Posture, foot: Foot, load: float) -> tuple[Array, Array, bool]:
         """K, D (3, 3) of one leg in the axes of its sole, untuned: the linear blocks of (12), (13).
@@ -138,7 +142,7 @@ class Model:
             if double:
                 divisor = self._divisors(share, landed)
                 K, D = K / divisor, D / divisor
-            terms = Terms(self._M, K, D, K @ p_r + D @ v_r, near_singular=singular)
+            terms = Terms(self._M, K, D, K @ p_r + D @ v_r, self.axes, singular)
         terms.force[2] -= weight
         for effect in self.effects:
             effect.terms(terms)
@@ -155,7 +159,7 @@ class Model:
             Terms for x and y; the height stays as it is.
         """
         K = np.diag(np.full(3, -self.mass * self.gravity / max(height, 0.05)))
-        return Terms(self._M, K, np.zeros((3, 3)), K @ zmp, axes=XY)
+        return Terms(self._M, K, np.zeros((3, 3)), K @ zmp, XY)
 
     def _share(self, support: SupportState) -> float:
         """Share of the weight on the support foot, 0.05..1; half where it is not known."""
@@ -192,4 +196,4 @@ class Model:
         p_r, v_r = references[foot]
         p_o, v_o = references[foot.other]
         force = K @ p_r + D @ v_r + K_o @ p_o + D_o @ v_o
-        return Terms(self._M, K + K_o, D + D_o, force, near_singular=singular or singular_o)
+        return Terms(self._M, K + K_o, D + D_o, force, self.axes, singular or singular_o)

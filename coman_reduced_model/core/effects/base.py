@@ -23,11 +23,13 @@ class Effect:
         name: the word for it in configurations and results (discrepancy.md).
         parameters: nominal, bounds, unit, description of each of its figures.
         place: what `where` names: "robot" (nothing), "axis", "joint", "side" or "foot".
+        axes: coordinates of the COM (0, 1, 2) that it adds to the integrated ones, x and z.
     """
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     place: ClassVar[str] = "robot"
+    axes: ClassVar[tuple[int, ...]] = ()
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         self.where = where

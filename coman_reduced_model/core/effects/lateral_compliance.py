@@ -3,20 +3,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
-import numpy as np
+from typing import ClassVar
 
 from .base import Effect
 
-if TYPE_CHECKING:
-    from ..model import Terms
-
 
 class LateralCompliance(Effect):
-    """The y row and column of K and D take part: (16), (17) in three dimensions."""
+    """The y row and column of K and D take part: (14), (15) in three dimensions."""
 
     name: ClassVar[str] = "lateral_compliance"
-
-    def terms(self, terms: Terms) -> None:
-        terms.axes = np.arange(3)
+    axes: ClassVar[tuple[int, ...]] = (1,)
