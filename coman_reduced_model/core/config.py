@@ -179,6 +179,15 @@ class GaitConfig:
 
 
 @dataclass(frozen=True)
+class VirtualRobotConfig:
+    """The virtual robot as a node; the predictor takes nothing from here."""
+
+    rate: float = par(200.0, "Hz", "rate of its sensors", 50.0, 1000.0)
+    seed: int = par(1, "", "of its sensor noise", 0, 2**31 - 1)
+    noise: bool = par(True, "", "sensors with noise, bias, jitter and lost messages; false: perfect ones")
+
+
+@dataclass(frozen=True)
 class EffectConfig:
     """One effect at one place, with the values of its parameters."""
 
@@ -198,6 +207,7 @@ class Config:
     prediction: PredictionConfig = field(default_factory=PredictionConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     gait: GaitConfig = field(default_factory=GaitConfig)
+    virtual_robot: VirtualRobotConfig = field(default_factory=VirtualRobotConfig)
     effects: tuple[EffectConfig, ...] = ()
     directory: Path = Path(".")  # of the file it came from: relative paths in it start there
 

@@ -11,7 +11,6 @@ from typing import Any
 
 from ..errors import ComanError
 
-
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
