@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""MCAP bags written without ROS, as `ros2 bag` would: definitions, hashes and QoS profiles included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from ..errors import OutputError
+from .types import typestore
+
+_FOREVER = QosTime(9223372036, 854775807)
+
+
+def qos(depth: int = 10, transient_local: bool = False) -> Qos:
+    """A reliable profile, as our nodes offer it."""
+    durability = QosDurability.TRANSIENT_LOCAL if transient_local else QosDurability.VOLATILE
+    return Qos(
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE,
+        durability,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )
+
+
+class BagWriter:
+    """A new bag with topics of given types. Use it in a `with` statement.
+
+    Topics named in `latched` are offered transient local (robot descriptions, plans).
+    """
+
+    def __init__(self, path: str | Path, topics: Mapping[str, str], latched: tuple[str, ...] = ()) -> None:
+        """Create the folder of the bag.
+
+        Args:
+            path: folder to create.
+            topics: absolute name to message type.
+            latched: topics with one lasting message.
+
+        Raises:
+            OutputError: the folder exists or cannot be made.
+        """
+        self.path = Path(path)
+        self.counts = dict.fromkeys(topics, 0)
+        self._store = typestore()
+        try:
+            self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._writer.open()
+        except Exception as error:
+            raise OutputError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
+        self._connections = {}
+        for topic, kind in topics.items():
+            profile = qos(1, True) if topic in latched else qos()
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._store, offered_qos_profiles=[profile]
+            )
+
+    def write(self, topic: str, log_time_ns: int, message: Any) -> None:
+        """Append a message (of bag.types.bag_types())."""
+        connection = self._connections[topic]
+        self.write_raw(topic, log_time_ns, self._store.serialize_cdr(message, connection.msgtype))
+
+    def write_raw(self, topic: str, log_time_ns: int, data: bytes | memoryview) -> None:
+        """Append a message that is serialised already."""
+        self._writer.write(self._connections[topic], log_time_ns, data)
+        self.counts[topic] += 1
+
+    def close(self) -> None:
+        """Write the index; without it the bag counts as cut off."""
+        self._writer.close()
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Output folders: complete or not at all, and nothing of the user's is overwritten unasked."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from .errors import OutputError
+
+
+class OutputFolder:
+    """Collects files in a temporary folder and moves them to their place when all has gone well.
+
+    Use it in a `with` statement, which gives the temporary folder. If it is left by an exception, Ctrl-C included,
+    nothing is left behind and what was there before is untouched.
+    """
+
+    def __init__(self, path: str | Path, force: bool = False) -> None:
+        """Check that the folder may be written.
+
+        Raises:
+            OutputError: it exists and is not empty (without `force`), is a file, or its parent cannot be written.
+        """
+        self.path = Path(path)
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{path}: exists and is no folder")
+        if self.path.is_dir() and not force and any(self.path.iterdir()):
+            raise OutputError(f"{path}: the folder exists and is not empty; --force replaces what this command writes")
+
+    def __enter__(self) -> Path:
+        parent = self.path.absolute().parent
+        try:
+            parent.mkdir(parents=True, exist_ok=True)
+            self._temporary = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=parent))
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+        return self._temporary
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        try:
+            if kind is None:
+                self._move()
+        finally:
+            shutil.rmtree(self._temporary, ignore_errors=True)
+
+    def _move(self) -> None:
+        """Replace what has the name of a new file or folder, and nothing else: --force must never empty a home."""
+        try:
+            self.path.mkdir(exist_ok=True)
+            for entry in sorted(self._temporary.iterdir()):
+                target = self.path / entry.name
+                if target.is_dir() and not target.is_symlink():
+                    shutil.rmtree(target)
+                os.replace(entry, target)
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
