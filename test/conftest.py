@@ -102,6 +102,11 @@ class Process:
             if self.running:
                 os.killpg(self.pid, signal.SIGINT)
 
+    def send(self, number: signal.Signals) -> None:
+        """A signal to the process group, if it still runs."""
+        if self.running:
+            os.killpg(self.pid, number)
+
     def stop(self, timeout: float = 10.0) -> int:
         """Ctrl-C and wait; the exit code."""
         self.interrupt()

@@ -1,0 +1,429 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The nodes as users meet them: real processes, real DDS."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from coman_reduced_model_msgs.msg import ComReference, SupportState
+from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros_testing import Peer, Standing, numbers, record_walk, robot_urdf, stamp_of, vector
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.core.config import Config, load_config
+from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.errors import ConfigError
+from coman_reduced_model.messages import prediction_to, ros_types
+from coman_reduced_model.offline import find_robot, input_streams, predictions
+from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.replay import Replay
+from coman_reduced_model.topics import TopicNames
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def peer(ros_domain):
+    peer = Peer()
+    yield peer
+    peer.close()
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory):
+    return record_walk(tmp_path_factory.mktemp("bags"))
+
+
+def offline(path, config):
+    with Bag(path) as bag:
+        pipeline = Pipeline(find_robot(config, bag, TopicNames()), config)
+        types = ros_types()
+        return [prediction_to(types, p) for p in predictions(bag, pipeline, input_streams(bag, config, TopicNames()))]
+
+
+def replayed(peer, node, path, rate, count):
+    """What the node predicts while the bag is played to it; it is stopped at the end."""
+    replay = Replay(peer.node, path)
+    topics = ("joint_states", "motor_states", "left_foot/wrench", "right_foot/wrench", "com/reference")
+    replay.wait_for_subscribers(topics, 60.0)
+    replay.play(rate, keep_going=lambda progress: (peer.executor.spin_once(timeout_sec=0.0), True)[1])
+    replay.close()
+    peer.spin(0.2)
+    assert node.stop() == 0
+    peer.wait(lambda: len(peer.predictions) >= count, f"{count} predictions (only {len(peer.predictions)})", 5.0)
+
+
+@pytest.mark.parametrize("reference", ["motor", "topic"])
+def test_live_equals_offline(start, peer, walk, reference):
+    """The same messages give the same predictions, all of them, through DDS and from the file."""
+    config = Config().replaced({"prediction.reference": reference})
+    expected = offline(walk, config)
+    node = start.node("predictor", prediction__reference=reference)
+    replayed(peer, node, walk, 2.0, len(expected))
+    assert [stamp_of(message) for message in peer.predictions] == [stamp_of(message) for message in expected]
+    assert [len(message.horizons) for message in peer.predictions] == [len(message.horizons) for message in expected]
+    # In `motor`, the preview of com/reference only helps; which point of it is the newest depends on arrival.
+    for got, wanted in zip(peer.predictions, expected, strict=True):
+        if reference == "motor":
+            got.horizons, wanted.horizons = [], []
+        np.testing.assert_allclose(numbers(got), numbers(wanted), rtol=0.0, atol=1e-9)
+    phases = {message.support.phase for message in peer.predictions}
+    assert phases == {SupportState.LEFT, SupportState.RIGHT, SupportState.DOUBLE}
+    residuals = np.array([vector(message.residual) for message in peer.predictions])
+    assert np.isfinite(residuals).all(axis=1).mean() > 0.95
+
+
+@pytest.mark.parametrize("order", ["node first", "sensors first", "description last"])
+def test_any_order_of_start(start, peer, order):
+    if order == "node first":
+        node = start.node("predictor")
+        node.wait_for("waiting for the URDF on /robot_description")
+    standing = Standing(peer)
+    if order != "description last":
+        standing.describe()
+    if order != "node first":
+        standing.samples(20)
+        node = start.node("predictor")
+    if order == "description last":
+        node.wait_for("waiting for the URDF on /robot_description")
+        standing.describe()
+    standing.wait_until_heard()
+    standing.samples(50)
+    peer.wait(lambda: len(peer.predictions) >= 50, "predictions")
+    assert peer.predictions[-1].support.phase == SupportState.DOUBLE
+    assert node.stop() == 0
+
+
+@pytest.mark.parametrize("source", ["file", "parameter"])
+def test_description_from(start, peer, tmp_path, source):
+    urdf = tmp_path / "legs.urdf"
+    urdf.write_text(robot_urdf())
+    if source == "file":  # relative to the file that names it
+        config = tmp_path / "robot.yaml"
+        config.write_text("/**:\n  ros__parameters:\n    robot.urdf: legs.urdf\n    robot.gravity: 10\n")
+        node = start.node("predictor", "--params-file", config)
+    else:
+        config = tmp_path / "description.yaml"
+        text = "\n".join(f"      {line}" for line in robot_urdf().splitlines())
+        config.write_text(f"/**:\n  ros__parameters:\n    robot_description: |\n{text}\n")
+        node = start.node("predictor", "--params-file", config)
+    node.wait_for("ready: coman, 17.30 kg")
+    assert node.stop() == 0
+
+
+@pytest.mark.parametrize("executable", ["predictor", "trajectory", "virtual_robot"])
+@pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM]])
+def test_stops_cleanly(start, ros_domain, executable, signals):
+    node = start.node(executable)
+    node.wait_for("waiting for" if executable != "trajectory" else "ready")
+    for number in signals:
+        node.send(number)
+    assert node.wait(5.0) == 0
+    assert "Traceback" not in node.output
+
+
+def test_stops_while_starting(start, ros_domain):
+    node = start.node("predictor")
+    time.sleep(0.5)
+    node.interrupt(2)
+    assert node.wait(5.0) == 0
+    assert "Traceback" not in node.output
+
+
+BAD_CONFIGURATIONS = {
+    "unknown key": "support.contact_no: 0.2",
+    "wrong type": "support.contact_on: high",
+    "out of range": "support.contact_on: 3.0",
+    "wrong choice": "model.stiffness: fulll",
+    "inconsistent": "support.contact_off: 0.8",
+    "unknown effect": "effects.active: [magic]",
+}
+
+
+@pytest.mark.parametrize("line", BAD_CONFIGURATIONS.values(), ids=BAD_CONFIGURATIONS.keys())
+def test_bad_configuration_is_refused_as_on_the_command_line(start, ros_domain, tmp_path, line):
+    path = tmp_path / "bad.yaml"
+    path.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
+    with pytest.raises(ConfigError) as told:
+        load_config(path)
+    node = start.node("predictor", "--params-file", path)
+    assert node.wait(20.0) == 2
+    assert node.output.strip() == f"predictor: {told.value}"
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameter", "wanted"),
+    [
+        ("predictor", "robot.gravity:=fast", "robot.gravity"),
+        ("trajectory", "gait.stepps:=3", "did you mean 'gait.steps'"),
+        ("trajectory", "gait.name:=moonwalk", "moonwalk"),
+        ("predictor", "robot.urdf:=/nowhere/robot.urdf", "/nowhere/robot.urdf"),
+        ("virtual_robot", "virtual_robot.rate:=7.0", "virtual_robot.rate"),
+    ],
+)
+def test_bad_parameter_is_refused_in_one_line(start, ros_domain, executable, parameter, wanted):
+    node = start(executable, "--ros-args", "-p", parameter)
+    assert node.wait(20.0) == 2
+    assert wanted in node.output and len(node.output.strip().splitlines()) == 1
+
+
+def test_file_that_ros_cannot_read_is_refused_in_one_line(start, ros_domain, tmp_path):
+    path = tmp_path / "mixed.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    prediction.horizons: [1, 0.2]\n")  # ROS wants one type in a list
+    node = start.node("predictor", "--params-file", path)
+    assert node.wait(20.0) == 2
+    assert "mixed.yaml" in node.output and "Traceback" not in node.output
+
+
+BAD_URDFS = {
+    "no frame": (lambda text: text.replace("l_sole", "left_sole"), "no frame 'l_sole'"),
+    "no joint": (lambda text: text.replace("LKneeSag", "LKnee"), "LKneeSag"),
+    "no mass": (lambda text: '<robot name="x"><link name="base_link"/></robot>', "mass"),
+    "no XML": (lambda text: text[:500], "XML"),
+    "empty": (lambda text: " ", "empty"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_URDFS)
+def test_urdf_that_cannot_be_used_ends_the_node_with_one_line(start, peer, case):
+    change, wanted = BAD_URDFS[case]
+    node = start.node("predictor")
+    node.wait_for("waiting for the URDF")
+    Standing(peer).describe(change(robot_urdf()))
+    assert node.wait(20.0) == 2
+    last = node.output.strip().splitlines()[-1]
+    assert last.startswith("predictor: /robot_description: ") and wanted in last
+    assert "Traceback" not in node.output
+
+
+def value_of(peer, name, node="/predictor"):
+    (value,) = peer.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name])).values
+    return value
+
+
+def set_parameter(peer, name, value, node="/predictor"):
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+    (result,) = peer.call(SetParameters, f"{node}/set_parameters", request).results
+    return result.successful, result.reason
+
+
+def test_parameters_at_run_time(start, peer):
+    node = start.node("predictor", output__points_rate=200.0)
+    standing = Standing(peer)
+    standing.describe()
+    standing.wait_until_heard()
+
+    def phase(**shares):
+        standing.samples(60, **shares)
+        peer.wait(lambda: stamp_of(peer.predictions[-1]) == standing.stamp, "the last prediction")
+        return peer.predictions[-1].support.phase
+
+    def number(value):
+        return ParameterValue(type=3, double_value=value)
+
+    standing.samples(10)
+    peer.wait(lambda: peer.predictions, "predictions")
+    # A light touch of the right foot counts as contact, until the threshold says otherwise.
+    assert phase(left=1.0, right=0.0) == SupportState.LEFT
+    assert phase(left=0.7, right=0.3) == SupportState.DOUBLE
+    assert set_parameter(peer, "support.contact_on", number(0.6)) == (True, "")
+    assert phase(left=1.0, right=0.0) == SupportState.LEFT
+    assert phase(left=0.7, right=0.3) == SupportState.LEFT
+    successful, reason = set_parameter(peer, "support.contact_on", number(5.0))
+    assert not successful and reason
+    successful, reason = set_parameter(peer, "support.contact_off", number(0.7))
+    assert not successful and "must be below support.contact_on = 0.6" in reason
+    successful, reason = set_parameter(peer, "robot.gravity", number(1.6))
+    assert not successful and "read-only" in reason.lower().replace("read only", "read-only")
+    assert value_of(peer, "support.contact_on").double_value == 0.6
+    described = peer.call(
+        DescribeParameters,
+        "/predictor/describe_parameters",
+        DescribeParameters.Request(names=["streams.max_wait", "support.contact_on"]),
+    ).descriptors
+    assert described[0].read_only and "[s]" in described[0].description
+    assert not described[1].read_only and described[1].floating_point_range[0].to_value == 0.9
+    assert node.stop() == 0
+
+
+def test_quality_of_service(start, peer):
+    """Best-effort publishers are heard; and every profile can be overridden."""
+    override = ("-p", "qos_overrides./joint_states.subscription.reliability:=reliable")
+    careful = start.node("predictor", "-r", "__ns:=/careful", "-r", "joint_states:=/joint_states", *override)
+    plain = start.node("predictor")
+    standing = Standing(peer)
+    standing.describe()
+    named = peer.publisher(peer.types.String, "/careful/robot_description", qos.latched())
+    named.publish(peer.types.String(data=robot_urdf()))
+    for node in (careful, plain):
+        node.wait_for("ready: coman")
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = peer.publisher(JointState, "joint_states", best_effort)
+    peer.wait(lambda: publisher.get_subscription_count() == 1, "only the plain one hears best effort")
+    peer.wait(lambda: standing.joints.get_subscription_count() == 2, "both hear reliable")
+    for node in (careful, plain):
+        assert node.stop() == 0
+
+
+def test_replay_keeps_time_and_order_and_latches_the_description(peer, walk):
+    clocks, stamps, texts = [], [], []
+    peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + m.clock.nanosec * 1e-9), 1000)
+    peer.node.create_subscription(JointState, "joint_states", lambda m: stamps.append(stamp_of(m)), 1000)
+    replay = Replay(peer.node, walk, exclude=("com/reference",))
+    replay.wait_for_subscribers(["joint_states"], 10.0)
+    began = time.monotonic()
+    end = replay.bag.duration_s / 4.0
+
+    def keep_going(progress):
+        peer.executor.spin_once(timeout_sec=0.0)
+        return progress.loops < 3
+
+    progress = replay.play(4.0, True, keep_going)
+    took = time.monotonic() - began
+    assert abs(took - 2 * end) < 0.3, "two passes at four times the speed"
+    peer.node.create_subscription(peer.types.String, "robot_description", lambda m: texts.append(m.data), qos.latched())
+    peer.wait(lambda: texts, "robot_description for a late subscriber")
+    assert texts == [robot_urdf()]
+    with Bag(walk) as bag:
+        recorded = [stamp_of(message) for _, _, message in bag.messages(["/joint_states"])]
+    assert stamps == recorded * 2
+    steps = np.diff(clocks)
+    assert np.median(steps) == pytest.approx(0.005, abs=1e-6) and (steps < 0.0).sum() == 1
+    assert progress.messages == 2 * progress.total and not peer.node.count_subscribers("com/reference")
+    replay.close()
+
+
+def test_bag_loop_restarts_the_prediction(start, peer, walk):
+    node = start.node("predictor", output__diagnostics_rate=10.0)
+    replay = Replay(peer.node, walk)
+    replay.wait_for_subscribers(["joint_states", "right_foot/wrench"], 60.0)
+    replay.play(4.0, True, lambda progress: (peer.executor.spin_once(timeout_sec=0.0), progress.loops < 3)[1])
+    peer.spin(0.5)
+    _, _, values = peer.statuses["predictor: prediction"]
+    assert values["restarts"] == "1"
+    stamps = np.array([stamp_of(message) for message in peer.predictions])
+    (back,) = np.flatnonzero(np.diff(stamps) < 0)
+    first, second = peer.predictions[: back + 1], peer.predictions[back + 1 :]
+    # Odometry and phases begin anew: the second pass is the first one again.
+    same = {stamp_of(message): message for message in first}
+    compared = [message for message in second if stamp_of(message) in same][20:]
+    assert len(compared) > 0.9 * len(first)
+    for message in compared:
+        np.testing.assert_allclose(
+            vector(message.sole_pose.position), vector(same[stamp_of(message)].sole_pose.position), atol=1e-9
+        )
+    replay.close()
+    assert node.stop() == 0
+
+
+class References:
+    def __init__(self, peer):
+        self.messages, self.paths = [], []
+        peer.node.create_subscription(ComReference, "com/reference", self.messages.append, qos.sensor_input())
+        peer.node.create_subscription(PathMessage, "com/reference_path", self.paths.append, qos.latched())
+
+    def arrays(self):
+        t = np.array([stamp_of(m) for m in self.messages]) * 1e-9
+        return (
+            t,
+            np.array([vector(m.position) for m in self.messages]),
+            np.array([vector(m.velocity) for m in self.messages]),
+        )
+
+
+def test_trajectory_starts_stops_and_resets(start, peer):
+    references = References(peer)
+    node = start.node("trajectory", gait__autostart=False, gait__single_support=0.3, gait__double_support=0.1)
+    peer.wait(lambda: references.messages and references.paths, "com/reference and its path")
+
+    def call(name):
+        answer = peer.call(Trigger, f"/trajectory/{name}", Trigger.Request())
+        return answer.success, answer.message
+
+    peer.spin(0.3)
+    assert not np.any(references.arrays()[2]), "stands until it is told to start"
+    assert call("stop") == (False, "stands already")
+    assert call("start")[0]
+    success, message = call("start")
+    assert not success and "walking already" in message
+    peer.wait(lambda: references.messages[-1].step == 1, "the second step")
+    steps_before = references.messages[-1].step
+    assert call("stop")[0]
+    peer.wait(lambda: not vector(references.messages[-1].velocity).any(), "comes to rest", 10.0)
+    peer.wait(lambda: call("stop") == (False, "stands already"), "stands", 10.0)
+    last = references.messages[-1]
+    assert steps_before < last.step <= steps_before + 5
+    assert last.left_sole.position.x == pytest.approx(last.right_sole.position.x), "feet together"
+    t, com, velocity = references.arrays()
+    np.testing.assert_allclose(np.diff(t), 0.005, atol=1e-6)  # a grid, none left out
+    moved = np.diff(com, axis=0) - 0.0025 * (velocity[1:] + velocity[:-1])
+    assert np.abs(moved).max() < 3e-4, "the stop does not make the COM jump"
+    assert call("start")[0], "from where it stands"
+    peer.spin(0.1)
+    assert references.messages[-1].left_sole.position.x == last.left_sole.position.x > 0.01
+    assert call("reset")[0]
+    peer.spin(0.1)
+    assert references.messages[-1].left_sole.position.x == 0.0 and references.messages[-1].step == -1
+    assert len(references.paths) >= 4
+    assert node.stop() == 0
+
+
+def test_trajectory_in_the_time_of_a_bag(start, peer):
+    """With use_sim_time and a start time, the plan is where the bag's clock says, also when it jumps back."""
+    references = References(peer)
+    clock = peer.publisher(Clock, "/clock", qos.clock_output())
+    node = start.node("trajectory", use_sim_time=True, gait__start_time=1000.0)
+    peer.wait(lambda: clock.get_subscription_count(), "the node listens to /clock")
+    peer.spin(0.3)
+    assert not references.messages, "no time, no reference"
+
+    def play(first, last):
+        references.messages.clear()
+        for t in np.arange(first, last, 0.005):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(round(t * 1e9), 1_000_000_000)
+            clock.publish(message)
+            peer.spin(0.002)
+        peer.spin(0.2)
+        return references.arrays()
+
+    t, com, _ = play(999.5, 1003.5)
+    assert t[0] >= 999.5 and t[-1] > 1003.4
+    np.testing.assert_allclose(np.diff(t), 0.005, atol=1e-6)
+    again, com_again, _ = play(1001.0, 1003.0)
+    common = {round(a, 4): c for a, c in zip(t, com, strict=True)}
+    for a, c in zip(again, com_again, strict=True):
+        np.testing.assert_allclose(c, common[round(a, 4)], atol=1e-9)
+    assert node.stop() == 0
+
+
+@pytest.mark.slow
+def test_virtual_robot_walks_live(start, peer):
+    """Robot, trajectory and predictor together: the robot walks its plan, the prediction follows it."""
+    robot = start.node("virtual_robot", output__diagnostics_rate=5.0)
+    predictor = start.node("predictor")
+    robot.wait_for("ready: coman")
+    predictor.wait_for("ready: coman")
+    trajectory = start.node("trajectory", gait__steps=4)
+    peer.wait(lambda: peer.predictions, "predictions")
+    peer.spin(7.0)
+    level, message, values = peer.statuses["virtual_robot: simulation"]
+    assert (level, message) == (0, "follows com/reference")
+    assert float(values["real-time factor"]) == pytest.approx(1.0, abs=0.2)
+    phases = {m.support.phase for m in peer.predictions}
+    assert phases == {SupportState.LEFT, SupportState.RIGHT, SupportState.DOUBLE}
+    residual = np.array([vector(m.residual) for m in peer.predictions])
+    walked = peer.predictions[-1].sole_pose.position.x
+    assert walked > 0.05
+    assert np.sqrt(np.nanmean(residual[:, 2] ** 2)) < 0.003
+    for node in (robot, predictor, trajectory):
+        assert node.stop() == 0
