@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a plan (COM and soles) to the positions of the motors: exact inverse kinematics, then the springs' sag.
+
+An open-loop walk on springs needs three things: joint angles that put the soles exactly where they are planned; a COM
+whose reaction, all links counted, comes from under the feet (the plan counts a point mass only); and motors that lead
+the joints by what the springs give under the load. `plan_motion` does all three. `follow` does without the
+second what a live stream of COM references allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_banded
+
+from ..core.gait import PlanPoint, WalkPlan
+from ..core.types import Array, Phase, Reference
+from ..errors import ConfigError
+from .describe import urdf
+from .robot_table import RobotTable
+
+GRID = 0.005  # [s] interval at which a motion is computed; the motors get a C2 spline through it
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Joint and trunk positions at n times."""
+
+    q: Array  # (n, 12) [rad], in the order of RobotTable.joint_names
+    base: Array  # (n, 3) [m] origin of base_link in odom
+    yaw: Array  # (n,) [rad] of the trunk, which is level
+
+
+class MotorMotion:
+    """Motor positions over time: a spline; still before its start and after its end."""
+
+    def __init__(self, t: Array, theta: Array, start: Posture):
+        """Args: times (n,) [s]; motor positions (n, 12) [rad]; where the robot stands at the start (n = 1)."""
+        self._spline = CubicSpline(t, theta, bc_type="clamped")
+        self._rate = self._spline.derivative()
+        self.start = start
+        self.end = float(t[-1])
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Motor positions [rad] and velocities [rad/s], each (n, 12), at times (n,) [s]."""
+        t = np.clip(t, self._spline.x[0], self.end)
+        return self._spline(t), self._rate(t)
+
+
+class LegKinematics:
+    """Inverse kinematics and dynamics of the robot of a table; the trunk is kept level."""
+
+    def __init__(self, table: RobotTable):
+        self.table = table
+        self.model = pin.buildModelFromXML(urdf(table), pin.JointModelFreeFlyer())
+        self.data = self.model.createData()
+        self.mass = table.mass
+        self._ankles = [self.model.getJointId(name) for name in ("LAnkLat", "RAnkLat")]
+        # Pinocchio sorts the joints by name among brothers; here as everywhere: left leg, right leg.
+        index = [self.model.joints[self.model.getJointId(name)].idx_v for name in table.joint_names]
+        self._v = np.array(index)
+        self._limits = np.array([joint.limits for joint in table.joints()]).T
+
+    def inverse(self, com: Array, T_left: Array, T_right: Array) -> Posture:
+        """Joint angles for COM (n, 3) [m] and soles (n, 4, 4) in one frame with z up.
+
+        Raises:
+            ConfigError: a leg is too short, or a joint beyond its limit.
+        """
+        x_left, x_right = T_left[:, :2, 0], T_right[:, :2, 0]
+        forward = x_left + x_right
+        yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
+        offset = np.zeros_like(com)
+        for _ in range(12):  # the COM moves almost as much as the trunk: each pass leaves about a fifth
+            posture = Posture(self._legs(com + offset, yaw, T_left, T_right), com + offset, yaw)
+            error = com - self._com(posture)
+            offset += error
+            if np.abs(error).max() < 1e-9:
+                break
+        low, high = self._limits
+        if np.any(beyond := (posture.q < low) | (posture.q > high)):
+            row, joint = np.argwhere(beyond)[0]
+            raise ConfigError(
+                f"{self.table.joint_names[joint]} would turn to {posture.q[row, joint]:.2f} rad;"
+                f" allowed: {low[joint]:g} to {high[joint]:g} (smaller steps, or another com_height_m)"
+            )
+        return posture
+
+    def _legs(self, base: Array, yaw: Array, T_left: Array, T_right: Array) -> Array:
+        """Both legs in closed form: the hip's axes meet in one point, and so do the ankle's."""
+        table = self.table
+        R_base = _rz(yaw)
+        q = np.empty((len(yaw), 12))
+        for k, (T, side) in enumerate(((T_left, 1.0), (T_right, -1.0))):
+            R_foot = T[:, :3, :3]
+            ankle = T[:, :3, 3] + table.ankle_height * R_foot[:, :, 2]
+            hip = base + R_base @ np.array([0.0, side * table.hip_width / 2.0, 0.0])
+            r = np.einsum("nji,nj->ni", R_foot, hip - ankle)  # ankle to hip, seen from the foot
+            a, b, d2 = table.thigh, table.shank, np.sum(r * r, axis=1)
+            cos_knee = (d2 - a * a - b * b) / (2.0 * a * b)
+            if np.any(cos_knee > 1.0):
+                row = int(np.argmax(cos_knee))
+                raise ConfigError(
+                    f"the {('left', 'right')[k]} leg is too short for this gait: ankle to hip {np.sqrt(d2[row]):.3f} m,"
+                    f" allowed: {a + b:.3f} m (shorter steps, or a lower com_height_m)"
+                )
+            knee = np.arccos(np.maximum(cos_knee, -1.0))
+            roll = np.arctan2(r[:, 1], r[:, 2])  # Rx(roll) r has no y: the plane of thigh and shank
+            height = np.hypot(r[:, 1], r[:, 2])
+            lean = np.arctan2(r[:, 0], height)
+            pitch = -lean - np.arctan2(a * np.sin(knee), b + a * np.cos(knee))
+            # R_foot = R_base Ry(hip) Rx(lat) Rz(yaw) Ry(knee + pitch) Rx(roll)
+            R = np.einsum("nji,njk->nik", R_base, R_foot) @ _rx(-roll) @ _ry(-knee - pitch)
+            hip_lat = np.arcsin(np.clip(-R[:, 1, 2], -1.0, 1.0))
+            hip_sag = np.arctan2(R[:, 0, 2], R[:, 2, 2])
+            hip_yaw = np.arctan2(R[:, 1, 0], R[:, 1, 1])
+            q[:, 6 * k : 6 * k + 6] = np.stack([hip_sag, hip_lat, hip_yaw, knee, pitch, roll], axis=1)
+        return q
+
+    def configuration(self, posture: Posture) -> Array:
+        """Pinocchio's (n, 19): position of the trunk, its quaternion x y z w, joints."""
+        n = len(posture.yaw)
+        q = np.zeros((n, self.model.nq))
+        q[:, :3] = posture.base
+        q[:, 5], q[:, 6] = np.sin(posture.yaw / 2.0), np.cos(posture.yaw / 2.0)
+        q[:, self._v + 1] = posture.q
+        return q
+
+    def _com(self, posture: Posture) -> Array:
+        return np.array([pin.centerOfMass(self.model, self.data, q).copy() for q in self.configuration(posture)])
+
+    def derivatives(self, t: Array, posture: Posture) -> tuple[Array, Array]:
+        """Velocity and acceleration (n, 18) of a motion sampled at t (n,), for Pinocchio's free-flyer."""
+        spline = CubicSpline(t, np.column_stack([posture.base, posture.yaw, posture.q]), bc_type="clamped")
+        rate, rate2 = spline(t, 1), spline(t, 2)
+        n = len(t)
+        v, a = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
+        R_T = _rz(-posture.yaw)
+        v[:, :3], v[:, 5] = np.einsum("nij,nj->ni", R_T, rate[:, :3]), rate[:, 3]
+        # The derivative of R^T p' along the turning axes.
+        a[:, :3] = np.einsum("nij,nj->ni", R_T, rate2[:, :3]) - np.cross(v[:, 3:6], v[:, :3])
+        a[:, 5] = rate2[:, 3]
+        v[:, self._v], a[:, self._v] = rate[:, 4:], rate2[:, 4:]
+        return v, a
+
+    def ground_wrench(self, posture: Posture, v: Array, a: Array) -> Array:
+        """(n, 6) force and moment about the origin of odom that the ground has to exert."""
+        wrench = np.empty((len(v), 6))
+        for k, q in enumerate(self.configuration(posture)):
+            tau = pin.rnea(self.model, self.data, q, v[k], a[k])
+            wrench[k] = pin.XYZQUATToSE3(q[:7]).act(pin.Force(tau[:6])).vector
+        return wrench
+
+    def joint_torques(self, posture: Posture, v: Array, a: Array, left: Array, right: Array) -> Array:
+        """(n, 12) torques of the joints when the ground exerts left, right (n, 6) about the origin of odom."""
+        model, data = self.model, self.data
+        tau = np.empty((len(v), 12))
+        external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
+        for k, q in enumerate(self.configuration(posture)):
+            pin.forwardKinematics(model, data, q)
+            for joint, wrench in zip(self._ankles, (left[k], right[k]), strict=True):
+                external[joint] = data.oMi[joint].actInv(pin.Force(wrench))
+            tau[k] = pin.rnea(model, data, q, v[k], a[k], external)[self._v]
+        return tau
+
+
+def _rx(angle: Array) -> Array:
+    """(n, 3, 3) turns about x."""
+    c, s, o = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    return np.array([[o + 1, o, o], [o, c, -s], [o, s, c]]).transpose(2, 0, 1)
+
+
+def _ry(angle: Array) -> Array:
+    """(n, 3, 3) turns about y."""
+    c, s, o = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    return np.array([[c, o, s], [o, o + 1, o], [-s, o, c]]).transpose(2, 0, 1)
+
+
+def _rz(angle: Array) -> Array:
+    """(n, 3, 3) turns about z."""
+    c, s, o = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    return np.array([[c, -s, o], [s, c, o], [o, o, o + 1]]).transpose(2, 0, 1)
+
+
+def zmp_of(wrench: Array, height: float) -> Array:
+    """Where wrenches (n, 6) about the origin press on the ground at that height: (n, 2) [m]."""
+    f, m = wrench[:, :3], wrench[:, 3:]
+    x = (height * f[:, 0] - m[:, 1]) / f[:, 2]
+    y = (height * f[:, 1] + m[:, 0]) / f[:, 2]
+    return np.stack([x, y], axis=1)
+
+
+def share_load(wrench: Array, point: PlanPoint) -> tuple[Array, Array]:
+    """Splits ground wrenches (n, 6) between the feet, as (n, 6) left and right about the origin of odom.
+
+    In single support one foot has it all. In double support the share follows the planned ZMP from sole to sole.
+    """
+    left, right = point.T_odom_left[:, :3, 3], point.T_odom_right[:, :3, 3]
+    between = (left - right)[:, :2]
+    along = np.einsum("ni,ni->n", point.zmp[:, :2] - right[:, :2], between) / np.einsum("ni,ni->n", between, between)
+    share = np.clip(along, 0.0, 1.0)
+    share = np.where(point.phase == Phase.LEFT, 1.0, np.where(point.phase == Phase.RIGHT, 0.0, share))
+    # Each foot presses as far from its sole's origin as the ZMP is from the line between the soles.
+    cop_shift = np.zeros_like(left)
+    cop_shift[:, :2] = zmp_of(wrench, 0.0) - (right[:, :2] + share[:, None] * between)
+    total_moment = wrench[:, 3:]
+    parts = []
+    for part, sole in ((share, left), (1.0 - share, right)):
+        force = part[:, None] * wrench[:, :3]
+        parts.append(np.column_stack([force, np.cross(sole + cop_shift, force)]))
+    # What is left is the moment about the vertical.
+    rest = total_moment - parts[0][:, 3:] - parts[1][:, 3:]
+    parts[0][:, 3:] += share[:, None] * rest
+    parts[1][:, 3:] += (1.0 - share)[:, None] * rest
+    return parts[0], parts[1]
+
+
+def plan_motion(table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int = 3) -> tuple[MotorMotion, WalkPlan]:
+    """Motor positions that walk a plan, and the plan with the COM that they were made for.
+
+    Args:
+        table: the robot.
+        plan: the walk.
+        sag: share of the springs' deflection under the planned load by which the motors lead; 0: none, 1: all.
+        passes: corrections of the COM for the mass distribution; each leaves a small part of the error of the ZMP.
+
+    Raises:
+        ConfigError: the legs cannot do it.
+    """
+    legs = LegKinematics(table)
+    t = np.linspace(0.0, plan.duration_s, int(np.ceil(plan.duration_s / GRID)) + 1)
+    for _ in range(passes):
+        point = plan.sample_many(t)
+        posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
+        wrench = legs.ground_wrench(posture, *legs.derivatives(t, posture))
+        com = point.com.copy()
+        com[:, :2] += _pendulum(point.zmp[:, :2] - zmp_of(wrench, 0.0), t[1] - t[0], plan.parameters.omega)
+        plan = plan.with_com(t, com)
+    point = plan.sample_many(t)
+    posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
+    v, a = legs.derivatives(t, posture)
+    wrench = legs.ground_wrench(posture, v, a)
+    tau = legs.joint_torques(posture, v, a, *share_load(wrench, point))
+    theta = posture.q + sag * tau / table.joint_array(table.stiffness)
+    start = Posture(posture.q[:1], posture.base[:1], posture.yaw[:1])
+    return MotorMotion(t, theta, start), plan
+
+
+def _pendulum(zmp: Array, dt: float, omega: float) -> Array:
+    """The bounded COM (n, 2) of the linear pendulum for a ZMP (n, 2), at rest at both ends: y - y''/omega^2 = zmp."""
+    r = 1.0 / (omega * dt) ** 2
+    n = len(zmp)
+    bands = np.empty((3, n))
+    bands[0], bands[1], bands[2] = -r, 1.0 + 2.0 * r, -r
+    bands[0, 1] = bands[2, -2] = -2.0 * r  # mirrored at the ends: no velocity there
+    return solve_banded((1, 1), bands, zmp)
+
+
+def follow(legs: LegKinematics, reference: Reference, sag: float = 0.8) -> tuple[Array, Posture]:
+    """Motor positions (12,) for one message of a stream: sag under the weight and the COM's acceleration alone."""
+    point = PlanPoint(
+        0.0,
+        reference.com[None],
+        reference.com_vel[None],
+        reference.com_acc[None],
+        reference.zmp[None],
+        reference.T_odom_left[None],
+        reference.T_odom_right[None],
+        np.zeros((1, 6)),
+        np.zeros((1, 6)),
+        np.array([int(reference.phase)]),
+        np.array([reference.step]),
+    )
+    posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
+    v, a = np.zeros((1, 18)), np.zeros((1, 18))
+    a[0, :3] = _rz(-posture.yaw)[0] @ reference.com_acc
+    wrench = legs.ground_wrench(posture, v, a)
+    tau = legs.joint_torques(posture, v, a, *share_load(wrench, point))
+    return posture.q[0] + sag * tau[0] / legs.table.joint_array(legs.table.stiffness), posture

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The figures of the virtual robot, in one table. `describe.py` makes the URDF and the MuJoCo model from it.
+
+Another robot is one `dataclasses.replace(COMAN, ...)` away; `ROBOTS` holds some.
+
+Sources: (a) the paper: lower body 17.3 kg, a leg 5.9 kg, waist section 5.5 kg, 0.671 m from foot to waist, waist
+0.176 m wide and 0.110 m deep; (b) the public description of the later COMAN: lengths, limits, and
+link masses, which are scaled here so that a leg weighs what the paper says; (c) our own estimates where neither
+says anything: centres of mass, box-shaped links for the inertia, spring and damper of the joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..core.types import Array
+
+SIDES = (("L", "l_", 1.0), ("R", "r_", -1.0))  # prefix of joints, prefix of frames, sign of y
+
+_STIFF = {"HipSag": 3000.0, "HipLat": 3500.0, "HipYaw": 2500.0, "KneeSag": 180.0, "AnkSag": 200.0, "AnkLat": 3000.0}
+_DAMPING = {"HipSag": 12.0, "HipLat": 12.0, "HipYaw": 8.0, "KneeSag": 4.0, "AnkSag": 4.0, "AnkLat": 8.0}
+
+
+@dataclass(frozen=True)
+class Link:
+    """A body: a box of even density, but with its centre of mass where it is told.
+
+    Of a leg: the left one; y is mirrored on the right. Origin: the joint that moves it.
+    """
+
+    mass: float  # [kg]
+    com: tuple[float, float, float]  # [m]
+    box: tuple[float, float, float]  # [m] edges, for the inertia and for pictures
+
+    @property
+    def inertia(self) -> Array:
+        """Principal inertia (3,) about the centre of mass, along the axes of the link [kg m^2]."""
+        x, y, z = np.square(self.box)
+        return self.mass / 12.0 * np.array([y + z, x + z, x + y])
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint and what hangs on it, as `RobotTable.joints` lists them for both legs."""
+
+    name: str
+    axis: tuple[float, float, float]
+    parent: str  # name of a body
+    child: str
+    offset: tuple[float, float, float]  # [m] from the origin of the parent
+    link: Link
+    limits: tuple[float, float]  # [rad]
+    stiffness: float  # [Nm/rad] of the series spring
+    damping: float  # [Nms/rad]
+
+
+@dataclass(frozen=True)
+class RobotTable:
+    """A biped with six joints a leg: three in one point at the hip, knee, two in one point at the ankle.
+
+    `base_link` lies midway between the hips. Leg dictionaries go by joint name without the side.
+    """
+
+    name: str = "coman"
+    trunk: Link = Link(5.5, (-0.005, 0.0, 0.077), (0.110, 0.176, 0.154))  # (a), com (c)
+    hip_width: float = 0.1452  # [m] (b)
+    thigh: float = 0.2258  # [m] hip to knee (b)
+    shank: float = 0.201  # [m] knee to ankle (b)
+    ankle_height: float = 0.09  # [m] ankle to sole (b)
+    leg_mass: float = 5.9  # [kg] (a); the masses of `links` are scaled to it
+    links: dict[str, Link] = field(  # masses (b), com and box (c)
+        default_factory=lambda: {
+            "HipSag": Link(0.893, (-0.010, 0.004, 0.000), (0.10, 0.08, 0.08)),
+            "HipLat": Link(1.025, (0.005, 0.006, -0.030), (0.09, 0.09, 0.11)),
+            "HipYaw": Link(1.700, (0.003, 0.004, -0.140), (0.09, 0.08, 0.18)),
+            "KneeSag": Link(1.410, (0.004, 0.002, -0.085), (0.08, 0.08, 0.18)),
+            "AnkSag": Link(0.730, (-0.005, 0.000, 0.000), (0.09, 0.06, 0.07)),
+            "AnkLat": Link(0.667, (0.020, 0.000, -0.060), (0.20, 0.10, 0.05)),
+        }
+    )
+    limits: dict[str, tuple[float, float]] = field(  # [rad] left leg (b); HipLat is mirrored on the right
+        default_factory=lambda: {
+            "HipSag": (-1.920, 0.785),
+            "HipLat": (-0.436, 1.047),
+            "HipYaw": (-0.873, 0.873),
+            "KneeSag": (-0.175, 1.920),
+            "AnkSag": (-1.222, 1.222),
+            "AnkLat": (-0.611, 0.611),
+        }
+    )
+    stiffness: dict[str, float] = field(default_factory=_STIFF.copy)  # [Nm/rad] (c)
+    damping: dict[str, float] = field(default_factory=_DAMPING.copy)  # [Nms/rad] (c)
+    effort: float = 55.0  # [Nm] limit in the URDF only
+    velocity: float = 8.2  # [rad/s] limit in the URDF only
+    foot_back: float = 0.07  # [m] behind the ankle (b)
+    foot_front: float = 0.13  # [m] ahead of the ankle (b)
+    foot_width: float = 0.10  # [m] (b)
+    sensor_below_ankle: float = 0.065  # [m] force/torque sensor (b)
+    imu_height: float = 0.077  # [m] above base_link (c)
+    motor_inertia: float = 0.139  # [kg m^2] reflected to the link side; used by motors with dynamics only
+    com_height: float = 0.38  # [m] above the soles, a good one to walk with: the knees stay bent
+    friction: float = 0.8  # between sole and floor
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole robot [kg]."""
+        return self.trunk.mass + 2.0 * self.leg_mass
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The twelve joints, left leg first, hip to ankle: the order of all joint arrays of the virtual robot."""
+        return tuple(joint.name for joint in self.joints())
+
+    def joints(self) -> list[Joint]:
+        """The tree, parents before children."""
+        axes = {"Sag": (0.0, 1.0, 0.0), "Lat": (1.0, 0.0, 0.0), "Yaw": (0.0, 0.0, 1.0)}
+        scale = self.leg_mass / sum(link.mass for link in self.links.values())
+        joints = []
+        for prefix, frame, side in SIDES:
+            offsets = {
+                "HipSag": (0.0, side * self.hip_width / 2.0, 0.0),
+                "KneeSag": (0.0, 0.0, -self.thigh),
+                "AnkSag": (0.0, 0.0, -self.shank),
+            }
+            parent = "base_link"
+            for name, child in zip(self.links, ("hip", "upper_thigh", "thigh", "shank", "ankle", "foot"), strict=True):
+                link, (low, high) = self.links[name], self.limits[name]
+                com = (link.com[0], side * link.com[1], link.com[2])
+                if side < 0.0 and not name.endswith("Sag"):
+                    low, high = -high, -low
+                joints.append(
+                    Joint(
+                        prefix + name,
+                        axes[name[-3:]],
+                        parent,
+                        frame + child,
+                        offsets.get(name, (0.0, 0.0, 0.0)),
+                        replace(link, mass=scale * link.mass, com=com),
+                        (low, high),
+                        self.stiffness[name],
+                        self.damping[name],
+                    )
+                )
+                parent = frame + child
+        return joints
+
+    def frames(self) -> list[tuple[str, str, tuple[float, float, float]]]:
+        """Frames without mass: name, body, offset [m]; none is turned against its body."""
+        legs = [
+            (frame + name, frame + "foot", (0.0, 0.0, -z))
+            for _, frame, _ in SIDES
+            for name, z in (("ft", self.sensor_below_ankle), ("sole", self.ankle_height))
+        ]
+        return [("imu_link", "base_link", (0.0, 0.0, self.imu_height)), *legs]
+
+    def joint_array(self, values: dict[str, float]) -> Array:
+        """(12,) in the order of `joint_names`, both legs alike, from values by joint name without the side."""
+        return np.array([values[name[1:]] for name in self.joint_names])
+
+
+COMAN = RobotTable()
+ROBOTS = {robot.name: robot for robot in (COMAN,)}

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The sensors of the virtual robot: from true signals to the messages of core/types, seeded.
+
+Every stream has its own clock phase: it is sampled at its own physics step of the period and stamped with that time,
+up to a jitter. Joint and motor states come from one driver and share their stamps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ..core.types import Array, ImuMessage, JointMessage, WrenchMessage
+from ..errors import ConfigError
+from .robot_table import RobotTable
+
+STREAMS = ("joints", "left_wrench", "right_wrench", "imu")
+
+
+@dataclass(frozen=True)
+class SensorOptions:
+    """How good the sensors are. The defaults are those of a well-kept robot; zero switches an imperfection off.
+
+    Noise is white, one standard deviation a sample. A bias is drawn once, with that standard deviation; a walk lets
+    it wander, by that standard deviation after one second.
+    """
+
+    rate_hz: float = 200.0  # of every stream; 1000 at most, and a whole number of physics steps apart
+    encoder_bits: int = 12  # link side; 0: exact
+    motor_counts: int = 819_200  # motor encoder: counts a turn after the reduction (2048 x 4 x 100); 0: exact
+    velocity: str = "filtered"  # link velocity: filtered (counts at each physics step, low-pass), exact, none (empty)
+    velocity_cutoff_hz: float = 15.0
+    motor_velocity_noise: float = 0.001  # [rad/s]
+    motor_states: bool = True  # False: a robot without motor encoders
+    effort: bool = True  # False: a robot without torque sensors
+    torque_noise: float = 0.05  # [Nm]
+    torque_bias: float = 0.1  # [Nm]
+    wrench_frame: str = "sole"  # frame that wrenches are told in: sole or sensor
+    force_noise: tuple[float, float, float] = (1.0, 1.0, 1.5)  # [N]
+    force_bias: tuple[float, float, float] = (0.7, 0.7, 1.5)  # [N]
+    force_walk: float = 0.1  # [N]
+    moment_noise: tuple[float, float, float] = (0.04, 0.04, 0.03)  # [Nm]
+    moment_bias: tuple[float, float, float] = (0.03, 0.03, 0.02)  # [Nm]
+    moment_walk: float = 0.003  # [Nm]
+    tilt_noise: float = 0.0005  # [rad] orientation, white
+    tilt_bias: float = 0.002  # [rad]
+    yaw_walk: float = 0.0005  # [rad]
+    gyro_noise: float = 0.005  # [rad/s]
+    gyro_bias: float = 0.002  # [rad/s]
+    acceleration_noise: float = 0.05  # [m/s^2]
+    acceleration_bias: float = 0.03  # [m/s^2]
+    phase_spread: bool = True  # False: all streams are sampled at the same instant
+    stamp_jitter_s: float = 0.0001  # [s] error of the stamps, white, three standard deviations at most
+    latency_s: float = 0.0003  # [s] from the stamp to the bag
+    drop: float = 0.002  # share of messages that never arrive
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not isinstance(value, (bool, str)) and not np.all(np.asarray(value, dtype=float) >= 0.0):
+                raise ConfigError(f"sensors: {f.name} = {value!r}: allowed: not negative")
+        for name, allowed in (("velocity", ("filtered", "exact", "none")), ("wrench_frame", ("sole", "sensor"))):
+            if getattr(self, name) not in allowed:
+                raise ConfigError(f"sensors: {name} = {getattr(self, name)!r}: allowed: {', '.join(allowed)}")
+        if not 1.0 <= self.rate_hz <= 1000.0:
+            raise ConfigError(f"sensors: rate_hz = {self.rate_hz:g}: allowed: 1 to 1000")
+        if self.drop >= 1.0:
+            raise ConfigError(f"sensors: drop = {self.drop:g}: allowed: 0 to below 1")
+
+    @classmethod
+    def exact(cls, **overrides: object) -> SensorOptions:
+        """No imperfection at all, all streams in step."""
+        zeros = {
+            f.name: (0.0, 0.0, 0.0) if isinstance(f.default, tuple) else type(f.default)(0)
+            for f in fields(cls)
+            if isinstance(f.default, (int, float, tuple)) and not isinstance(f.default, bool)
+        }
+        keep = {"rate_hz": 200.0, "velocity_cutoff_hz": 15.0, "velocity": "exact", "phase_spread": False}
+        return replace(cls(), **(zeros | keep | overrides))
+
+
+@dataclass
+class Signals:
+    """True signals at one sampling instant; each stream's part is filled at that stream's own instant."""
+
+    q: Array  # (m, 12) [rad] link positions at the last m physics steps, newest last
+    qd: Array  # (12,) [rad/s]
+    tau: Array  # (12,) [Nm] that the transmissions pass on
+    motor_q: Array  # (12,) [rad]
+    motor_qd: Array  # (12,) [rad/s]
+    left_wrench: Array  # (6,) of the ground on the foot, in the sole frame [N, Nm]
+    right_wrench: Array  # (6,)
+    orientation: Array  # (4,) quaternion x y z w, world <- imu
+    gyro: Array  # (3,) [rad/s] in the imu frame
+    acceleration: Array  # (3,) [m/s^2] in the imu frame, gravity's reaction included
+
+
+@dataclass(slots=True)
+class Readings:
+    """What one period brings; None: dropped, or the robot lacks that sensor."""
+
+    t: float  # [s] true time of the joint sample
+    joint_states: JointMessage | None
+    motor_states: JointMessage | None
+    left_wrench: WrenchMessage | None
+    right_wrench: WrenchMessage | None
+    imu: ImuMessage | None
+
+
+def cross(a: Sequence[float] | Array, b: Array) -> Array:
+    """Return a x b of two (3,) vectors, ten times as fast as numpy.cross."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+class Sensors:
+    """Turns signals into messages; keeps biases, filters and the random numbers."""
+
+    def __init__(self, options: SensorOptions, table: RobotTable, dt: float, start_ns: int, seed: int):
+        """Args: options; the robot; physics step [s]; stamp at t = 0 [ns]; seed."""
+        steps = 1.0 / (options.rate_hz * dt)
+        if abs(steps - round(steps)) > 1e-6:
+            raise ConfigError(
+                f"sensors: rate_hz = {options.rate_hz:g}: allowed: {1.0 / dt:g} Hz divided by a whole number"
+            )
+        self.options, self.steps, self._dt, self._start_ns = options, round(steps), dt, start_ns
+        self._names = table.joint_names
+        # Each stream has its own random numbers: to switch one imperfection leaves the others as they were.
+        keys = ("bias", "joints", "motors", "left_wrench", "right_wrench", "imu", "stamps", "drop")
+        self._rng = dict(
+            zip(keys, (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(8)), strict=True)
+        )
+        o, rng = options, self._rng["bias"]
+        phases = rng.integers(0, self.steps, len(STREAMS)) if o.phase_spread else np.zeros(len(STREAMS), dtype=int)
+        phases[0] = 0  # the joints' clock is the robot's
+        self.phase = dict(zip(STREAMS, (int(p) for p in phases), strict=True))  # physics steps into the period
+        self._count = 2.0 * np.pi / (1 << o.encoder_bits) if o.encoder_bits else 0.0
+        self._motor_count = 2.0 * np.pi / o.motor_counts if o.motor_counts else 0.0
+        # The encoder's zero is nowhere special: the grid of counts lies shifted by a part of a count.
+        self._grid = self._count * rng.uniform(-0.5, 0.5, 12)
+        self._torque_bias = o.torque_bias * rng.standard_normal(12)
+        self._wrench_noise = np.array([*o.force_noise, *o.moment_noise])
+        self._wrench_walk = np.repeat([o.force_walk, o.moment_walk], 3) * np.sqrt(self.steps * dt)
+        bias = np.array([*o.force_bias, *o.moment_bias])
+        self._wrench_bias = {foot: bias * rng.standard_normal(6) for foot in ("left_wrench", "right_wrench")}
+        self._tilt = np.array([o.tilt_bias, o.tilt_bias, 0.0]) * rng.standard_normal(3)
+        self._gyro_bias = o.gyro_bias * rng.standard_normal(3)
+        self._acceleration_bias = o.acceleration_bias * rng.standard_normal(3)
+        self._smooth = np.exp(-2.0 * np.pi * o.velocity_cutoff_hz * dt)
+        self._last_count: Array | None = None
+        self._velocity_state = np.zeros((1, 12))
+        below = table.ankle_height - table.sensor_below_ankle
+        self._lever = (0.0, 0.0, below) if o.wrench_frame == "sensor" else None
+        self._frame = "ft" if o.wrench_frame == "sensor" else "sole"
+
+    def read(self, t: float, s: Signals) -> Readings:
+        """Messages of the period that begins at time t [s]."""
+        o = self.options
+        drop = self._rng["drop"].random(5) < o.drop
+        jitter = np.clip(self._rng["stamps"].standard_normal(4), -3.0, 3.0) * o.stamp_jitter_s
+        stamps = {
+            name: self._start_ns + round(1e9 * (t + self.phase[name] * self._dt + jitter[i]))
+            for i, name in enumerate(STREAMS)
+        }
+        q, qd = self._link(s)
+        effort = s.tau + self._torque_bias + o.torque_noise * self._rng["joints"].standard_normal(12)
+        joints = JointMessage(stamps["joints"], self._names, q, qd, effort if o.effort else None)
+        noise = self._rng["motors"].standard_normal(12)
+        motor_q = self._motor_count * np.round(s.motor_q / self._motor_count) if self._motor_count else s.motor_q.copy()
+        motors = JointMessage(stamps["joints"], self._names, motor_q, s.motor_qd + o.motor_velocity_noise * noise, None)
+        left = self._wrench("left_wrench", f"l_{self._frame}", stamps, s.left_wrench)
+        right = self._wrench("right_wrench", f"r_{self._frame}", stamps, s.right_wrench)
+        imu = self._imu(stamps["imu"], s)
+        return Readings(
+            t,
+            None if drop[0] else joints,
+            None if drop[1] or not o.motor_states else motors,
+            None if drop[2] else left,
+            None if drop[3] else right,
+            None if drop[4] else imu,
+        )
+
+    def _link(self, s: Signals) -> tuple[Array, Array | None]:
+        """Position and velocity as the joint boards make them from the counts."""
+        q = s.q
+        if self._count:
+            q = self._count * np.round((q - self._grid) / self._count) + self._grid
+        if self._last_count is None:
+            self._last_count = q[0]
+        velocity = None
+        if self.options.velocity == "exact":
+            velocity = s.qd.copy()
+        elif self.options.velocity == "filtered":
+            rate = np.diff(q, axis=0, prepend=self._last_count[None]) / self._dt
+            a = self._smooth
+            rate, self._velocity_state = lfilter([1.0 - a], [1.0, -a], rate, axis=0, zi=self._velocity_state)
+            velocity = rate[-1]
+        self._last_count = q[-1]
+        return q[-1].copy(), velocity
+
+    def _wrench(self, foot: str, frame: str, stamps: dict[str, int], wrench: Array) -> WrenchMessage:
+        rng = self._rng[foot]
+        self._wrench_bias[foot] = self._wrench_bias[foot] + self._wrench_walk * rng.standard_normal(6)
+        force, moment = wrench[:3], wrench[3:]
+        if self._lever is not None:
+            moment = moment - cross(self._lever, force)
+        # The errors are the sensor's own, in whichever frame its values are told.
+        told = np.concatenate([force, moment]) + self._wrench_bias[foot]
+        told += self._wrench_noise * rng.standard_normal(6)
+        return WrenchMessage(stamps[foot], frame, told[:3], told[3:])
+
+    def _imu(self, stamp: int, s: Signals) -> ImuMessage:
+        o, noise = self.options, self._rng["imu"].standard_normal((4, 3))
+        self._tilt[2] += o.yaw_walk * np.sqrt(self.steps * self._dt) * noise[3, 2]
+        x, y, z = 0.5 * (self._tilt + o.tilt_noise * noise[0])
+        qx, qy, qz, qw = s.orientation
+        turned = np.array(  # (x, y, z, 1) * orientation: a small turn about the axes of the world
+            [
+                qx + x * qw + y * qz - z * qy,
+                qy + y * qw + z * qx - x * qz,
+                qz + z * qw + x * qy - y * qx,
+                qw - x * qx - y * qy - z * qz,
+            ]
+        )
+        gyro = s.gyro + self._gyro_bias + o.gyro_noise * noise[1]
+        acceleration = s.acceleration + self._acceleration_bias + o.acceleration_noise * noise[2]
+        return ImuMessage(stamp, "imu_link", turned / np.linalg.norm(turned), gyro, acceleration)

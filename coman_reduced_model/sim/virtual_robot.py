@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The virtual robot: full-body physics, motors, springs, floor and sensors, one sensor period a step.
+
+robot = VirtualRobot(COMAN, seed=1)
+motion, plan = plan_motion(COMAN, plan_walk(gait("test1", com_height_m=COMAN.com_height)))
+robot.reset(motion)
+while robot.t < motion.end:
+    readings = robot.step()      # messages of core/types
+    robot.truth                  # what no sensor tells
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..core.types import Array
+from .describe import mujoco_spec
+from .disturbance import Disturbance, overrides
+from .motion import Posture
+from .motors import MotorOptions, Motors
+from .robot_table import COMAN, RobotTable
+from .sensors import Readings, SensorOptions, Sensors, Signals, cross
+
+START_NS = 1_700_000_000_000_000_000  # stamp at t = 0; fixed, so that a seed gives the same bag at any time
+Motion = Callable[[Array], "tuple[Array, Array]"]  # times (n,) -> motor positions, velocities (n, 12)
+
+
+@dataclass(slots=True)
+class Truth:
+    """What is really so at the joint sample of the last step; positions in the world, z up from the floor."""
+
+    t: float  # [s]
+    com: Array  # (3,) [m] of everything that the robot carries
+    com_vel: Array  # (3,) [m/s]
+    base_position: Array  # (3,) [m] of base_link
+    base_orientation: Array  # (4,) quaternion x y z w
+    T_left: Array  # (4, 4) left sole
+    T_right: Array  # (4, 4)
+    left_wrench: Array  # (6,) of the ground on the foot, in its sole frame [N, Nm]
+    right_wrench: Array  # (6,)
+    q: Array  # (12,) [rad]
+    qd: Array  # (12,) [rad/s]
+    motor_q: Array  # (12,) [rad]
+    motor_qd: Array  # (12,) [rad/s]
+    tau: Array  # (12,) [Nm] transmitted
+
+
+class VirtualRobot:
+    """A robot of a table on a floor, with what disturbs it.
+
+    Attributes:
+        t: time since `reset` [s].
+        truth: the last step's truth; None before the first one.
+        table, model, data: the robot, and MuJoCo's model and state of it.
+    """
+
+    def __init__(
+        self,
+        table: RobotTable = COMAN,
+        sensors: SensorOptions | None = None,
+        disturbances: Sequence[Disturbance] = (),
+        motors: MotorOptions | None = None,
+        seed: int = 0,
+        start_ns: int = START_NS,
+    ):
+        """Builds it.
+
+        Args:
+            table: the robot.
+            sensors: default: those of SensorOptions.
+            disturbances: hidden effects.
+            motors: None: the motors follow their references exactly (A1).
+            seed: of all random numbers.
+            start_ns: stamp at t = 0 [ns].
+
+        Raises:
+            ConfigError: an option or a disturbance is not possible.
+        """
+        self.table = table
+        spec = mujoco_spec(table)
+        for disturbance in disturbances:
+            disturbance.edit_model(spec, table)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.truth: Truth | None = None
+        self.t = 0.0
+        self._motor_options, self._seed, self._start_ns = motors, seed, start_ns
+        self._options = sensors or SensorOptions()
+        self._disturbances = list(disturbances)
+        self._stiffness = self.model.actuator_gainprm[:, 0].copy()
+        self._damping = -self.model.actuator_biasprm[:, 2]
+        self._lead = self._damping / self._stiffness
+        self._feet = [self.model.body(name).id for name in ("l_foot", "r_foot")]
+        self._soles = [self.model.site(name).id for name in ("l_sole", "r_sole")]
+        self._root = self.model.body("base_link").id
+        self._imu = self.model.site("imu_link").id
+        self.sensors = Sensors(self._options, table, self.model.opt.timestep, start_ns, seed)
+
+    @property
+    def period(self) -> float:
+        """Of the sensors [s]."""
+        return self.sensors.steps * self.model.opt.timestep
+
+    @property
+    def fallen(self) -> bool:
+        """The trunk leans by more than 45 degrees, or is at half its height."""
+        up = 1.0 - 2.0 * float(self.data.qpos[4] ** 2 + self.data.qpos[5] ** 2)
+        return up < np.sqrt(0.5) or float(self.data.qpos[2]) < 0.5 * self._height
+
+    def reset(self, motion: Motion, start: Posture | None = None, settle_s: float = 1.0) -> None:
+        """Sets the robot on its feet and lets it come to rest on its springs.
+
+        Args:
+            motion: motor positions and velocities (n, 12) at times (n,) from now on.
+            start: where it stands; default: `motion.start`.
+            settle_s: [s] spent with the motors still, before t = 0.
+        """
+        start = start or motion.start  # type: ignore[attr-defined]
+        model, data, rng = self.model, self.data, np.random.default_rng(self._seed)
+        mujoco.mj_resetData(model, data)
+        data.qpos[:3], self._height = start.base[0], float(start.base[0, 2])
+        data.qpos[3:7] = [np.cos(start.yaw[0] / 2.0), 0.0, 0.0, np.sin(start.yaw[0] / 2.0)]
+        data.qpos[7:19] = start.q[0]
+        self.sensors = Sensors(self._options, self.table, model.opt.timestep, self._start_ns, self._seed)
+        for disturbance in self._disturbances:
+            disturbance.start(self.table, model, rng)
+        self._move = overrides(self._disturbances, "move_motors")
+        self._springs = overrides(self._disturbances, "spring_torque")
+        self._forces = overrides(self._disturbances, "apply")
+        self._sense = overrides(self._disturbances, "sense")
+        theta = motion(np.zeros(1))[0][0]
+        self._motors = Motors(self._motor_options, theta) if self._motor_options else None
+        self._q_history = np.tile(data.qpos[7:19], (self.sensors.steps, 1))
+        steps = round(settle_s / model.opt.timestep)
+        self.t = -steps * model.opt.timestep
+        for first in range(0, steps, 100):
+            n = min(100, steps - first)
+            self._physics(np.tile(theta, (n, 1)), np.zeros((n, 12)), {})
+        self.motion, self._period_index, self.truth = motion, 0, None
+
+    def step(self) -> Readings:
+        """Reads the sensors at t (each at its phase within the period) and moves on by one period."""
+        n, dt = self.sensors.steps, self.model.opt.timestep
+        self.t = t = self._period_index * n * dt
+        times = t + dt * np.arange(n)
+        theta, rate = self.motion(times)
+        samples: dict[int, list[str]] = {}
+        for name, phase in self.sensors.phase.items():
+            samples.setdefault(phase, []).append(name)
+        self._signals = Signals(*(np.empty(0) for _ in range(10)))
+        self._physics(theta, rate, samples)
+        self._period_index += 1
+        self.t = self._period_index * n * dt
+        for disturbance in self._sense:
+            disturbance.sense(t, self._signals)
+        return self.sensors.read(t, self._signals)
+
+    def advance(self, dt: float) -> list[Readings]:
+        """Steps until dt [s] more have passed, to the nearest period."""
+        return [self.step() for _ in range(round(dt / self.period))]
+
+    def _physics(self, theta: Array, rate: Array, samples: dict[int, list[str]]) -> None:
+        """Physics steps, one a row of the motor references (n, 12); samples: streams to read at a step."""
+        model, data, dt = self.model, self.data, self.model.opt.timestep
+        if self._move:
+            times = self.t + dt * np.arange(len(theta))
+            for disturbance in self._move:
+                theta, rate = disturbance.move_motors(times, theta, rate)
+        ctrl = theta + self._lead * rate
+        history = np.empty((len(theta), 12))
+        slow = bool(self._springs or self._forces or self._motors)
+        for i in range(len(theta)):
+            history[i] = data.qpos[7:19]
+            extra = None
+            motor_q, motor_qd = theta[i], rate[i]
+            if slow:
+                motor_q, motor_qd, extra = self._slow_step(i, theta[i], rate[i], ctrl)
+            if streams := samples.get(i):
+                state = data.qpos[:19].copy(), data.qvel[:18].copy()
+                data.ctrl[:] = ctrl[i]
+                mujoco.mj_step(model, data)
+                # Poses, velocities and forces in `data` are still those of the state before the step.
+                mujoco.mj_rnePostConstraint(model, data)
+                tau = data.actuator_force + (0.0 if extra is None else extra)
+                for name in streams:
+                    getattr(self, f"_take_{name}")(state, motor_q, motor_qd, tau, history[: i + 1])
+            else:
+                data.ctrl[:] = ctrl[i]
+                mujoco.mj_step(model, data)
+        self.t += dt * len(theta)
+        self._q_history = history
+
+    def _slow_step(self, i: int, theta: Array, rate: Array, ctrl: Array) -> tuple[Array, Array, Array]:
+        """Motors with inertia, springs that are not linear, outside forces: motor position, rate, extra torque."""
+        model, data = self.model, self.data
+        t = self.t + i * model.opt.timestep
+        if self._motors:
+            reference, reference_rate = theta, rate
+            theta, rate = self._motors.theta, self._motors.rate
+            ctrl[i] = theta + self._lead * rate
+        deflection, deflection_rate = theta - data.qpos[7:19], rate - data.qvel[6:18]
+        extra = np.zeros(12)
+        for disturbance in self._springs:
+            extra += disturbance.spring_torque(t, deflection, deflection_rate)
+        data.qfrc_applied[:] = 0.0
+        data.xfrc_applied[:] = 0.0
+        data.qfrc_applied[6:18] = extra
+        for disturbance in self._forces:
+            disturbance.apply(t, model, data)
+        if self._motors:
+            torque = self._stiffness * deflection + self._damping * deflection_rate + extra
+            self._motors.step(reference, reference_rate, torque, model.opt.timestep)
+        return theta, rate, extra
+
+    def _take_joints(self, state: tuple[Array, Array], motor_q: Array, motor_qd: Array, tau: Array, now: Array) -> None:
+        (q, v), data, s = state, self.data, self._signals
+        s.q = np.concatenate([self._q_history, now])[-self.sensors.steps :]
+        s.qd, s.tau = v[6:18], tau
+        s.motor_q, s.motor_qd = motor_q.copy(), motor_qd.copy()
+        mujoco.mj_subtreeVel(self.model, data)
+        T_left, T_right = (self._sole(k) for k in (0, 1))
+        self.truth = Truth(
+            self.t,
+            data.subtree_com[0].copy(),
+            data.subtree_linvel[0].copy(),
+            q[:3],
+            q[[4, 5, 6, 3]],
+            T_left,
+            T_right,
+            self._ground_wrench(0),
+            self._ground_wrench(1),
+            q[7:19],
+            v[6:18],
+            s.motor_q,
+            s.motor_qd,
+            tau,
+        )
+
+    def _take_left_wrench(self, *_: object) -> None:
+        self._signals.left_wrench = self._ground_wrench(0)
+
+    def _take_right_wrench(self, *_: object) -> None:
+        self._signals.right_wrench = self._ground_wrench(1)
+
+    def _take_imu(self, state: tuple[Array, Array], *_: object) -> None:
+        s, kind = self._signals, mujoco.mjtObj.mjOBJ_SITE
+        motion = np.empty(6)
+        s.orientation = state[0][[4, 5, 6, 3]]
+        mujoco.mj_objectVelocity(self.model, self.data, kind, self._imu, motion, 1)
+        s.gyro = motion[:3].copy()
+        mujoco.mj_objectAcceleration(self.model, self.data, kind, self._imu, motion, 1)
+        s.acceleration = motion[3:].copy()
+
+    def _sole(self, foot: int) -> Array:
+        T = np.eye(4)
+        T[:3, :3] = self.data.site_xmat[self._soles[foot]].reshape(3, 3)
+        T[:3, 3] = self.data.site_xpos[self._soles[foot]]
+        return T
+
+    def _ground_wrench(self, foot: int) -> Array:
+        """Force and moment (6,) of the ground on a foot, in and about its sole frame."""
+        data, sole = self.data, self._soles[foot]
+        wrench = data.cfrc_ext[self._feet[foot]]  # moment about the COM of the robot, then force
+        lever = data.subtree_com[self._root] - data.site_xpos[sole]
+        moment = wrench[:3] + cross(lever, wrench[3:])
+        R = data.site_xmat[sole].reshape(3, 3)
+        return np.concatenate([wrench[3:] @ R, moment @ R])
