@@ -85,6 +85,8 @@ def place_footsteps(p: GaitParameters, left: Array, right: Array) -> list[Footst
     return steps
 
 
+_IDENTITY = np.eye(4)
+
 # Swing profiles as coefficients of s = 0..1, highest power first. Both have zero velocity and acceleration at lift and
 # landing, so that a landing that comes early or late on soft legs is still a gentle one.
 _ALONG = np.array([0.0, 6.0, -15.0, 10.0, 0.0, 0.0, 0.0])  # the quintic from 0 to 1
@@ -122,7 +124,7 @@ class FootMotion:
         pose = self._pose(t)
         yaw = pose[..., 3]
         T = np.empty((len(t), 2, 4, 4))
-        T[:] = np.eye(4)
+        T[:] = _IDENTITY
         T[..., 0, 0] = T[..., 1, 1] = np.cos(yaw)
         T[..., 1, 0] = sine = np.sin(yaw)
         T[..., 0, 1] = -sine
