@@ -65,8 +65,12 @@ class Joiner:
         self._imu = stream(IMU, limits.max_wrench_age)
         self._others = (*self._wrenches.values(), self._motors, self._reference, self._imu)
         self.streams = {each.name: each for each in (self._joints, *self._others)}
-        needs = {"motor": (self._motors,), "topic": (self._reference,), "none": ()}[config.prediction.reference]
-        self._expected = (*self._wrenches.values(), *needs)
+        self._fields = [(self._wrenches[Foot.LEFT], "left_wrench"), (self._wrenches[Foot.RIGHT], "right_wrench")]
+        if config.prediction.reference == "motor":
+            self._fields.append((self._motors, "motor_q"))
+        elif config.prediction.reference == "topic":
+            self._fields.append((self._reference, "reference"))
+        self._expected = tuple(each for each, _ in self._fields)
         self.incomplete = {each.name: 0 for each in self._expected}
         self.clock_offset_s: dict[str, float] = {}
         self._accepted_at_miss: dict[str, int] = {}
@@ -128,7 +132,7 @@ class Joiner:
         if isinstance(to_sole, RobotError):
             self._reject(stream, "frame", str(to_sole))
             return []
-        return self._add(stream, message.stamp_ns, to_sole @ wrench)
+        return self._add(stream, message.stamp_ns, to_sole.dot(wrench))
 
     def add_reference(self, message: Reference) -> list[Sample]:
         """A point of the planned motion."""
@@ -249,19 +253,15 @@ class Joiner:
             sample.reference = self._reference_at(stamp)
         if self._imu.items:
             sample.imu = self._imu.nearest(stamp)
-        self._note(self._wrenches[Foot.LEFT], sample.left_wrench)
-        self._note(self._wrenches[Foot.RIGHT], sample.right_wrench)
-        if self._motors in self._expected:
-            self._note(self._motors, sample.motor_q)
-        elif self._reference in self._expected:
-            self._note(self._reference, sample.reference)
+        for stream, field in self._fields:
+            if getattr(sample, field) is None or self.clock_offset_s:
+                self._note(stream, getattr(sample, field))
         return sample
 
     def _note(self, stream: Stream, value: object) -> None:
         """Keep count of expected values that are missing, and tell a clock that differs from a stream that stopped."""
         if value is not None:
-            if self.clock_offset_s:
-                self.clock_offset_s.pop(stream.name, None)
+            self.clock_offset_s.pop(stream.name, None)
             return
         self.incomplete[stream.name] += 1
         if stream.last is not None and stream.accepted != self._accepted_at_miss.get(stream.name):
@@ -314,5 +314,7 @@ def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Referen
         first: Array = getattr(old, name)
         return first + weight * (getattr(new, name) - first)
 
-    vectors = ("com", "com_vel", "com_acc", "zmp", "preview_com", "preview_com_vel")
-    return dataclasses.replace(nearer, stamp_ns=stamp, **{name: mix(name) for name in vectors})
+    mixed = dataclasses.replace(nearer, stamp_ns=stamp)
+    for name in ("com", "com_vel", "com_acc", "zmp", "preview_com", "preview_com_vel"):
+        setattr(mixed, name, mix(name))
+    return mixed

@@ -81,13 +81,13 @@ class JointMap:
             Refused: arrays of unequal length, a missing or repeated joint, NaN or infinite values.
         """
         names = message.names
-        for label, values in (
-            ("positions", message.position),
-            ("velocities", message.velocity),
-            ("efforts", message.effort),
-        ):
-            if values is not None and len(values) != len(names):
-                raise Refused("length", f"{len(values)} {label} for {len(names)} names")
+        velocity, effort = message.velocity, message.effort
+        if len(message.position) != len(names):
+            raise Refused("length", f"{len(message.position)} positions for {len(names)} names")
+        if velocity is not None and len(velocity) != len(names):
+            raise Refused("length", f"{len(velocity)} velocities for {len(names)} names")
+        if effort is not None and len(effort) != len(names):
+            raise Refused("length", f"{len(effort)} efforts for {len(names)} names")
         order = self._orders.get(names) or self._learn(names)
         if order.refused is not None:
             raise order.refused
@@ -96,13 +96,14 @@ class JointMap:
         self._check("position", position, order)
         q = order.place(position, self._fill, size)
         qd = tau = None
-        if message.velocity is not None:
-            velocity = message.velocity[order.take]
-            if not np.isnan(velocity[0]) or not np.isnan(velocity).all():  # all NaN: how some drivers say "none"
+        if velocity is not None:
+            velocity = velocity[order.take]
+            # All NaN is how some drivers say "none".
+            if velocity[0] == velocity[0] or not np.isnan(velocity).all():
                 self._check("velocity", velocity, order)
                 qd = order.place(velocity, self._fill, size)
-        if message.effort is not None:
-            effort = message.effort[order.take]
+        if effort is not None:
+            effort = effort[order.take]
             if not surely_finite(effort) and np.isinf(effort).any():  # NaN: that joint measures none
                 raise Refused(
                     "nan", f"effort of {self._names[int(order.put[np.isinf(effort).argmax()])]!r} is infinite"
