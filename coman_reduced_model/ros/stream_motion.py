@@ -11,7 +11,7 @@ from ..core.types import Array, Reference
 from ..sim.motion import LegKinematics, follow
 
 SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad
-DELAY_NS = 70_000_000  # the robot lives so far in the past that the cubic's next two knots are there
+DELAY_NS = 90_000_000  # the robot lives so far in the past that the cubic's next two knots are there
 _JUMP = 0.05  # [m] a plan that moves this far from one knot to the next begins anew
 
 
@@ -19,7 +19,7 @@ class StreamMotion:
     """Cubics through the postures of every fourth or so reference; still before the first and after the last.
 
     Attributes:
-        last: the reference of the last knot.
+        last: the newest reference taken in; its predecessor is the last knot.
         start: where the robot stands (sim.motion.Posture, n = 1).
         used: number of references that became a knot.
     """
@@ -33,7 +33,8 @@ class StreamMotion:
         self._legs = legs
         self._start_ns = start_ns
         self.last = first
-        theta, self.start = follow(legs, first)
+        theta, self.start = follow(legs, [first])
+        self._recent = deque([first], maxlen=2)
         self._knots: deque[tuple[float, Array]] = deque([(-1e-9 * SPACING_NS, theta)], maxlen=512)
         self.used = 0
 
@@ -54,11 +55,17 @@ class StreamMotion:
         Raises:
             ConfigError: the legs cannot reach it; the motors stay where they are.
         """
-        t = (reference.stamp_ns - self._start_ns) * 1e-9
-        if t < self._knots[-1][0] + 1e-9 * SPACING_NS - 1e-6:
+        if reference.stamp_ns < self.last.stamp_ns + SPACING_NS - 1000:
             return
-        theta, _ = follow(self._legs, reference)
+        before, middle = self._recent[0], self.last
+        self._recent.append(reference)
         self.last = reference
+        t = (middle.stamp_ns - self._start_ns) * 1e-9
+        if t <= self._knots[-1][0]:
+            return
+        # The torques of the moving legs need their accelerations, which only evenly spaced references give.
+        even = abs(reference.stamp_ns + before.stamp_ns - 2 * middle.stamp_ns) < SPACING_NS // 10
+        theta, _ = follow(self._legs, [before, middle, reference] if even else [middle])
         self._knots.append((t, theta))
         self.used += 1
 

@@ -3,12 +3,13 @@
 
 An open-loop walk on springs needs three things: joint angles that put the soles exactly where they are planned; a COM
 whose reaction, all links counted, comes from under the feet (the plan counts a point mass only); and motors that lead
-the joints by what the springs give under the load. `plan_motion` does all three. `follow` does without the
-second what a live stream of COM references allows.
+the joints by what the springs give under the load. `plan_motion` does all three; `follow` does the first and the
+last, for a live stream of references, whose future it cannot know.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 
-from ..core.gait import PlanPoint, WalkPlan
+from ..core.gait import WalkPlan
 from ..core.types import Array, Phase, Reference
 from ..errors import ConfigError
 from .describe import urdf
@@ -32,6 +33,10 @@ class Posture:
     q: Array  # (n, 12) [rad], in the order of RobotTable.joint_names
     base: Array  # (n, 3) [m] origin of base_link in odom
     yaw: Array  # (n,) [rad] of the trunk, which is level
+
+    def stacked(self) -> Array:
+        """(n, 16): base, yaw, joints."""
+        return np.column_stack([self.base, self.yaw, self.q])
 
 
 class MotorMotion:
@@ -57,7 +62,7 @@ class LegKinematics:
         self.table = table
         self.model = pin.buildModelFromXML(urdf(table), pin.JointModelFreeFlyer())
         self.data = self.model.createData()
-        self.mass = table.mass
+        self.stiffness = table.joint_array(table.stiffness)
         self._ankles = [self.model.getJointId(name) for name in ("LAnkLat", "RAnkLat")]
         # Pinocchio sorts the joints by name among brothers; here as everywhere: left leg, right leg.
         index = [self.model.joints[self.model.getJointId(name)].idx_v for name in table.joint_names]
@@ -134,9 +139,12 @@ class LegKinematics:
 
     def derivatives(self, t: Array, posture: Posture) -> tuple[Array, Array]:
         """Velocity and acceleration (n, 18) of a motion sampled at t (n,), for Pinocchio's free-flyer."""
-        spline = CubicSpline(t, np.column_stack([posture.base, posture.yaw, posture.q]), bc_type="clamped")
-        rate, rate2 = spline(t, 1), spline(t, 2)
-        n = len(t)
+        spline = CubicSpline(t, posture.stacked(), bc_type="clamped")
+        return self.twist(posture, spline(t, 1), spline(t, 2))
+
+    def twist(self, posture: Posture, rate: Array, rate2: Array) -> tuple[Array, Array]:
+        """The same from the first and second derivatives (n, 16) of `posture.stacked()`."""
+        n = len(rate)
         v, a = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
         R_T = _rz(-posture.yaw)
         v[:, :3], v[:, 5] = np.einsum("nij,nj->ni", R_T, rate[:, :3]), rate[:, 3]
@@ -166,6 +174,13 @@ class LegKinematics:
             tau[k] = pin.rnea(model, data, q, v[k], a[k], external)[self._v]
         return tau
 
+    def planned_torques(
+        self, posture: Posture, v: Array, a: Array, zmp: Array, T_left: Array, T_right: Array, phase: Array
+    ) -> Array:
+        """(n, 12) torques of the joints in a motion, the load shared as `share_load` does."""
+        wrench = self.ground_wrench(posture, v, a)
+        return self.joint_torques(posture, v, a, *share_load(wrench, zmp, T_left, T_right, phase))
+
 
 def _rx(angle: Array) -> Array:
     """(n, 3, 3) turns about x."""
@@ -193,16 +208,16 @@ def zmp_of(wrench: Array, height: float) -> Array:
     return np.stack([x, y], axis=1)
 
 
-def share_load(wrench: Array, point: PlanPoint) -> tuple[Array, Array]:
+def share_load(wrench: Array, zmp: Array, T_left: Array, T_right: Array, phase: Array) -> tuple[Array, Array]:
     """Splits ground wrenches (n, 6) between the feet, as (n, 6) left and right about the origin of odom.
 
     In single support one foot has it all. In double support the share follows the planned ZMP from sole to sole.
     """
-    left, right = point.T_odom_left[:, :3, 3], point.T_odom_right[:, :3, 3]
+    left, right = T_left[:, :3, 3], T_right[:, :3, 3]
     between = (left - right)[:, :2]
-    along = np.einsum("ni,ni->n", point.zmp[:, :2] - right[:, :2], between) / np.einsum("ni,ni->n", between, between)
+    along = np.einsum("ni,ni->n", zmp[:, :2] - right[:, :2], between) / np.einsum("ni,ni->n", between, between)
     share = np.clip(along, 0.0, 1.0)
-    share = np.where(point.phase == Phase.LEFT, 1.0, np.where(point.phase == Phase.RIGHT, 0.0, share))
+    share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, share))
     # Each foot presses as far from its sole's origin as the ZMP is from the line between the soles.
     cop_shift = np.zeros_like(left)
     cop_shift[:, :2] = zmp_of(wrench, 0.0) - (right[:, :2] + share[:, None] * between)
@@ -242,9 +257,8 @@ def plan_motion(table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int
     point = plan.sample_many(t)
     posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
     v, a = legs.derivatives(t, posture)
-    wrench = legs.ground_wrench(posture, v, a)
-    tau = legs.joint_torques(posture, v, a, *share_load(wrench, point))
-    theta = posture.q + sag * tau / table.joint_array(table.stiffness)
+    tau = legs.planned_torques(posture, v, a, point.zmp, point.T_odom_left, point.T_odom_right, point.phase)
+    theta = posture.q + sag * tau / legs.stiffness
     start = Posture(posture.q[:1], posture.base[:1], posture.yaw[:1])
     return MotorMotion(t, theta, start), plan
 
@@ -259,24 +273,38 @@ def _pendulum(zmp: Array, dt: float, omega: float) -> Array:
     return solve_banded((1, 1), bands, zmp)
 
 
-def follow(legs: LegKinematics, reference: Reference, sag: float = 0.8) -> tuple[Array, Posture]:
-    """Motor positions (12,) for one message of a stream: sag under the weight and the COM's acceleration alone."""
-    point = PlanPoint(
-        0.0,
-        reference.com[None],
-        reference.com_vel[None],
-        reference.com_acc[None],
+def follow(legs: LegKinematics, references: Sequence[Reference], sag: float = 0.8) -> tuple[Array, Posture]:
+    """Motor positions (12,) and posture for a live stream of references.
+
+    Args:
+        legs: the robot.
+        references: three consecutive ones, equally spaced in time: the result is for the middle one, and the sag counts
+            the inertia of all links. Or a single one, for a robot that stands.
+        sag: as in plan_motion.
+
+    Raises:
+        ConfigError: the legs cannot do it.
+    """
+    n, middle = len(references), len(references) // 2
+
+    def stack(name: str) -> Array:
+        return np.array([getattr(reference, name) for reference in references])
+
+    T_left, T_right = stack("T_odom_left"), stack("T_odom_right")
+    posture = legs.inverse(stack("com"), T_left, T_right)
+    state = posture.stacked()
+    rate = rate2 = np.zeros((1, state.shape[1]))
+    if n == 3:
+        dt = 0.5e-9 * (references[2].stamp_ns - references[0].stamp_ns)
+        rate, rate2 = (state[2:] - state[:1]) / (2.0 * dt), (state[2:] - 2.0 * state[1:2] + state[:1]) / dt**2
+    now = Posture(posture.q[middle : middle + 1], posture.base[middle : middle + 1], posture.yaw[middle : middle + 1])
+    reference = references[middle]
+    tau = legs.planned_torques(
+        now,
+        *legs.twist(now, rate, rate2),
         reference.zmp[None],
         reference.T_odom_left[None],
         reference.T_odom_right[None],
-        np.zeros((1, 6)),
-        np.zeros((1, 6)),
         np.array([int(reference.phase)]),
-        np.array([reference.step]),
     )
-    posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
-    v, a = np.zeros((1, 18)), np.zeros((1, 18))
-    a[0, :3] = _rz(-posture.yaw)[0] @ reference.com_acc
-    wrench = legs.ground_wrench(posture, v, a)
-    tau = legs.joint_torques(posture, v, a, *share_load(wrench, point))
-    return posture.q[0] + sag * tau[0] / legs.table.joint_array(legs.table.stiffness), posture
+    return now.q[0] + sag * tau[0] / legs.stiffness, now

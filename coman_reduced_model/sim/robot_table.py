@@ -100,8 +100,11 @@ class RobotTable:
     sensor_below_ankle: float = 0.065  # [m] force/torque sensor (b)
     imu_height: float = 0.077  # [m] above base_link (c)
     motor_inertia: float = 0.139  # [kg m^2] reflected to the link side; used by motors with dynamics only
-    com_height: float = 0.38  # [m] above the soles, a good one to walk with: the knees stay bent
     friction: float = 0.8  # between sole and floor
+    # Gait parameters that suit the robot: knees bent; ZMP ahead of the ankle, well inside the foot.
+    gait: dict[str, float] = field(
+        default_factory=lambda: {"com_height_m": 0.38, "zmp_offset_x_m": 0.02, "step_width_m": 0.1452}
+    )
 
     @property
     def mass(self) -> float:
@@ -161,4 +164,38 @@ class RobotTable:
 
 
 COMAN = RobotTable()
-ROBOTS = {robot.name: robot for robot in (COMAN,)}
+# Robots that are not COMAN, to see what carries over: another size, other masses, other springs.
+TALL = replace(
+    COMAN,
+    name="tall",
+    trunk=Link(12.0, (0.01, 0.0, 0.13), (0.14, 0.22, 0.30)),
+    hip_width=0.17,
+    thigh=0.30,
+    shank=0.28,
+    ankle_height=0.10,
+    leg_mass=8.5,
+    stiffness={**_STIFF, "HipSag": 5000.0, "HipLat": 6000.0, "AnkLat": 5000.0, "KneeSag": 420.0, "AnkSag": 480.0},
+    damping={**_DAMPING, "HipSag": 20.0, "HipLat": 20.0, "AnkLat": 14.0, "KneeSag": 9.0, "AnkSag": 9.0},
+    foot_back=0.08,
+    foot_front=0.15,
+    foot_width=0.12,
+    gait={"com_height_m": 0.56, "zmp_offset_x_m": 0.025, "step_width_m": 0.17},
+)
+SMALL = replace(
+    COMAN,
+    name="small",
+    trunk=Link(3.2, (-0.01, 0.0, 0.06), (0.09, 0.14, 0.12)),
+    hip_width=0.12,
+    thigh=0.18,
+    shank=0.18,
+    ankle_height=0.06,
+    leg_mass=2.6,
+    stiffness={**_STIFF, "KneeSag": 80.0, "AnkSag": 70.0},
+    damping={**_DAMPING, "KneeSag": 1.5, "AnkSag": 1.2},
+    foot_back=0.06,
+    foot_front=0.10,
+    foot_width=0.08,
+    sensor_below_ankle=0.04,
+    gait={"com_height_m": 0.30, "zmp_offset_x_m": 0.015, "step_width_m": 0.12},
+)
+ROBOTS = {robot.name: robot for robot in (COMAN, TALL, SMALL)}
