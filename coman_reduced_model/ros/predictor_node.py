@@ -47,6 +47,7 @@ class PredictorNode(Node):
         """Everything that takes time, before the first message is asked for."""
         robot = Robot(urdf, self.config.robot, source)
         started = time.monotonic()
+        self.get_logger().info("warming up (the first time on a machine, compiling takes up to a minute)")
         warm_up(robot, self.config, self.types)
         self.pipeline = Pipeline(robot, self.config)
         gc.collect()

@@ -45,7 +45,7 @@ def run(name: str, find: Callable[[], Callable[[], Any]]) -> int:
     """
     stop = Stop()
     try:
-        return _run(name, find(), sys.argv, stop)
+        return _run(name, find, sys.argv, stop)
     except KeyboardInterrupt:
         return 0
     except ComanError as error:
@@ -53,14 +53,15 @@ def run(name: str, find: Callable[[], Callable[[], Any]]) -> int:
         return 2
 
 
-def _run(name: str, make_node: Callable[[], Any], argv: list[str], stop: Stop) -> int:
+def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop: Stop) -> int:
     import rclpy
     from rclpy.experimental import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
     from .parameters import check_files
 
-    check_files(argv, name)
+    check_files(argv, name)  # first, because the other imports take a second or two
+    make_node = find()
     node = executor = None
     try:
         try:
