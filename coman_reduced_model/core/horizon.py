@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from .integrator import run
+from .compiled import apply, compiled, inverse
+from .integrator import advance, select, transition
 from .reference import look_ahead
 from .types import Array
 
@@ -16,7 +16,7 @@ _STEP = 0.02  # [s] longest step of a prediction; the steps are exact, this only
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
 
 
-@njit(cache=True)
+@compiled
 def predict_horizons(
     com: Array, com_vel: Array, horizons: Array, M: Array, K: Array, D: Array, axes: Array, force: Array,
     reference: Array, reference_vel: Array, plan: Array, plan_vel: Array, plan_dt: float,
@@ -33,28 +33,34 @@ def predict_horizons(
     Returns:
         (k, 3) [m] in the support sole.
     """
+    n = axes.shape[0]
+    M_inv, K_n, D_n = inverse(select(M, axes)), select(K, axes), select(D, axes)
     out = np.empty((horizons.shape[0], 3))
+    z = np.concatenate((com[axes], com_vel[axes]))
     free = np.isnan(reference[0])
     velocity = np.zeros(3) if free else reference_vel
-    state = np.concatenate((com, com_vel))
-    start = 0.0
+    moved = np.zeros(3)
+    u = force[axes]
+    start, last_dt = 0.0, -1.0
     for h in range(horizons.shape[0]):
-        steps = max(1, int(np.ceil((horizons[h] - start) / _STEP - 1e-9)))
-        moved, faster = look_ahead(plan, plan_vel, plan_dt, velocity, start, horizons[h], steps)
-        u = force + K @ moved[0] + D @ faster[0]
-        end = moved[steps].copy()
-        for k in range(steps, -1, -1):
-            moved[k] -= moved[0]
-            faster[k] -= faster[0]
-        state = run(state, M, K, D, axes, u, moved, faster, (horizons[h] - start) / steps)
-        out[h] = com if free else reference + end
-        for i in axes:
-            out[h, i] = state[i]
+        # Without a plan the reference moves linearly, and one step is exact.
+        steps = 1 if plan.shape[0] < 2 else max(1, int(np.ceil((horizons[h] - start) / _STEP - 1e-9)))
+        dt = (horizons[h] - start) / steps
+        if abs(dt - last_dt) > 1e-12:
+            E, G_0, G_1 = transition(M_inv, K_n, D_n, dt)
+            last_dt = dt
+        for k in range(steps):
+            moved, faster = look_ahead(plan, plan_vel, plan_dt, velocity, start + (k + 1) * dt)
+            u_end = (force + apply(K, moved) + apply(D, faster))[axes]
+            z = advance(z, E, G_0, G_1, u, u_end)
+            u = u_end
+        out[h] = com if free else reference + moved
+        out[h][axes] = z[:n]
         start = horizons[h]
     return out
 
 
-@njit(cache=True)
+@compiled
 def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array) -> tuple[Array, Array]:
     """Persistence p + p' h and the LIPM from the measured state with the measured ZMP, (k, 3) each [m].
 
@@ -73,12 +79,12 @@ def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, ho
 class HorizonJudge:
     """Collects squared errors of each predictor at each horizon, per axis of the sole that predicted.
 
-    Sums are over the samples where all predictors have a value, so that their errors are comparable; a predictor
-    that never has one (rigid, without a reference) is left out.
+    Sums are over the samples where all predictors have a value, so that their errors are comparable.
     """
 
-    def __init__(self, horizons: tuple[float, ...]) -> None:
-        """Horizons in seconds."""
+    def __init__(self, horizons: tuple[float, ...], rigid: bool = True) -> None:
+        """Horizons in seconds; without `rigid` there is no reference, and that predictor is left out (NaN)."""
+        self._needed = np.array([True, rigid, True, True])
         self.horizons = horizons
         n = len(horizons)
         self._ahead_ns = np.array([round(h * 1e9) for h in horizons], dtype=np.int64)
@@ -133,6 +139,7 @@ class HorizonJudge:
             self._judged,
             self._last_ns,
             self._last,
+            self._needed,
         )
         self._last_ns = stamp_ns
 
@@ -157,17 +164,18 @@ class HorizonJudge:
         return {f"{h:g}": self._judged[i].copy() for i, h in enumerate(self.horizons)}
 
 
-@njit(cache=True)
+@compiled
 def _to_odom(T: Array, p: Array, out: Array) -> None:
     for i in range(3):
         out[i] = T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]
 
 
-@njit(cache=True)
+@compiled
 def _update(
-    stamp_ns, T, measured, reference, model, persistence, lipm, ahead_ns,
-    targets, poses, predicted, first, count, sums, judged, last_ns, last,
-):  # fmt: skip
+    stamp_ns: int, T: Array, measured: Array, reference: Array, model: Array, persistence: Array, lipm: Array,
+    ahead_ns: Array, targets: Array, poses: Array, predicted: Array, first: Array, count: Array, sums: Array,
+    judged: Array, last_ns: int, last: Array, needed: Array,
+) -> None:  # fmt: skip
     now = np.empty((2, 3))
     _to_odom(T, measured, now[0])
     _to_odom(T, reference, now[1])
@@ -191,7 +199,10 @@ def _update(
                         e += poses[h, slot, j, i] * (values[k, j] - ((1.0 - w) * last[0, j] + w * now[0, j]))
                     errors[k, i] = e
             for i in range(3):
-                if np.isnan(errors[0, i]) or np.isnan(errors[2, i]):
+                complete = True
+                for k in range(4):
+                    complete &= not (needed[k] and np.isnan(errors[k, i]))
+                if not complete:
                     continue
                 judged[h, i] += 1
                 for k in range(4):

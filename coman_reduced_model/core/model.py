@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigError
+from .compiled import apply, compiled
 from .config import Config
 from .effects import CATALOGUE, Effect
 from .robot import Posture, Robot
@@ -89,6 +90,8 @@ class Model:
         # A deflection that is not integrated is not felt either: without its column K p_r would pull all the same.
         ignored = [axis for axis in range(3) if axis not in self.axes]
         self._tuning_K[:, ignored] = self._tuning_D[:, ignored] = 0.0
+        self._before = self._scaled(c.share_x_before, c.share_z_before)
+        self._after = self._scaled(c.share_x_after, c.share_z_after)
 
     def leg_stiffness(self, posture: Posture, foot: Foot, load: float) -> tuple[Array, Array, bool]:
         """K, D (3, 3) of one leg in the axes of its sole, untuned: the linear blocks of (12), (13).
@@ -108,7 +111,8 @@ class Model:
             for effect in self.effects:
                 effect.springs(leg)
             K_q, D_q = leg.K_q, leg.D_q
-        length = float(np.linalg.norm(posture.com - posture.p[foot]))
+        r = posture.com - posture.p[foot]
+        length = float(r @ r) ** 0.5
         K, D, singular = spring_damper(J[: self._rows], K_q, D_q, length, self.config.model.singular_limit)
         return K[:3, :3], D[:3, :3], singular
 
@@ -138,11 +142,9 @@ class Model:
         if both:
             terms = self._both_legs(posture, foot, share, K, D, references, singular)
         else:
-            K, D = K * self._tuning_K, D * self._tuning_D
-            if double:
-                divisor = self._divisors(share, landed)
-                K, D = K / divisor, D / divisor
-            terms = Terms(self._M, K, D, K @ p_r + D @ v_r, self.axes, singular)
+            scale_K, scale_D = self._divided(share, landed) if double else (self._tuning_K, self._tuning_D)
+            K, D, force = _pull(K, D, scale_K, scale_D, p_r, v_r)
+            terms = Terms(self._M, K, D, force, self.axes, singular)
         terms.force[2] -= weight
         for effect in self.effects:
             effect.terms(terms)
@@ -166,16 +168,16 @@ class Model:
         share = support.left_share if support.support_foot == Foot.LEFT else 1.0 - support.left_share
         return min(1.0, max(0.05, share)) if share == share else 0.5
 
-    def _divisors(self, share: float, landed: bool) -> Array:
-        """(3, 1) what the rows of the support leg's force are divided by, (22) and (23)."""
-        c = self.config.model
-        if c.shares == "measured":
-            x = z = share
-        elif landed:
-            x, z = c.share_x_before, c.share_z_before
-        else:
-            x, z = c.share_x_after, c.share_z_after
-        return np.array([[x], [x], [z]])
+    def _divided(self, share: float, landed: bool) -> tuple[Array, Array]:
+        """Factors (3, 3) of K and D in double support, with the shares that the configuration wants."""
+        if self.config.model.shares == "measured":
+            return self._scaled(share, share)
+        return self._before if landed else self._after
+
+    def _scaled(self, x: float, z: float) -> tuple[Array, Array]:
+        """Tuning coefficients over the shares of the support leg in x (and y) and z, (22) and (23)."""
+        divisors = np.array([[x], [x], [z]])
+        return self._tuning_K / divisors, self._tuning_D / divisors
 
     def _both_legs(
         self,
@@ -197,3 +199,10 @@ class Model:
         p_o, v_o = references[foot.other]
         force = K @ p_r + D @ v_r + K_o @ p_o + D_o @ v_o
         return Terms(self._M, K + K_o, D + D_o, force, self.axes, singular or singular_o)
+
+
+@compiled
+def _pull(K: Array, D: Array, scale_K: Array, scale_D: Array, p_r: Array, v_r: Array) -> tuple[Array, Array, Array]:
+    """The leg's K and D times their factors, and the force K p_r + D v_r of the reference."""
+    K, D = K * scale_K, D * scale_D
+    return K, D, apply(K, p_r) + apply(D, v_r)

@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ..errors import ConfigError
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
@@ -86,7 +88,7 @@ class Parameter:
             return None
         if self.kind == "floats":
             numbers = [_number(element) for element in value]
-            return None if any(number is None for number in numbers) else tuple(numbers)  # type: ignore[arg-type]
+            return None if None in numbers else tuple(number for number in numbers if number is not None)
         texts = list(value)
         if not all(isinstance(text, str) for text in texts):
             return None
@@ -126,11 +128,8 @@ def par(
 
 def _number(value: Any) -> float | None:
     """The value as a finite float; None where it is no number (a bool is none)."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        try:
-            value = value.item()  # numpy scalars
-        except AttributeError:
-            return None
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return None
+        return None
     return float(value) if math.isfinite(value) else None

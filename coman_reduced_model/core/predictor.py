@@ -17,6 +17,8 @@ from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sam
 from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)
+_ZERO3 = np.zeros(3)
+_IDENTITY = np.eye(4)
 _LOST = 0.5  # [m] a free run this far from the measurement has diverged
 
 
@@ -35,9 +37,12 @@ class Predictor:
         self.motor = robot.posture()
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
-        self.judge = HorizonJudge(tuple(sorted(config.prediction.horizons)))
+        self.judge = HorizonJudge(tuple(sorted(config.prediction.horizons)), config.prediction.reference != "none")
         self._horizons = np.array(self.judge.horizons)
         self._nothing = np.full((len(self._horizons), 3), np.nan)
+        self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
+        self._following = [axis for axis in range(3) if axis not in self.model.axes]
+        self._both = config.model.double_support == "both_legs"
         self.reset()
 
     def reset(self) -> None:
@@ -51,7 +56,7 @@ class Predictor:
         self._stance = Foot.NONE  # the foot of the last single support
         self._steps = 0
         self._state: Array | None = None  # (6,) free-run COM position and velocity in the support sole
-        self._reference: tuple[Array, Array] | None = None  # at the last sample, if in the same sole frame
+        self._pull: tuple[Array, Array] | None = None  # at the last sample, if in the same sole frame
         self._T_odom_sole = np.full((4, 4), np.nan)
 
     def update(self, sample: Sample) -> Prediction:
@@ -63,15 +68,13 @@ class Predictor:
         Returns:
             The prediction at its stamp; NaN with a flag where something is missing, never zeros.
         """
-        flags = Flags.OK
         for effect in self.model.effects:
             effect.correct(sample)
         dt = (sample.stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and not 0.0 < dt <= self.config.streams.restart_gap:
             self.reset()
         left, right = sample.left_wrench, sample.right_wrench
-        if left is None or right is None:
-            flags |= Flags.STALE_WRENCH
+        flags = Flags.STALE_WRENCH if left is None or right is None else Flags.OK
         support = self.support.update(
             sample.stamp_ns, None if left is None else float(left[2]), None if right is None else float(right[2])
         )
@@ -92,12 +95,15 @@ class Predictor:
         if foot != self._foot and self._state is not None:
             self._change_frame(T_odom_sole)
         if terms is None:
-            self._state = None
+            self._state = self._pull = None
             flags |= Flags.NO_REFERENCE | Flags.NOT_INITIALISED
         else:
+            pull = (reference, reference_vel) if zmp is None or reference is not _NAN3 else (zmp, _ZERO3)
+            event = self._free_run(dt, terms, self._touchdown(support), com, com_vel, pull)
             if terms.near_singular:
                 flags |= Flags.NEAR_SINGULAR
-            flags |= self._free_run(dt, terms, self._touchdown(support), com, com_vel, reference, reference_vel)
+            if event:
+                flags |= event
         horizons = self._predict_horizons(
             sample, support, T_odom_sole, terms, com, com_vel, reference, reference_vel, zmp
         )
@@ -122,11 +128,9 @@ class Predictor:
         self._phase, self._foot, self._T_odom_sole = support.phase, support.support_foot, T_odom_sole
         if support.phase in (Phase.LEFT, Phase.RIGHT):
             self._stance = support.support_foot
-        robot = self.config.robot
-        frame = {Foot.NONE: "", Foot.LEFT: robot.left.sole_frame, Foot.RIGHT: robot.right.sole_frame}
         return Prediction(
             sample.stamp_ns,
-            frame[support.support_foot],
+            self._frames[support.support_foot],
             support,
             com,
             com_vel,
@@ -135,7 +139,7 @@ class Predictor:
             _NAN3 if state is None else state[:3].copy(),
             _NAN3 if state is None else state[3:].copy(),
             T_odom_sole,
-            [] if horizons is None else [HorizonPrediction(h, horizons[i]) for i, h in enumerate(self._horizons.tolist())],
+            [] if horizons is None else list(map(HorizonPrediction, self.judge.horizons, horizons)),
             flags,
         )
 
@@ -149,9 +153,8 @@ class Predictor:
         return every > 0 and self._steps % every == 0
 
     def _zmp(self, sample: Sample, foot: Foot) -> Array | None:
-        R, p = self.link.sole_to_sole(foot, foot.other)
-        other, own = pose(R, p), np.eye(4)
-        poses = (own, other) if foot == Foot.LEFT else (other, own)
+        other = pose(*self.link.sole_to_sole(foot, foot.other))
+        poses = (_IDENTITY, other) if foot == Foot.LEFT else (other, _IDENTITY)
         return zmp_from_wrenches(sample.left_wrench, sample.right_wrench, *poses)
 
     def _terms(
@@ -167,7 +170,7 @@ class Predictor:
                 return None, _NAN3, _NAN3
             self.motor.update(sample.motor_q, sample.motor_qd)
             references = {foot: motor_com(self.motor, foot)}
-            if support.phase == Phase.DOUBLE:
+            if self._both and support.phase == Phase.DOUBLE:
                 R, p = self.link.sole_to_sole(foot, foot.other)
                 p_r, v_r = motor_com(self.motor, foot.other)
                 references[foot.other] = (R @ p_r + p, R @ v_r)
@@ -189,26 +192,32 @@ class Predictor:
         self._state = np.concatenate(
             (R @ self._state[:3] + new[:3, :3].T @ (old[:3, 3] - new[:3, 3]), R @ self._state[3:])
         )
-        self._reference = None
+        self._pull = None
 
     def _free_run(
-        self, dt: float, terms: Terms, restart: bool, com: Array, com_vel: Array, reference: Array, reference_vel: Array
+        self, dt: float, terms: Terms, restart: bool, com: Array, com_vel: Array, pull: tuple[Array, Array]
     ) -> Flags:
-        """Advance the free run to this sample, or start it from the measurement."""
-        before, self._reference = self._reference, (reference, reference_vel)
+        """Advance the free run to this sample, or start it from the measurement.
+
+        `pull` is what K and D pull towards: reference COM and velocity, or the ZMP of the pendulum.
+        """
+        before, self._pull = self._pull, pull
         if self._state is None or restart:
             self._state = np.concatenate((com, com_vel))
             return Flags.RESET
         # The reference moves linearly over the step; what else has changed (posture, phase) counts from its start.
-        force = terms.force
-        if reference is not _NAN3:
-            if before is not None:
-                force = force - terms.K @ (reference - before[0]) - terms.D @ (reference_vel - before[1])
-            for axis in (0, 1, 2):  # what is not integrated follows the reference
-                if axis not in terms.axes:
-                    self._state[axis], self._state[3 + axis] = reference[axis], reference_vel[axis]
-        self._state = step(self._state, terms.M, terms.K, terms.D, terms.axes, force, terms.force, dt)
-        if not np.abs(self._state[:3] - com).max() < _LOST:
+        position, velocity = pull
+        if before is None:  # in a new sole frame
+            moved, faster = velocity * dt, _ZERO3
+        else:
+            moved, faster = position - before[0], velocity - before[1]
+        state = step(self._state, terms.M, terms.K, terms.D, terms.axes, terms.force, moved, faster, dt)
+        if velocity is not _ZERO3:  # what is not integrated follows the reference
+            for axis in self._following:
+                state[axis], state[3 + axis] = position[axis], velocity[axis]
+        self._state = state
+        error = state[:3] - com
+        if not error @ error < _LOST * _LOST:
             self._state = np.concatenate((com, com_vel))
             return Flags.RESET | Flags.REJECTED_STATE
         return Flags.OK
@@ -236,9 +245,7 @@ class Predictor:
                 com, com_vel, self._horizons, terms.M, terms.K, terms.D, terms.axes, terms.force,
                 reference, reference_vel, *plan,
             )  # fmt: skip
-        baselines = predict_baselines(
-            com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons
-        )
+        baselines = predict_baselines(com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons)
         model = self._nothing if horizons is None else horizons
         self.judge.update(sample.stamp_ns, T_odom_sole, com, reference, model, *baselines)
         return horizons

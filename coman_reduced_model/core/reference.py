@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from .compiled import compiled
 from .robot import Posture
 from .types import Array, Foot, Reference, Sample
 
@@ -39,30 +39,22 @@ def plan_ahead(sample: Sample, foot: Foot) -> tuple[Array, Array, float]:
     return moved @ R, faster @ R, plan.preview_dt
 
 
-@njit(cache=True)
-def look_ahead(
-    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, start: float, end: float, steps: int
-) -> tuple[Array, Array]:
-    """How the reference goes on at equal steps from start to end [s] ahead.
+@compiled
+def look_ahead(plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float) -> tuple[Array, Array]:
+    """How far the reference has moved t [s] from now: displacement (3,) [m] and change of velocity (3,) [m/s].
 
-    With a plan (n, 3) from `plan_ahead` linearly between its points, held beyond its end; without one (n = 0) at its
-    present velocity `reference_vel` (3,).
-
-    Returns:
-        Displacement (steps + 1, 3) [m] and change of velocity (steps + 1, 3) [m/s] since now.
+    With a plan (n, 3) from `plan_ahead` linearly between its points; beyond its end, or without one (n = 0), at the
+    last velocity; `reference_vel` (3,) is the present one.
     """
-    moved, faster = np.zeros((steps + 1, 3)), np.zeros((steps + 1, 3))
-    for k in range(steps + 1):
-        t = start + (end - start) * k / steps
-        if plan.shape[0] < 2:
-            moved[k] = t * reference_vel
-            continue
-        position = min(t / plan_dt, plan.shape[0] - 1.0)
-        i = min(int(position), plan.shape[0] - 2)
-        w = position - i
-        moved[k] = (1.0 - w) * plan[i] + w * plan[i + 1]
-        faster[k] = (1.0 - w) * plan_vel[i] + w * plan_vel[i + 1]
-    return moved, faster
+    end = plan.shape[0] - 1
+    if end < 1:
+        return t * reference_vel, np.zeros(3)
+    position = t / plan_dt
+    if position >= end:
+        return plan[end] + (t - end * plan_dt) * (reference_vel + plan_vel[end]), plan_vel[end].copy()
+    i = int(position)
+    w = position - i
+    return (1.0 - w) * plan[i] + w * plan[i + 1], (1.0 - w) * plan_vel[i] + w * plan_vel[i + 1]
 
 
 def motor_com(motor: Posture, foot: Foot) -> tuple[Array, Array]:

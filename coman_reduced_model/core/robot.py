@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numba import njit
 
 from ..errors import RobotError
+from .compiled import apply, compiled, mul
 from .config import LegConfig, RobotConfig
 from .stiffness import leg_jacobian
 from .types import Array, Foot
@@ -49,10 +49,10 @@ class Robot:
         ]
         self.joint_names = tuple(name for name, _ in joints)
         self.idx_v = np.array([joint.idx_v for _, joint in joints], dtype=np.intp)
-        self._simple = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 1]
+        simple = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 1]
         self._continuous = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 2]
-        self._from = np.array([i for i, _ in self._simple], dtype=np.intp)
-        self._to = np.array([idx for _, idx in self._simple], dtype=np.intp)
+        self._from = np.array([i for i, _ in simple], dtype=np.intp)
+        self._to = np.array([idx for _, idx in simple], dtype=np.intp)
         self.base_id = self._frame(config.base_frame, "robot.base_frame", source)
         self.sole_ids: dict[Foot, int] = {}
         self.legs: dict[Foot, Array] = {}
@@ -76,7 +76,8 @@ class Robot:
         for name in leg.joints:
             if name not in self.joint_names:
                 raise RobotError(
-                    f"{source}: no movable joint {name!r} ({key}); joints of the URDF: {', '.join(self.joint_names)[:300]}"
+                    f"{source}: no movable joint {name!r} ({key}); "
+                    f"joints of the URDF: {', '.join(self.joint_names)[:300]}"
                 )
         chain = list(self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint])
         base = list(self.model.supports[self.model.frames[self.base_id].parentJoint])
@@ -113,7 +114,9 @@ class Robot:
     def _wrench_map(self, foot: Foot, frame_id: str) -> tuple[Array, Array]:
         name = frame_id.lstrip("/")
         if not self.model.existFrame(name):
-            raise RobotError(f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which the URDF lacks")
+            raise RobotError(
+                f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which the URDF lacks"
+            )
         sole = self.model.frames[self.sole_ids[foot]]
         frame = self.model.frames[self.model.getFrameId(name)]
         if frame.parentJoint != sole.parentJoint:
@@ -153,7 +156,7 @@ class Posture:
         self._soles = {foot: self.data.oMf[index] for foot, index in robot.sole_ids.items()}
         self.R = {foot: placement.rotation for foot, placement in self._soles.items()}
         self.p = {foot: placement.translation for foot, placement in self._soles.items()}
-        self._Jcom = np.empty((3, robot.model.nv))
+        self._J: dict[Foot, Array] = {}
 
     def update(self, q: Array, qd: Array) -> None:
         """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
@@ -163,10 +166,14 @@ class Posture:
         pin.computeJointJacobians(robot.model, self.data, self._q)
         pin.centerOfMass(robot.model, self.data, self._q, self._v, False)
         pin.updateFramePlacements(robot.model, self.data)
+        self._J = {}
 
     def sole_jacobian(self, foot: Foot) -> Array:
         """(6, nv) velocity [linear; angular] of the sole against the trunk, in base axes at the sole."""
-        return pin.getFrameJacobian(self.robot.model, self.data, self.robot.sole_ids[foot], pin.LOCAL_WORLD_ALIGNED)
+        if foot not in self._J:
+            frame = self.robot.sole_ids[foot]
+            self._J[foot] = pin.getFrameJacobian(self.robot.model, self.data, frame, pin.LOCAL_WORLD_ALIGNED)
+        return self._J[foot]
 
     def leg_jacobian(self, foot: Foot) -> Array:
         """The Jacobian of (8), (6, n): see `stiffness.leg_jacobian`."""
@@ -179,29 +186,23 @@ class Posture:
 
     def sole_to_sole(self, foot: Foot, other: Foot) -> tuple[Array, Array]:
         """Pose of the sole `other` in the frame of the sole `foot`: rotation (3, 3), position (3,)."""
-        Rt = self.R[foot].T
-        return Rt @ self.R[other], Rt @ (self.p[other] - self.p[foot])
+        return _pose_in(self.R[foot], self.p[foot], self.R[other], self.p[other])
 
 
-@njit(cache=True)
-def _com_in_sole(
-    com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array
-) -> tuple[Array, Array]:
-    twist = np.zeros(6)
-    for k in range(6):
-        for i in range(v.shape[0]):
-            twist[k] += J_sole[k, i] * v[i]
+@compiled
+def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array) -> tuple[Array, Array]:
+    twist = apply(J_sole, v)
     r = com - p
     vel = com_vel - twist[:3]
     vel[0] -= twist[4] * r[2] - twist[5] * r[1]
     vel[1] -= twist[5] * r[0] - twist[3] * r[2]
     vel[2] -= twist[3] * r[1] - twist[4] * r[0]
-    out, out_vel = np.zeros(3), np.zeros(3)
-    for i in range(3):
-        for k in range(3):
-            out[i] += R[k, i] * r[k]
-            out_vel[i] += R[k, i] * vel[k]
-    return out, out_vel
+    return apply(R.T, r), apply(R.T, vel)
+
+
+@compiled
+def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array) -> tuple[Array, Array]:
+    return mul(R.T, R_other), apply(R.T, p_other - p)
 
 
 def _build(urdf: str, source: str) -> pin.Model:

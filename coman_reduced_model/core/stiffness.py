@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from .compiled import compiled, inverse, mul
 from .types import Array
 
 
-@njit(cache=True)
+@compiled
 def leg_jacobian(J_sole: Array, columns: Array, com: Array, R: Array, p: Array) -> Array:
     """The Jacobian of (8), from the sole to the frame at the COM.
 
@@ -40,7 +40,7 @@ def leg_jacobian(J_sole: Array, columns: Array, com: Array, R: Array, p: Array) 
     return J
 
 
-@njit(cache=True)
+@compiled
 def height_hessian(J: Array) -> Array:
     """Second derivative of the COM height by the joint angles, (n, n) [m/rad^2], of the Jacobian (6, n) of (8).
 
@@ -55,7 +55,7 @@ def height_hessian(J: Array) -> Array:
     return H
 
 
-@njit(cache=True)
+@compiled
 def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float) -> tuple[Array, Array, bool]:
     """Cartesian stiffness and damping K_c, D_c of (12), (13), safe where J is singular.
 
@@ -76,9 +76,8 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     rows, n = J.shape
     Js = J.copy()
     Js[:3] /= length
-    S = np.linalg.inv(K_q)
-    JS = Js @ S
-    C = JS @ Js.T
+    JS = mul(Js, inverse(K_q))
+    C = mul(JS, Js.T)
     stiffest = 0.0
     for i in range(n):
         stiffest = max(stiffest, abs(K_q[i, i]))
@@ -86,15 +85,15 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     # A speck that only makes the inverse exist: 1e-6 of the floor.
     for i in range(rows):
         C[i, i] += 1e-6 * floor
-    K = np.linalg.inv(C)
+    K = inverse(C)
     smallest = 1.0 / np.sqrt((K * K).sum())
     near_singular = smallest < floor
     if near_singular:
         for i in range(rows):
             C[i, i] += floor - smallest
-        K = np.linalg.inv(C)
-    G = K @ JS
-    D = G @ D_q @ G.T
+        K = inverse(C)
+    G = mul(K, JS)
+    D = mul(mul(G, D_q), G.T)
     K = 0.5 * (K + K.T)
     for i in range(min(rows, 3)):
         for j in range(rows):

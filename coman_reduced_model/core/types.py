@@ -34,7 +34,10 @@ class Foot(IntEnum):
 
     @property
     def other(self) -> Foot:
-        return Foot(3 - self) if self else Foot.NONE
+        return _OTHER[self]
+
+
+_OTHER = (Foot.NONE, Foot.RIGHT, Foot.LEFT)
 
 
 @dataclass(slots=True)
