@@ -29,7 +29,7 @@ def inverse(T: Array) -> Array:
 class FootOdometry:
     """Pose of the support sole in `odom`, from the measured foot-to-foot transform at each change of support.
 
-    Soles are flat on level ground, so the chain keeps x, y and yaw of each sole; z, roll and pitch stay zero. A chain in
+    Soles are flat on level ground: the chain keeps x, y and yaw of each sole, while z, roll and pitch stay zero. One in
     six dimensions adds up what joint compliance and soft soles do to roll and pitch and turns it into way: on 3.2 m of
     a walking iCub (44 changes) it leaned 5 degrees and was off by 132 mm in the end, this one by 47 mm.
     """
