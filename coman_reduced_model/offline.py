@@ -6,7 +6,8 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,9 @@ def predict_bag(
     return summary
 
 
-def predictions(bag: Bag, pipeline: Pipeline, streams: dict[str, str], progress: Progress | None = None) -> Any:
+def predictions(
+    bag: Bag, pipeline: Pipeline, streams: dict[str, str], progress: Progress | None = None
+) -> Iterator[Prediction]:
     """Predictions of a pipeline over a bag, one after the other; `streams` as `input_streams` gives them."""
     decoders = {topic: decoder(stream, bag.typestore) for topic, stream in streams.items()}
     span = max(bag.end_ns - bag.start_ns, 1)
@@ -198,6 +201,7 @@ def _summary(
         "rejected": status.rejected,
         "last_rejection": status.last_rejection,
         "incomplete": {name: stream.incomplete for name, stream in status.streams.items() if stream.incomplete},
+        "streams": {name: asdict(stream) for name, stream in status.streams.items()},
         "restarts": status.restarts,
         "warnings": [*bag.warnings, *status.warnings],
         "extra_joints": list(status.extra_joints),

@@ -177,6 +177,16 @@ class GaitConfig:
     repeat: bool = par(False, "", "start the plan again when it ends")
     start_time: float = par(-1.0, "s", "ROS time at which the plan starts, as in a bag; -1: at once", -1.0, 1e11)
 
+    def changes(self) -> dict[str, Any]:
+        """The parameters of core/gait.py that replace those of the named gait."""
+        given = {
+            "step_length_m": self.step_length,
+            "single_support_s": self.single_support,
+            "double_support_s": self.double_support,
+            "steps": self.steps,
+        }
+        return {key: value for key, value in given.items() if value != -1}
+
 
 @dataclass(frozen=True)
 class VirtualRobotConfig:

@@ -19,15 +19,7 @@ def gait_of(config: Config) -> GaitParameters:
     Raises:
         ConfigError: the gait does not exist, or a value is not allowed.
     """
-    g = config.gait
-    given = {
-        "step_length_m": g.step_length,
-        "single_support_s": g.single_support,
-        "double_support_s": g.double_support,
-        "steps": g.steps,
-    }
-    changes = {key: value for key, value in given.items() if value != -1}
-    return gait(g.name, gravity=config.robot.gravity, **changes)
+    return gait(config.gait.name, gravity=config.robot.gravity, **config.gait.changes())
 
 
 class Walk:

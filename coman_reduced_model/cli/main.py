@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The application: its commands, and what becomes of errors.
+
+Exit codes: 0 success; 2 bad usage or bad input, with one line that says what and where; 1 a failure of our own;
+130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+import typer
+
+from .. import __version__
+from ..errors import ComanError
+from .config import config
+from .predict import predict
+from .record import record
+from .replay import replay
+from .report import report
+
+app = typer.Typer(
+    name="coman",
+    help="Online prediction of the centre of mass of a compliant humanoid.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for command in (predict, record, replay, report, config):
+    app.command()(command)
+
+# typer brings its own click; its exceptions are found by way of one that it makes public.
+_CLICK_ERROR = typer.BadParameter.__mro__[2]
+_OUR_FAULT = (errno.ENOSPC, errno.EIO, errno.ENOMEM, errno.EDQUOT, errno.EMFILE, errno.ENFILE)
+
+
+def _version(value: bool) -> None:
+    if value:
+        print(f"coman {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _main(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    """Online prediction of the centre of mass of a compliant humanoid."""
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code; without arguments, print the help."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        command = typer.main.get_command(app)
+        result = command.main(args=given or ["--help"], prog_name="coman", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except typer.Exit as error:
+        return error.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        return 130
+    except ComanError as error:
+        return _say(str(error), 2)
+    except BrokenPipeError:  # `coman ... | head`: nobody reads on, which is no error
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _say(f"{where}{error.strerror or error}", 1 if error.errno in _OUR_FAULT else 2)
+    except _CLICK_ERROR as error:
+        return _say(error.format_message() or "see --help", 2)  # type: ignore[attr-defined]
+    except Exception:
+        traceback.print_exc()
+        return _say("internal error, please report the lines above", 1)
+
+
+def _say(sentence: str, code: int) -> int:
+    print(f"coman: {' '.join(sentence.split())}", file=sys.stderr)
+    return code
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman predict`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .common import (
+    BagArgument,
+    ConfigOption,
+    ForceOption,
+    JsonOption,
+    NamespaceOption,
+    RemapOption,
+    SetOption,
+    UrdfOption,
+    by_axis_text,
+    print_json,
+    print_table,
+    progress,
+    read_config,
+    warn,
+)
+
+
+def predict(
+    bag: BagArgument,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for predictions/, summary.json, config.yaml.")
+    ],
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    urdf: UrdfOption = None,
+    namespace: NamespaceOption = "",
+    remap: RemapOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Predict the COM over a recorded bag, as fast as it goes: what the node would have said."""
+    settings = read_config(config, changes)
+    from ..bag.reader import Bag
+    from ..offline import predict_bag
+    from ..topics import TopicNames
+
+    names = TopicNames(namespace, remap or ())
+    with Bag(bag) as opened, progress("predicting") as report:
+        summary = predict_bag(opened, settings, out, names=names, urdf=urdf, force=force, progress=report)
+    warn(summary["warnings"])
+    if json:
+        print_json(summary)
+    else:
+        _show(summary, out)
+
+
+def _show(summary: dict[str, Any], out: Path) -> None:
+    rows = [
+        ["all", *_errors(summary)],
+        *([phase.lower(), *_errors(errors)] for phase, errors in summary["by_phase"].items()),
+    ]
+    axes = "xyz"
+    print_table(
+        "RMS error of the COM [mm]: free run of the model, and the rigid robot",
+        ["phase", "seconds", *(f"model {axis}" for axis in axes), *(f"rigid {axis}" for axis in axes)],
+        [[row[0], f"{_seconds(summary, row[0]):.1f}", *row[1:]] for row in rows],
+    )
+    if summary["skill"]:
+        print_table(
+            "Skill of the predictions ahead: 1 - RMSE / RMSE of the best baseline",
+            ["horizon [s]", *axes],
+            [[h, *by_axis_text(skill, 1.0, 2)] for h, skill in summary["skill"].items()],
+        )
+    rejected = ", ".join(f"{reason}: {count}" for reason, count in summary["rejected"].items()) or "none"
+    print(f"{summary['samples']} samples, {summary['duration_s']:.1f} s, {summary['realtime_factor']:.0f} x real time")
+    print(f"messages rejected: {rejected}; restarts: {summary['restarts']}")
+    print(f"written: {out}")
+
+
+def _errors(errors: dict[str, Any]) -> list[str]:
+    return [*by_axis_text(errors["rmse_m"], 1e3, 2), *by_axis_text(errors["rmse_rigid_m"], 1e3, 2)]
+
+
+def _seconds(summary: dict[str, Any], phase: str) -> float:
+    seconds: float = summary["duration_s"] if phase == "all" else summary["phases_s"][phase.upper()]
+    return seconds

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman record`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .common import ConfigOption, ForceOption, JsonOption, SetOption, print_json, progress, read_config, warn
+
+
+def record(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder of the new bag; DIR.truth.npz is the truth.")
+    ],
+    gait: Annotated[
+        str, typer.Option("--gait", metavar="NAME", help="test1, test2, stand, ...; default: gait.name.")
+    ] = "",
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="S", help="About how long to walk [s].")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of noise, bias, jitter and drops.")] = 0,
+    robot: Annotated[str, typer.Option("--robot", metavar="NAME", help="Which virtual robot.")] = "coman",
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Rate of the sensors [Hz].")] = 200.0,
+    exact: Annotated[bool, typer.Option("--exact", help="Perfect sensors: no noise, bias, jitter or drops.")] = False,
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Walk the virtual robot and record a bag of what its sensors publish."""
+    settings = read_config(config, changes, "trajectory").gait
+    from ..errors import ConfigError
+    from ..sim.record import ROBOTS, SensorOptions, robot_gait
+    from ..sim.record import record as record_walk
+
+    if robot not in ROBOTS:
+        raise ConfigError(f"--robot: {robot!r} is not allowed (allowed: {', '.join(ROBOTS)})")
+    name = gait or settings.name
+    sensors = SensorOptions.exact(rate_hz=rate) if exact else SensorOptions(rate_hz=rate)
+    given = settings.changes()
+    with progress("recording") as report:
+        result = record_walk(
+            robot_gait(ROBOTS[robot], name, duration, **given) if given else name,
+            out,
+            robot=robot,
+            sensors=sensors,
+            seed=seed,
+            duration_s=None if given else duration,
+            force=force,
+            progress=report,
+        )
+    if result.fallen_s is not None:
+        warn([f"the robot fell at {result.fallen_s:.2f} s"])
+    if json:
+        print_json({**asdict(result), "bag": str(result.bag), "truth": str(result.truth)})
+        return
+    print(f"{result.duration_s:.1f} s of {name} at {result.realtime_factor:.1f} x real time")
+    print(f"written: {result.bag} ({sum(result.messages.values())} messages), {result.truth}")
