@@ -106,7 +106,7 @@ def virtual(name: str, seed: int, config: Config, sensors: SensorOptions) -> dic
         now = virtual_robot.truth
         truth.append((now.t, now.left_wrench[2], now.right_wrench[2], now.T_left, now.T_right, now.base_position))
     samples += joiner.flush()
-    start_ns = virtual_robot._start_ns
+    start_ns = virtual_robot.start_ns
     track = follow(robot, config, samples, start_ns)
     t, left, right, T_left, _, base = (np.array(column) for column in zip(*truth, strict=True))
     at = np.clip(np.round(track.t / virtual_robot.period).astype(int), 0, len(t) - 1)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The shipped configurations load, and coman.yaml says what the defaults are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from coman_reduced_model.core.config import Config, load_config
+from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.resources import config_path
+from coman_reduced_model.sim.describe import urdf
+from coman_reduced_model.sim.robot_table import COMAN
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted((ROOT / "config").glob("*.yaml"))
+ICUB_BAG = ROOT.parent / "shared" / "real" / "icub_walk"
+
+
+def keys(tree: dict, prefix: str = "") -> list[str]:
+    """Dotted keys in the order of the file."""
+    found = []
+    for key, value in tree.items():
+        found += keys(value, f"{prefix}{key}.") if isinstance(value, dict) else [prefix + key]
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_each_loads_and_has_no_empty_list(path: Path) -> None:
+    load_config(path)
+    for value in yaml.safe_load(path.read_text())["/**"]["ros__parameters"].values():
+        assert value != [], "ROS 2 parameter files have no empty lists"
+
+
+def test_coman_yaml_lists_every_default_in_the_order_of_the_table() -> None:
+    flat = {key: value for key, value in Config().flat().items() if value != ()}
+    path = config_path("coman")
+    assert {key: value for key, value in load_config(path).flat().items() if value != ()} == flat
+    assert keys(yaml.safe_load(path.read_text())["/**"]["ros__parameters"]) == list(flat)
+
+
+def test_coman_yaml_fits_the_virtual_robot() -> None:
+    config = load_config(config_path("coman"))
+    robot = Robot(urdf(COMAN), config.robot)
+    assert robot.mass == pytest.approx(17.3, abs=0.05)
+    for leg, side in ((config.robot.left, "L"), (config.robot.right, "R")):
+        springs = {joint.name: (joint.stiffness, joint.damping) for joint in COMAN.joints() if joint.name[0] == side}
+        assert dict(zip(leg.joints, zip(leg.stiffness, leg.damping, strict=True), strict=True)) == springs
+
+
+@pytest.mark.skipif(not ICUB_BAG.exists(), reason="the recording is not part of the project")
+def test_icub_yaml_fits_the_recorded_robot() -> None:
+    from coman_reduced_model.bag.reader import Bag
+    from coman_reduced_model.offline import find_robot
+    from coman_reduced_model.topics import TopicNames
+
+    config = load_config(config_path("icub"))
+    assert config.prediction.reference == "none"
+    with Bag(ICUB_BAG) as bag:
+        robot = find_robot(config, bag, TopicNames())
+    assert robot.mass == pytest.approx(33.08, abs=0.05)
