@@ -25,7 +25,7 @@ def predict_horizons(
 
     Args:
         com, com_vel: (3,) measured [m], [m/s] in the support sole.
-        horizons: (k,) ascending [s].
+        horizons: (k,) ascending [s], at least one.
         M, K, D, axes, force: `model.Terms` now.
         reference, reference_vel: (3,) now; NaN without a reference (LIPM): what is not integrated stays.
         plan, plan_vel, plan_dt: from `reference.plan_ahead`.
@@ -33,18 +33,19 @@ def predict_horizons(
     Returns:
         (k, 3) [m] in the support sole.
     """
+    out = np.empty((horizons.shape[0], 3))
     n = axes.shape[0]
     M_inv, K_n, D_n = inverse(select(M, axes)), select(K, axes), select(D, axes)
-    out = np.empty((horizons.shape[0], 3))
     z = np.concatenate((com[axes], com_vel[axes]))
     free = np.isnan(reference[0])
     velocity = np.zeros(3) if free else reference_vel
     moved = np.zeros(3)
     u = force[axes]
     start, last_dt = 0.0, -1.0
+    # Without a plan the reference moves linearly and any step is exact; equal ones share their transition.
+    longest = _STEP if plan.shape[0] > 1 else horizons[0]
     for h in range(horizons.shape[0]):
-        # Without a plan the reference moves linearly, and one step is exact.
-        steps = 1 if plan.shape[0] < 2 else max(1, int(np.ceil((horizons[h] - start) / _STEP - 1e-9)))
+        steps = max(1, int(np.ceil((horizons[h] - start) / longest - 1e-9)))
         dt = (horizons[h] - start) / steps
         if abs(dt - last_dt) > 1e-12:
             E, G_0, G_1 = transition(M_inv, K_n, D_n, dt)

@@ -42,6 +42,7 @@ class Predictor:
         self._nothing = np.full((len(self._horizons), 3), np.nan)
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
         self._following = [axis for axis in range(3) if axis not in self.model.axes]
+        self._needs_zmp = config.prediction.reference == "none" or len(self._horizons) > 0
         self._both = config.model.double_support == "both_legs"
         self.reset()
 
@@ -90,7 +91,7 @@ class Predictor:
             flags |= Flags.NO_SUPPORT | Flags.NOT_INITIALISED
             return self._finish(sample, support, T_odom_sole, flags, com, com_vel)
 
-        zmp = self._zmp(sample, foot)
+        zmp = self._zmp(sample, foot) if self._needs_zmp else None
         terms, reference, reference_vel = self._terms(sample, support, com, zmp)
         if foot != self._foot and self._state is not None:
             self._change_frame(T_odom_sole)
@@ -239,6 +240,8 @@ class Predictor:
         Hands it to the judge together with the baselines.
         """
         horizons = None
+        if not len(self._horizons):
+            return horizons
         if terms is not None:
             plan = plan_ahead(sample, support.support_foot)
             horizons = predict_horizons(
