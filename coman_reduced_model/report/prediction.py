@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The report on what `coman predict` wrote: `report.html` and `plots/*.png` beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..core.config import parameter_table
+from ..core.statistics import AXES
+from ..errors import BagError, OutputError
+from . import figures
+from .draw import PHASE_NAMES
+from .page import Notice, Part, Section, Table, Text, page, picture
+from .run import Run, load_run
+from .verdict import millimetres, percent, sentence
+
+Progress = Callable[[float, str], None]  # fraction done, what is being done
+REPORT_FILE, PLOTS_FOLDER = "report.html", "plots"
+_SUMMARY_FILE, _PREDICTIONS_BAG = "summary.json", "predictions"
+_PREDICTORS = {"model": "this model", "rigid": "rigid robot", "persistence": "persistence", "lipm": "LIPM"}
+_FLAGS = {
+    "NO_REFERENCE": "no reference of the configured source: neither reference nor prediction",
+    "STALE_WRENCH": "a foot wrench is missing or too old: the phase is held",
+    "NOT_INITIALISED": "the free run has not started",
+    "NO_SUPPORT": "in the air, or the phase is not known yet",
+    "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
+    "RESET": "the free run was initialised from the measurement",
+    "REJECTED_STATE": "the prediction diverged and was restarted",
+}
+
+
+def write_report(directory: str | Path, progress: Progress | None = None) -> Path:
+    """Make the page and its plots from an output folder of `coman predict`, replacing those of an earlier call.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        BagError: the folder holds no results, or they cannot be read.
+        OutputError: the page cannot be written.
+    """
+    directory = Path(directory)
+    tell = progress or (lambda fraction, text: None)
+    summary = read_summary(directory)
+    bag = directory / _PREDICTIONS_BAG
+    if not bag.exists():
+        raise BagError(f"{directory}: has {_SUMMARY_FILE} but no {_PREDICTIONS_BAG}/: run coman predict again")
+    run = load_run(bag, lambda fraction, text: tell(0.3 * fraction, text))
+    plots, target = directory / PLOTS_FOLDER, directory / REPORT_FILE
+    temporary = target.with_suffix(".html.part")
+    try:
+        plots.mkdir(exist_ok=True)
+        html = prediction_page(summary, run, plots, lambda fraction, text: tell(0.3 + 0.7 * fraction, text))
+        temporary.write_text(html, encoding="utf-8")
+        os.replace(temporary, target)
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    tell(1.0, str(target))
+    return target
+
+
+def read_summary(directory: Path) -> dict[str, Any]:
+    """`summary.json` of an output folder.
+
+    Raises:
+        BagError: there is none, or it is not what `coman predict` writes.
+    """
+    path = directory / _SUMMARY_FILE
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        if not directory.is_dir():
+            raise BagError(f"{directory}: no such folder") from None
+        if isinstance(error, FileNotFoundError):
+            raise BagError(f"{directory}: no {_SUMMARY_FILE} in it: not a folder that coman predict wrote") from None
+        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # of JSON or of the encoding
+        raise BagError(f"{path}: is not JSON: {error}") from None
+    if not isinstance(summary, dict) or "samples" not in summary or not isinstance(summary.get("rmse_m"), dict):
+        raise BagError(f"{path}: not a summary of coman predict: no 'samples' or 'rmse_m' in it")
+    return summary
+
+
+def prediction_page(
+    summary: Mapping[str, Any], run: Run, plots: Path | None = None, progress: Progress | None = None
+) -> str:
+    """The HTML of the report; PNG files into the folder `plots` if one is given."""
+    tell = progress or (lambda fraction, text: None)
+    robot = (summary.get("robot") or {}).get("name") or "robot"
+    recording = Path(summary.get("bag") or "?").name
+    sections = []
+    parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, _configuration
+    for number, make in enumerate(parts):
+        tell(number / len(parts), "drawing")
+        sections.append(make(summary, run, plots))
+    title = f"COM of {robot}, predicted and measured: {recording}"
+    return page(title, sentence(summary), sections, _facts(summary, recording))
+
+
+def _facts(summary: Mapping[str, Any], recording: str) -> list[tuple[str, str]]:
+    config, robot = summary.get("config") or {}, summary.get("robot") or {}
+    facts = [("recording", recording)]
+    if robot.get("name"):
+        facts.append(
+            ("robot", f"{robot['name']}, {robot['mass_kg']:.1f} kg" if robot.get("mass_kg") else robot["name"])
+        )
+    if summary.get("duration_s") is not None:
+        facts.append(("length", f"{summary['duration_s']:.1f} s, {summary['samples']} samples"))
+    if config:
+        effects = config.get("effects.active") or []
+        facts.append(("reference", str(config.get("prediction.reference", "?"))))
+        choice = f"stiffness {config.get('model.stiffness')}, double support {config.get('model.double_support')}"
+        facts.append(("model", ", ".join([choice, *effects])))
+    if summary.get("realtime_factor"):
+        facts.append(("speed", f"{summary['realtime_factor']:.2g} x real time"))
+    return facts
+
+
+def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    rows = [("all", summary, summary.get("judged_samples"))]
+    names = {phase.name: name for phase, name in PHASE_NAMES.items()}
+    for phase, by in (summary.get("by_phase") or {}).items():
+        rows.append((names.get(phase, phase), by, by.get("samples")))
+    head = ["phase", "samples", *["predicted", "rigid"] * len(AXES)]
+    cells = [
+        [name, str(count or 0)]
+        + [
+            millimetres((by.get(kind) or {}).get(axis)).removesuffix(" mm")
+            for axis in AXES
+            for kind in ("rmse_m", "rmse_rigid_m")
+        ]
+        for name, by, count in rows
+    ]
+    parts: list[Part] = [Notice(text, "warn") for text in summary.get("warnings") or []]
+    parts.append(
+        Table(
+            head,
+            cells,
+            "RMS of measured minus predicted COM, in the axes of the support sole. Predicted: the free run, started "
+            "from the measurement and then driven by reference and phase alone. Rigid: as if the COM were its "
+            "reference. A dash: not known.",
+            strong=(0,),
+            groups=[("", 2), *((f"{figures.DIRECTIONS[axis]} [mm]", 2) for axis in AXES)],
+        )
+    )
+    config = summary.get("config") or {}
+    if config and "lateral_compliance" not in (config.get("effects.active") or []):
+        if config.get("prediction.reference") != "none":
+            parts.append(
+                Text(
+                    "y is not modelled here: sideways, the predicted COM is the reference (effect lateral_compliance)."
+                )
+            )
+    return Section("Errors", parts, "errors")
+
+
+def _walk(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    found = run.consecutive_steps()
+    when = f"from {run.time[found[0]]:.1f} to {run.time[found[1] - 1]:.1f} s" if found else ""
+    config = summary.get("config") or {}
+    parts = [
+        picture(
+            "three_steps",
+            lambda: figures.three_steps(run),
+            f"COM over three consecutive steps {when}: measured, predicted and reference, forward and up.",
+            f"Three steps in the middle of the recording, {when} (chosen by place, not by fit). Left in the odometry "
+            "frame, right as the difference from the reference, where a rigid robot is the line at zero. A dot marks "
+            "where the prediction starts from the measurement.",
+            plots,
+        ),
+        picture(
+            "com",
+            lambda: figures.com_over_time(run),
+            "COM forward, left and up over the whole recording: measured, predicted and reference.",
+            "The COM in the odometry frame, which starts at the first support sole.",
+            plots,
+        ),
+        picture(
+            "top_view",
+            lambda: figures.top_view(run, config.get("robot.foot_length", 0.2), config.get("robot.foot_width", 0.1)),
+            "Path of the COM seen from above, with the soles of both feet.",
+            "From above, as wide as the measured COM and the soles: the COM, and the soles where they carried (green "
+            "left, yellow right, drawn around the origins of their frames).",
+            plots,
+        ),
+    ]
+    return Section("COM", parts, "com")
+
+
+def _deflection(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    made = picture(
+        "deflection",
+        lambda: figures.deflection(run),
+        "Difference of measured and predicted COM from the reference, forward, left and up, over the recording. "
+        + sentence(summary),
+        "What the springs do: the COM against its reference, in the support sole. A perfect model lies on the measured "
+        "line, a rigid robot is the line at zero. Lines are broken where the support sole changes.",
+        plots,
+    )
+    return Section("Deflection from the reference", [made], "deflection")
+
+
+def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    errors, skill = summary.get("horizon_rmse_m") or {}, summary.get("skill") or {}
+    made = picture(
+        "horizons",
+        lambda: figures.horizon_error(errors),
+        "RMS error against the horizon for this model and three baselines, per axis, on a logarithmic scale.",
+        "Error of predictions from the measured state, some tenths of a second ahead, all judged on the same samples. "
+        "Persistence: the COM keeps its velocity. LIPM: inverted pendulum about the measured ZMP.",
+        plots,
+    )
+    if isinstance(made, Notice):
+        return Section("Prediction ahead", [made], "ahead")
+    rows = []
+    for horizon, by in errors.items():
+        for axis in AXES:
+            value = (skill.get(horizon) or {}).get(axis)
+            told = "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
+            cells = [millimetres((by.get(name) or {}).get(axis)).removesuffix(" mm") for name in _PREDICTORS]
+            rows.append([f"{horizon} s, {axis}", *cells, told])
+    head = ["horizon, axis", *(f"{name} [mm]" for name in _PREDICTORS.values()), "skill"]
+    note = (
+        "Skill: 1 - RMSE of the model / RMSE of the best baseline. Above 0 it is better than all of them, 1 is perfect."
+    )
+    return Section("Prediction ahead", [made, Table(head, rows, note)], "ahead")
+
+
+def _left(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    cycle = picture(
+        "by_cycle",
+        lambda: figures.by_cycle(run),
+        "Errors of this model and of the rigid robot over the course of a step, per axis and support foot.",
+        "All steps laid on each other, from touchdown (0 %) to the next touchdown: median, and the band that holds "
+        "80 % of them. A narrow band away from zero is physics that the model lacks; a wide one is noise, or changes "
+        "from step to step. Where left and right differ, look for the cause on one side.",
+        plots,
+    )
+    spectrum = picture(
+        "spectrum",
+        lambda: figures.spectrum(run),
+        "Amplitude spectral density of the errors of this model and of the rigid robot, per axis.",
+        "Where in frequency the errors are. Peaks at the step rate and its multiples belong to the gait; others are "
+        "resonances or noise.",
+        plots,
+    )
+    return Section("What is left unexplained", [cycle, spectrum], "left")
+
+
+def _support(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    seconds = summary.get("phases_s") or {}
+    names = {phase.name: name for phase, name in PHASE_NAMES.items()}
+    told = ", ".join(f"{names.get(phase, phase)} {value:.1f} s" for phase, value in seconds.items() if value)
+    made = picture(
+        "load",
+        lambda: figures.load_share(run),
+        f"Share of the vertical force on the left foot over time, with the support phases: {told}.",
+        f"Vertical load and the phases found from it: {told}. {len(run.steps())} complete steps.",
+        plots,
+    )
+    return Section("Support", [made], "support")
+
+
+def _inputs(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    parts: list[Part] = []
+    streams = summary.get("streams") or {}
+    if streams:
+        rows = [
+            [
+                name,
+                str(s.get("received", "–")),
+                str(s.get("accepted", "–")),
+                _rate(s.get("rate_hz")),
+                str(s.get("incomplete", 0)),
+            ]
+            for name, s in streams.items()
+            if s.get("received") or s.get("expected")
+        ]
+        parts.append(
+            Table(["stream", "messages", "accepted", "rate [Hz]", "samples without it"], rows, "What came in.")
+        )
+    elif summary.get("incomplete"):
+        rows = [[name, str(count)] for name, count in summary["incomplete"].items()]
+        parts.append(Table(["stream", "samples without it"], rows, "Samples that went without a value of a stream."))
+    rejected, last = summary.get("rejected") or {}, summary.get("last_rejection") or {}
+    if any(rejected.values()):
+        rows = [[name, last.get(name, ""), str(count)] for name, count in rejected.items() if count]
+        parts.append(Table(["rejected: stream/reason", "the last one", "messages"], rows, words=2))
+    else:
+        parts.append(Text("No message was rejected."))
+    flags, samples = summary.get("flags") or {}, max(summary.get("samples") or 0, 1)
+    if flags:
+        rows = [[_FLAGS.get(name, name), str(n), percent(n / samples)] for name, n in flags.items()]
+        parts.append(Table(["state of the prediction", "samples", "share"], rows))
+    told = []
+    if summary.get("restarts"):
+        told.append(
+            f"The joint states broke off or went back {summary['restarts']} times; the prediction started anew."
+        )
+    if summary.get("unlisted_joints"):
+        told.append(f"Held at zero, for no message names them: {', '.join(summary['unlisted_joints'])}.")
+    if summary.get("extra_joints"):
+        told.append(f"Ignored, for the robot description lacks them: {', '.join(summary['extra_joints'])}.")
+    return Section("Inputs", [*parts, *map(Text, told)], "inputs")
+
+
+def _configuration(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
+    config, table = summary.get("config") or {}, parameter_table()
+    if not config:
+        return Section("Configuration", [Notice("The summary does not tell the configuration.")], "configuration")
+    rows, changed = [], []
+    for key, value in config.items():
+        known = table.get(key)
+        row = [
+            key,
+            _value(value),
+            known.unit if known and known.unit != "1" else "",
+            known.description if known else "",
+        ]
+        rows.append(row)
+        if known is None or _value(value) != _value(known.nominal):
+            changed.append(row)
+    head = ["key", "value", "unit", "meaning"]
+    parts: list[Part] = [
+        Table(head, changed, "What differs from the nominal values.", words=4)
+        if changed
+        else Text("All values are nominal.")
+    ]
+    parts.append(Table(head, rows, words=4, folded=f"All {len(rows)} values"))
+    return Section("Configuration", parts, "configuration")
+
+
+def _rate(value: float | None) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value:.1f}"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ", ".join(_value(item) for item in value) or "none"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:g}" if isinstance(value, (int, float)) else str(value) or "none"
