@@ -170,6 +170,9 @@ class GaitConfig:
     single_support: float = par(-1.0, "s", "duration of single support; -1: that of the named gait", -1.0, 10.0)
     double_support: float = par(-1.0, "s", "duration of double support; -1: that of the named gait", -1.0, 10.0)
     steps: int = par(-1, "steps", "number of steps; -1: that of the named gait", -1, 100000)
+    step_width: float = par(-1.0, "m", "distance of the soles in y; -1: that of the named gait", -1.0, 1.0)
+    com_height: float = par(-1.0, "m", "height of the COM above the soles; -1: that of the named gait", -1.0, 3.0)
+    zmp_offset_x: float = par(-1.0, "m", "ZMP ahead of the sole origin; -1: that of the named gait", -1.0, 0.5)
     rate: float = par(200.0, "Hz", "rate of com/reference", 1.0, 1000.0)
     preview_interval: float = par(0.02, "s", "spacing of the preview", 0.001, 0.5)
     preview_length: int = par(25, "points", "number of preview points", 0, 500)
@@ -184,6 +187,9 @@ class GaitConfig:
             "single_support_s": self.single_support,
             "double_support_s": self.double_support,
             "steps": self.steps,
+            "step_width_m": self.step_width,
+            "com_height_m": self.com_height,
+            "zmp_offset_x_m": self.zmp_offset_x,
         }
         return {key: value for key, value in given.items() if value != -1}
 
