@@ -63,6 +63,7 @@ class LegKinematics:
         self.model = pin.buildModelFromXML(urdf(table), pin.JointModelFreeFlyer())
         self.data = self.model.createData()
         self.stiffness = table.joint_array(table.stiffness)
+        self._longest = table.thigh + table.shank
         self._ankles = [self.model.getJointId(name) for name in ("LAnkLat", "RAnkLat")]
         # Pinocchio sorts the joints by name among brothers; here as everywhere: left leg, right leg.
         index = [self.model.joints[self.model.getJointId(name)].idx_v for name in table.joint_names]
@@ -73,18 +74,24 @@ class LegKinematics:
         """Joint angles for COM (n, 3) [m] and soles (n, 4, 4) in one frame with z up.
 
         Raises:
-            ConfigError: a leg is too short, or a joint beyond its limit.
+            ConfigError: a leg is too short or too long for it, or a joint beyond its limit.
         """
         x_left, x_right = T_left[:, :2, 0], T_right[:, :2, 0]
         forward = x_left + x_right
         yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
         offset = np.zeros_like(com)
-        for _ in range(12):  # the COM moves almost as much as the trunk: each pass leaves about a fifth
-            posture = Posture(self._legs(com + offset, yaw, T_left, T_right), com + offset, yaw)
+        for _ in range(30):
+            q, reach = self._legs(com + offset, yaw, T_left, T_right)
+            posture = Posture(q, com + offset, yaw)
             error = com - self._com(posture)
-            offset += error
-            if np.abs(error).max() < 1e-9:
+            if reached := np.abs(error).max() < 1e-7:
                 break
+            offset += 1.4 * error  # the COM moves by some 0.7 of what the trunk does: the legs stay behind
+        if not reached or reach.max() > self._longest:
+            raise ConfigError(
+                f"the legs cannot put the COM there: ankle to hip {reach.min():.3f} to {reach.max():.3f} m;"
+                f" allowed: below {self._longest:.3f} m (shorter steps, or another com_height_m)"
+            )
         low, high = self._limits
         if np.any(beyond := (posture.q < low) | (posture.q > high)):
             row, joint = np.argwhere(beyond)[0]
@@ -94,11 +101,14 @@ class LegKinematics:
             )
         return posture
 
-    def _legs(self, base: Array, yaw: Array, T_left: Array, T_right: Array) -> Array:
-        """Both legs in closed form: the hip's axes meet in one point, and so do the ankle's."""
+    def _legs(self, base: Array, yaw: Array, T_left: Array, T_right: Array) -> tuple[Array, Array]:
+        """Both legs in closed form: the hip's axes meet in one point, and so do the ankle's.
+
+        Joints (n, 12), and the distances (n, 2) from ankle to hip; legs that are too short are straight.
+        """
         table = self.table
         R_base = _rz(yaw)
-        q = np.empty((len(yaw), 12))
+        q, reach = np.empty((len(yaw), 12)), np.empty((len(yaw), 2))
         for k, (T, side) in enumerate(((T_left, 1.0), (T_right, -1.0))):
             R_foot = T[:, :3, :3]
             ankle = T[:, :3, 3] + table.ankle_height * R_foot[:, :, 2]
@@ -106,13 +116,8 @@ class LegKinematics:
             r = np.einsum("nji,nj->ni", R_foot, hip - ankle)  # ankle to hip, seen from the foot
             a, b, d2 = table.thigh, table.shank, np.sum(r * r, axis=1)
             cos_knee = (d2 - a * a - b * b) / (2.0 * a * b)
-            if np.any(cos_knee > 1.0):
-                row = int(np.argmax(cos_knee))
-                raise ConfigError(
-                    f"the {('left', 'right')[k]} leg is too short for this gait: ankle to hip {np.sqrt(d2[row]):.3f} m,"
-                    f" allowed: {a + b:.3f} m (shorter steps, or a lower com_height_m)"
-                )
-            knee = np.arccos(np.maximum(cos_knee, -1.0))
+            reach[:, k] = np.sqrt(d2)
+            knee = np.arccos(np.clip(cos_knee, -1.0, 1.0))
             roll = np.arctan2(r[:, 1], r[:, 2])  # Rx(roll) r has no y: the plane of thigh and shank
             height = np.hypot(r[:, 1], r[:, 2])
             lean = np.arctan2(r[:, 0], height)
@@ -123,7 +128,7 @@ class LegKinematics:
             hip_sag = np.arctan2(R[:, 0, 2], R[:, 2, 2])
             hip_yaw = np.arctan2(R[:, 1, 0], R[:, 1, 1])
             q[:, 6 * k : 6 * k + 6] = np.stack([hip_sag, hip_lat, hip_yaw, knee, pitch, roll], axis=1)
-        return q
+        return q, reach
 
     def configuration(self, posture: Posture) -> Array:
         """Pinocchio's (n, 19): position of the trunk, its quaternion x y z w, joints."""

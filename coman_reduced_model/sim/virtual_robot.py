@@ -56,6 +56,8 @@ class VirtualRobot:
         t: time since `reset` [s].
         truth: the last step's truth; None before the first one.
         table, model, data: the robot, and MuJoCo's model and state of it.
+        stiffness, damping: of the joints (12,), as they really are [Nm/rad, Nms/rad].
+        start_ns: stamp at t = 0 [ns].
     """
 
     def __init__(
@@ -88,12 +90,12 @@ class VirtualRobot:
         self.data = mujoco.MjData(self.model)
         self.truth: Truth | None = None
         self.t = 0.0
-        self._motor_options, self._seed, self._start_ns = motors, seed, start_ns
+        self._motor_options, self._seed, self.start_ns = motors, seed, start_ns
         self._options = sensors or SensorOptions()
-        self._disturbances = list(disturbances)
-        self._stiffness = self.model.actuator_gainprm[:, 0].copy()
-        self._damping = -self.model.actuator_biasprm[:, 2]
-        self._lead = self._damping / self._stiffness
+        self.disturbances = list(disturbances)
+        self.stiffness = self.model.actuator_gainprm[:, 0].copy()
+        self.damping = -self.model.actuator_biasprm[:, 2]
+        self._lead = self.damping / self.stiffness
         self._feet = [self.model.body(name).id for name in ("l_foot", "r_foot")]
         self._soles = [self.model.site(name).id for name in ("l_sole", "r_sole")]
         self._root = self.model.body("base_link").id
@@ -125,13 +127,13 @@ class VirtualRobot:
         data.qpos[:3], self._height = start.base[0], float(start.base[0, 2])
         data.qpos[3:7] = [np.cos(start.yaw[0] / 2.0), 0.0, 0.0, np.sin(start.yaw[0] / 2.0)]
         data.qpos[7:19] = start.q[0]
-        self.sensors = Sensors(self._options, self.table, model.opt.timestep, self._start_ns, self._seed)
-        for disturbance in self._disturbances:
+        self.sensors = Sensors(self._options, self.table, model.opt.timestep, self.start_ns, self._seed)
+        for disturbance in self.disturbances:
             disturbance.start(self.table, model, rng)
-        self._move = overrides(self._disturbances, "move_motors")
-        self._springs = overrides(self._disturbances, "spring_torque")
-        self._forces = overrides(self._disturbances, "apply")
-        self._sense = overrides(self._disturbances, "sense")
+        self._move = overrides(self.disturbances, "move_motors")
+        self._springs = overrides(self.disturbances, "spring_torque")
+        self._forces = overrides(self.disturbances, "apply")
+        self._sense = overrides(self.disturbances, "sense")
         theta = motion(np.zeros(1))[0][0]
         self._motors = Motors(self._motor_options, theta) if self._motor_options else None
         self._q_history = np.tile(data.qpos[7:19], (self.sensors.steps, 1))
@@ -212,7 +214,7 @@ class VirtualRobot:
         for disturbance in self._forces:
             disturbance.apply(t, model, data)
         if self._motors:
-            torque = self._stiffness * deflection + self._damping * deflection_rate + extra
+            torque = self.stiffness * deflection + self.damping * deflection_rate + extra
             self._motors.step(reference, reference_rate, torque, model.opt.timestep)
         return theta, rate, extra
 

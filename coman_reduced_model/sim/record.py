@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Walks the virtual robot and records what it publishes as a bag, and the truth beside it.
+
+The truth is a file of its own next to the bag (`OUT.truth.npz`), which nothing that predicts or diagnoses reads.
+"""
+
+from __future__ import annotations
+
+import heapq
+import os
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bag.types import bag_types
+from ..bag.writer import BagWriter
+from ..core.gait import GaitParameters, WalkPlan, gait, plan_walk
+from ..core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.types import Foot
+from ..errors import ConfigError, OutputError
+from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
+from ..output import OutputFolder
+from ..topics import DESCRIPTION, INPUT_TOPICS
+from .describe import urdf
+from .disturbance import Disturbance
+from .motion import MotorMotion, plan_motion
+from .motors import MotorOptions
+from .robot_table import COMAN, ROBOTS, RobotTable
+from .sensors import SensorOptions
+from .virtual_robot import Motion, Truth, VirtualRobot
+
+Progress = Callable[[float, str], None]  # fraction done, what is being done
+REFERENCE_RATE = 200.0  # [Hz] of com/reference at most
+PREVIEW_DT, PREVIEW_N = 0.02, 25  # half a second: farther than any horizon
+CONTACT_FORCE = 1.0  # [N] above which the truth says that a foot touches the floor
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What `record` made."""
+
+    bag: Path
+    truth: Path
+    duration_s: float
+    messages: dict[str, int]  # by topic
+    fallen_s: float | None  # when the robot fell; None: it did not
+    realtime_factor: float
+
+
+def robot_gait(table: RobotTable, name: str, duration_s: float | None = None, **overrides: Any) -> GaitParameters:
+    """A named gait with the figures that suit a robot (RobotTable.gait).
+
+    Args:
+        table: the robot.
+        name: one of core.gait.GAITS.
+        duration_s: about how long the plan shall last: sets the number of steps, or the time that it stands.
+        overrides: other gait parameters; they go first.
+
+    Raises:
+        ConfigError: an unknown gait, a value out of range, or a duration too short for a step.
+    """
+    p = gait(name, **{**table.gait, **overrides})
+    if duration_s is None:
+        return p
+    if p.steps == 0:
+        return replace(p, stand_before_s=duration_s / 2.0, stand_after_s=duration_s / 2.0)
+    walking = duration_s - p.stand_before_s - p.stand_after_s - p.double_support_s
+    steps = int((walking + 1e-6) / (p.single_support_s + p.double_support_s))
+    if steps < 1:
+        shortest = duration_s - walking + p.single_support_s + p.double_support_s
+        raise ConfigError(f"duration: {duration_s:g} s is too short for a step (allowed: {shortest:g} s and more)")
+    return replace(p, steps=steps)
+
+
+def sway(plan: WalkPlan) -> WalkPlan:
+    """A standing plan whose COM moves slowly in all directions: quasi-static load on every spring, both feet flat.
+
+    15 mm fore and aft, 20 mm to the sides, 16 mm down, each at a frequency of its own below 0.4 Hz. The first and
+    the last two seconds are still.
+    """
+    t = np.linspace(0.0, plan.duration_s, max(int(np.ceil(plan.duration_s / 0.01)), 2) + 1)
+    ends = np.clip(np.minimum(t, plan.duration_s - t) / 2.0 - 1.0, 0.0, 1.0)
+    window = ends**3 * (10.0 + ends * (6.0 * ends - 15.0))
+    amplitude, frequency = np.array([0.015, 0.020, -0.008]), np.array([0.21, 0.13, 0.34])
+    moved = window[:, None] * amplitude * np.sin(2.0 * np.pi * frequency * t[:, None])
+    moved[:, 2] -= 0.008 * window  # only downwards: upwards the knees would straighten
+    return plan.with_com(t, plan.sample_many(t).com + moved)
+
+
+def record(
+    walk: str | GaitParameters,
+    out: str | Path,
+    robot: str | RobotTable = COMAN,
+    sensors: SensorOptions | None = None,
+    disturbances: Sequence[Disturbance] = (),
+    motors: MotorOptions | None = None,
+    seed: int = 0,
+    duration_s: float | None = None,
+    sag: float = 0.8,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Recording:
+    """Plans a gait, walks the virtual robot through it, writes the bag `out` and the truth `out`.truth.npz.
+
+    Args:
+        walk: name of a gait (`robot_gait` chooses the rest; `stand` sways slowly), or parameters.
+        out: folder of the bag.
+        robot: a name in `ROBOTS` or a table.
+        sensors: default: SensorOptions().
+        disturbances: hidden effects.
+        motors: None: they follow their references exactly.
+        seed: of all random numbers.
+        duration_s: see robot_gait; only with the name of a gait.
+        sag: see plan_motion.
+        force: replace an existing bag.
+        progress: called now and then.
+
+    Raises:
+        ConfigError: the gait, the robot or an option is not possible.
+        OutputError: `out` exists, or cannot be written.
+    """
+    if isinstance(robot, str):
+        if robot not in ROBOTS:
+            raise ConfigError(f"robot: {robot!r} is not allowed (allowed: {', '.join(ROBOTS)})")
+        robot = ROBOTS[robot]
+    if isinstance(walk, str):
+        plan = plan_walk(robot_gait(robot, walk, duration_s))
+        plan = sway(plan) if walk == "stand" else plan
+    elif duration_s is None:
+        plan = plan_walk(walk)
+    else:
+        raise ConfigError("duration: only with a named gait; GaitParameters have steps and standing times")
+    body = VirtualRobot(robot, sensors, disturbances, motors, seed)
+    destination = _Destination(out, force)
+    if progress:
+        progress(0.0, "planning the motion")
+    motion, plan = plan_motion(robot, plan, sag)
+    return _run(body, motion, plan, destination, plan.duration_s, progress)
+
+
+def record_motion(
+    robot: VirtualRobot,
+    motion: Motion,
+    out: str | Path,
+    duration_s: float,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Recording:
+    """The same for any motion of the motors (see VirtualRobot.reset), such as the experiments that identify springs.
+
+    There is no plan then, and no com/reference in the bag.
+    """
+    return _run(robot, motion, None, _Destination(out, force), duration_s, progress)
+
+
+class _Destination:
+    """Where bag and truth go; both are there at the end, or neither."""
+
+    def __init__(self, out: str | Path, force: bool) -> None:
+        self.bag = Path(out)
+        self.truth = self.bag.with_name(f"{self.bag.name}.truth.npz")
+        if not self.bag.name:
+            raise OutputError(f"{out}: no name for a bag")
+        if self.truth.exists() and not force:
+            raise OutputError(f"{self.truth}: exists; --force replaces it")
+        self.folder = OutputFolder(self.bag, force)
+
+
+def _run(
+    robot: VirtualRobot,
+    motion: Motion | MotorMotion,
+    plan: WalkPlan | None,
+    destination: _Destination,
+    duration_s: float,
+    progress: Progress | None,
+) -> Recording:
+    names = {stream: f"/{topic}" for stream, topic in INPUT_TOPICS.items() if plan or stream != REFERENCE}
+    topics = {f"/{DESCRIPTION}": STRING, **{name: INPUT_TYPES[stream] for stream, name in names.items()}}
+    truths: list[Truth] = []
+    fallen = None
+    began = time.perf_counter()
+    with destination.folder as temporary:
+        inner = temporary / destination.bag.name
+        with BagWriter(inner, topics, latched=(f"/{DESCRIPTION}",)) as bag:
+            bag.write(f"/{DESCRIPTION}", robot.start_ns, bag_types().String(data=urdf(robot.table)))
+            robot.reset(motion)
+            stream = _Stream(bag, names, robot, plan)
+            for k in range(round(duration_s / robot.period)):
+                stream.add(robot.step())
+                truths.append(robot.truth)  # type: ignore[arg-type]
+                if fallen is None and robot.fallen:
+                    fallen = robot.t
+                if fallen is not None and robot.t > fallen + 1.0:
+                    break
+                if progress and k % 100 == 0:
+                    progress(robot.t / duration_s, f"{robot.t:.0f} of {duration_s:.0f} s")
+            stream.flush()
+        for path in list(inner.iterdir()):  # the bag is the folder that the user named, not one in it
+            shutil.move(path, temporary / path.name)
+        inner.rmdir()
+        partial = temporary.with_name(f"{temporary.name}.truth.npz")
+        try:
+            save_truth(partial, truths, robot)
+            os.replace(partial, destination.truth)
+        except OSError as error:
+            raise OutputError(f"{destination.truth}: cannot be written: {error.strerror or error}") from None
+        finally:
+            partial.unlink(missing_ok=True)
+    if progress:
+        progress(1.0, "done")
+    factor = robot.t / (time.perf_counter() - began)
+    return Recording(destination.bag, destination.truth, robot.t, bag.counts, fallen, factor)
+
+
+class _Stream:
+    """Messages in the order in which they reach the bag."""
+
+    def __init__(self, bag: BagWriter, names: dict[str, str], robot: VirtualRobot, plan: WalkPlan | None) -> None:
+        self._bag, self._names, self._robot, self._plan = bag, names, robot, plan
+        self._latency = round(1e9 * robot.sensors.options.latency_s)
+        self._pending: list[tuple[int, int, str, Any]] = []
+        self._order = count()
+        self._every = max(1, round(1.0 / (robot.period * REFERENCE_RATE)))
+        self._period = 0
+
+    def add(self, readings: Any) -> None:
+        """One period's readings, and the point of the plan for it."""
+        types = bag_types()
+        for stream, message, convert in (
+            (JOINTS, readings.joint_states, joint_to),
+            (MOTORS, readings.motor_states, joint_to),
+            (WRENCHES[Foot.LEFT], readings.left_wrench, wrench_to),
+            (WRENCHES[Foot.RIGHT], readings.right_wrench, wrench_to),
+            (IMU, readings.imu, imu_to),
+        ):
+            if message is not None:
+                self._push(stream, message.stamp_ns + self._latency, convert(types, message))
+        if self._plan and self._period % self._every == 0:
+            stamp = self._robot.start_ns + round(1e9 * readings.t)
+            point = self._plan.reference(readings.t, stamp, PREVIEW_DT, PREVIEW_N)
+            self._push(REFERENCE, stamp, reference_to(types, point))
+        self._period += 1
+        # Nothing of a later period is stamped a whole period before it begins.
+        self.flush(self._robot.start_ns + round(1e9 * (readings.t - self._robot.period)))
+
+    def _push(self, stream: str, log_time_ns: int, message: Any) -> None:
+        heapq.heappush(self._pending, (log_time_ns, next(self._order), self._names[stream], message))
+
+    def flush(self, until_ns: int | None = None) -> None:
+        """Write what is due by then, or everything."""
+        while self._pending and (until_ns is None or self._pending[0][0] <= until_ns):
+            log_time, _, topic, message = heapq.heappop(self._pending)
+            self._bag.write(topic, max(log_time, self._robot.start_ns), message)
+
+
+def save_truth(path: str | Path, truths: Sequence[Truth], robot: VirtualRobot) -> None:
+    """Writes truths, one row a sensor period, as arrays by the names of the fields of Truth (float32 but for t).
+
+    Besides: stamp_ns, contact (n, 2: left, right), joint_names, stiffness and damping of the joints, disturbances.
+    """
+    arrays: dict[str, Any] = {
+        f.name: np.array([getattr(truth, f.name) for truth in truths], dtype=np.float32) for f in fields(Truth)
+    }
+    arrays["t"] = np.array([truth.t for truth in truths])
+    arrays["stamp_ns"] = robot.start_ns + np.round(1e9 * arrays["t"]).astype(np.int64)
+    arrays["contact"] = np.column_stack([arrays["left_wrench"][:, 2], arrays["right_wrench"][:, 2]]) > CONTACT_FORCE
+    arrays["joint_names"] = np.array(robot.table.joint_names)
+    arrays["stiffness"], arrays["damping"] = robot.stiffness, robot.damping
+    arrays["disturbances"] = np.array([repr(disturbance) for disturbance in robot.disturbances])
+    np.savez_compressed(path, **arrays)
+
+
+def load_truth(path: str | Path) -> dict[str, Any]:
+    """The arrays of a truth file."""
+    with np.load(path, allow_pickle=False) as file:
+        return dict(file)
