@@ -183,15 +183,23 @@ def test_flight_keeps_the_last_foot() -> None:
     for k in range(1, 20):
         state = detector.update(k * ms, 0.0, 0.0)
     assert (state.phase, state.support_foot) == (Phase.FLIGHT, Foot.RIGHT)
-    assert state.phase_time == pytest.approx(0.018)  # dated back to the first sample without load
+    assert state.phase_time == pytest.approx(0.019 - 0.96e-3)  # since 4 % were crossed
     assert math.isnan(state.left_share)
 
 
-def test_a_spike_of_one_sample_is_no_landing_and_a_gap_of_one_no_lift() -> None:
+def test_spikes_shorter_than_the_dwell_change_nothing() -> None:
     left = np.full(100, WEIGHT)
     right = np.zeros(100)
     right[50], left[70] = 100.0, 0.0
-    assert {s.phase for s in run(np.arange(100) * 0.005, left, right)} == {Phase.LEFT}
+    assert {s.phase for s in run(np.arange(100) * 0.001, left, right)} == {Phase.LEFT}
+
+
+def test_a_phase_begins_where_the_force_crosses_the_threshold() -> None:
+    t = np.arange(0, 0.2, 0.01)
+    ramp = WEIGHT * np.clip((t - 0.1) / 0.05, 0.0, 1.0) * 0.5
+    states = run(t, WEIGHT - ramp, ramp)
+    crossing = 0.1 + 0.05 * CONFIG.contact_on / 0.5
+    assert begins(t, states) == [pytest.approx(crossing, abs=1e-6)]
 
 
 def test_a_stale_wrench_interrupts_what_was_under_way() -> None:

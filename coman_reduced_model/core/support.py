@@ -2,9 +2,10 @@
 """Support phase from the vertical foot forces: a Schmitt trigger a foot, debounced in time.
 
 A foot lands when its force stays above `contact_on` shares of the weight for `dwell_on` seconds and lifts when it
-stays below `contact_off` for `dwell_off`. Dwell times are counted in stamps, so a phase does not depend on the rate.
-A change is reported when its dwell has passed but dated back to the first sample that showed it, so `phase_time`
-carries no such delay.
+stays below `contact_off` for `dwell_off`. Dwell times are counted in stamps from where the force, taken as linear between samples,
+crossed the threshold, so a phase does not depend on the rate, and a landing that jumps far above the threshold is
+believed sooner than one that grazes it. A change is reported when its dwell has passed but dated back to the crossing,
+so `phase_time` carries no such delay.
 
 The thresholds are low, because a foot that lands or peels off carries a few percent of the weight for several
 hundredths of a second, and a foot sensor's zero drifts by as much. So the zero of each sensor is learnt while its
@@ -29,19 +30,21 @@ _SHARE_FORCE = 0.05  # share of the weight that must be on the ground for a load
 class _Contact:
     """Contact of one foot, and the zero of its sensor."""
 
-    __slots__ = ("_first_ns", "_last_ns", "loaded", "since_ns", "zero")
+    __slots__ = ("_first_ns", "_last_load", "_last_ns", "loaded", "since_ns", "zero")
 
     def __init__(self, loaded: bool, stamp_ns: int) -> None:
         self.loaded = loaded
-        self.since_ns = stamp_ns  # first sample of the present contact or swing
+        self.since_ns = stamp_ns  # beginning of the present contact or swing
         self.zero = 0.0  # [N] what the sensor reads unloaded
-        self._first_ns = -1  # first sample of a change under way; -1: none is
+        self._first_ns = -1  # beginning of a change under way; -1: none is
         self._last_ns = stamp_ns
+        self._last_load = _NAN  # [N] at the last sample; NaN if that is not to be interpolated from
 
     def update(self, stamp_ns: int, force: float, on: float, off: float, dwell_on: float, dwell_off: float) -> bool:
         """Take a raw force; thresholds in N, dwell times in ns. True when the contact changed."""
         dt, self._last_ns = stamp_ns - self._last_ns, stamp_ns
         load = force - self.zero
+        before, self._last_load = self._last_load, load
         if (load >= off) if self.loaded else (load <= on):
             self._first_ns = -1
             if not self.loaded and stamp_ns - self.since_ns > _AIR_SETTLE_NS and load < off:
@@ -50,6 +53,9 @@ class _Contact:
             return False
         if self._first_ns < 0:
             self._first_ns = stamp_ns
+            threshold = off if self.loaded else on
+            if (before - threshold) * (load - threshold) <= 0.0:  # not so after a gap or a change of the thresholds
+                self._first_ns -= int(dt * (load - threshold) / (load - before))
         if stamp_ns - self._first_ns < (dwell_off if self.loaded else dwell_on):
             return False
         self.loaded = not self.loaded
@@ -61,6 +67,7 @@ class _Contact:
         """Forget a change that is under way: the samples that would confirm it are missing."""
         self._first_ns = -1
         self._last_ns = stamp_ns
+        self._last_load = _NAN
 
 
 class SupportDetector:
