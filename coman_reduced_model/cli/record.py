@@ -34,22 +34,22 @@ def record(
     """Walk the virtual robot and record a bag of what its sensors publish."""
     settings = read_config(config, changes, "trajectory").gait
     from ..errors import ConfigError
-    from ..sim.record import ROBOTS, SensorOptions, robot_gait
+    from ..sim.record import ROBOTS, SensorOptions
     from ..sim.record import record as record_walk
 
     if robot not in ROBOTS:
         raise ConfigError(f"--robot: {robot!r} is not allowed (allowed: {', '.join(ROBOTS)})")
     name = gait or settings.name
     sensors = SensorOptions.exact(rate_hz=rate) if exact else SensorOptions(rate_hz=rate)
-    given = settings.changes()
     with progress("recording") as report:
         result = record_walk(
-            robot_gait(ROBOTS[robot], name, duration, **given) if given else name,
+            name,
             out,
             robot=robot,
             sensors=sensors,
             seed=seed,
-            duration_s=None if given else duration,
+            duration_s=duration,
+            changes=settings.changes(),
             force=force,
             progress=report,
         )

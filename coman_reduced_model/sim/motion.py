@@ -180,11 +180,11 @@ class LegKinematics:
         return tau
 
     def planned_torques(
-        self, posture: Posture, v: Array, a: Array, zmp: Array, T_left: Array, T_right: Array, phase: Array
+        self, posture: Posture, v: Array, a: Array, T_left: Array, T_right: Array, phase: Array
     ) -> Array:
         """(n, 12) torques of the joints in a motion, the load shared as `share_load` does."""
         wrench = self.ground_wrench(posture, v, a)
-        return self.joint_torques(posture, v, a, *share_load(wrench, zmp, T_left, T_right, phase))
+        return self.joint_torques(posture, v, a, *share_load(wrench, T_left, T_right, phase))
 
 
 def _rx(angle: Array) -> Array:
@@ -213,28 +213,26 @@ def zmp_of(wrench: Array, height: float) -> Array:
     return np.stack([x, y], axis=1)
 
 
-def share_load(wrench: Array, zmp: Array, T_left: Array, T_right: Array, phase: Array) -> tuple[Array, Array]:
+def share_load(wrench: Array, T_left: Array, T_right: Array, phase: Array) -> tuple[Array, Array]:
     """Splits ground wrenches (n, 6) between the feet, as (n, 6) left and right about the origin of odom.
 
-    In single support one foot has it all. In double support the share follows the planned ZMP from sole to sole.
+    In single support one foot has it all. In double support the share follows the ZMP on its way from sole to sole.
     """
     left, right = T_left[:, :3, 3], T_right[:, :3, 3]
-    between = (left - right)[:, :2]
-    along = np.einsum("ni,ni->n", zmp[:, :2] - right[:, :2], between) / np.einsum("ni,ni->n", between, between)
+    between, zmp = (left - right)[:, :2], zmp_of(wrench, 0.0)
+    along = np.einsum("ni,ni->n", zmp - right[:, :2], between) / np.einsum("ni,ni->n", between, between)
     share = np.clip(along, 0.0, 1.0)
-    share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, share))
+    share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, share))[:, None]
     # Each foot presses as far from its sole's origin as the ZMP is from the line between the soles.
-    cop_shift = np.zeros_like(left)
-    cop_shift[:, :2] = zmp_of(wrench, 0.0) - (right[:, :2] + share[:, None] * between)
-    total_moment = wrench[:, 3:]
+    shift = np.zeros_like(left)
+    shift[:, :2] = zmp - (right[:, :2] + share * between)
     parts = []
     for part, sole in ((share, left), (1.0 - share, right)):
-        force = part[:, None] * wrench[:, :3]
-        parts.append(np.column_stack([force, np.cross(sole + cop_shift, force)]))
-    # What is left is the moment about the vertical.
-    rest = total_moment - parts[0][:, 3:] - parts[1][:, 3:]
-    parts[0][:, 3:] += share[:, None] * rest
-    parts[1][:, 3:] += (1.0 - share)[:, None] * rest
+        force = part * wrench[:, :3]
+        parts.append(np.column_stack([force, np.cross(sole + shift, force)]))
+    rest = wrench[:, 3:] - parts[0][:, 3:] - parts[1][:, 3:]  # the moment about the vertical
+    parts[0][:, 3:] += share * rest
+    parts[1][:, 3:] += (1.0 - share) * rest
     return parts[0], parts[1]
 
 
@@ -246,6 +244,7 @@ def plan_motion(table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int
         plan: the walk.
         sag: share of the springs' deflection under the planned load by which the motors lead; 0: none, 1: all.
         passes: corrections of the COM for the mass distribution; each leaves a small part of the error of the ZMP.
+            With 0 the COM is followed as it is, whatever ZMP that takes.
 
     Raises:
         ConfigError: the legs cannot do it.
@@ -262,7 +261,7 @@ def plan_motion(table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int
     point = plan.sample_many(t)
     posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
     v, a = legs.derivatives(t, posture)
-    tau = legs.planned_torques(posture, v, a, point.zmp, point.T_odom_left, point.T_odom_right, point.phase)
+    tau = legs.planned_torques(posture, v, a, point.T_odom_left, point.T_odom_right, point.phase)
     theta = posture.q + sag * tau / legs.stiffness
     start = Posture(posture.q[:1], posture.base[:1], posture.yaw[:1])
     return MotorMotion(t, theta, start), plan
@@ -307,7 +306,6 @@ def follow(legs: LegKinematics, references: Sequence[Reference], sag: float = 0.
     tau = legs.planned_torques(
         now,
         *legs.twist(now, rate, rate2),
-        reference.zmp[None],
         reference.T_odom_left[None],
         reference.T_odom_right[None],
         np.array([int(reference.phase)]),

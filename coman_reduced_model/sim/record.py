@@ -10,7 +10,7 @@ import heapq
 import os
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import count
 from pathlib import Path
@@ -65,7 +65,10 @@ def robot_gait(table: RobotTable, name: str, duration_s: float | None = None, **
     Raises:
         ConfigError: an unknown gait, a value out of range, or a duration too short for a step.
     """
-    p = gait(name, **{**table.gait, **overrides})
+    # What makes the gait goes before what suits the robot: `wide` is wider than its usual step.
+    usual, named = GaitParameters(), gait(name)
+    figures = {key: value for key, value in table.gait.items() if getattr(named, key) == getattr(usual, key)}
+    p = gait(name, **{**figures, **overrides})
     if duration_s is None:
         return p
     if p.steps == 0:
@@ -102,6 +105,7 @@ def record(
     motors: MotorOptions | None = None,
     seed: int = 0,
     duration_s: float | None = None,
+    changes: Mapping[str, Any] | None = None,
     sag: float = 0.8,
     force: bool = False,
     progress: Progress | None = None,
@@ -109,7 +113,7 @@ def record(
     """Plans a gait, walks the virtual robot through it, writes the bag `out` and the truth `out`.truth.npz.
 
     Args:
-        walk: name of a gait (`robot_gait` chooses the rest; `stand` sways slowly), or parameters.
+        walk: name of a gait (`robot_gait` chooses the rest), or parameters. Without steps the robot sways slowly.
         out: folder of the bag.
         robot: a name in `ROBOTS` or a table.
         sensors: default: SensorOptions().
@@ -117,6 +121,7 @@ def record(
         motors: None: they follow their references exactly.
         seed: of all random numbers.
         duration_s: see robot_gait; only with the name of a gait.
+        changes: other parameters of the named gait.
         sag: see plan_motion.
         force: replace an existing bag.
         progress: called now and then.
@@ -130,17 +135,18 @@ def record(
             raise ConfigError(f"robot: {robot!r} is not allowed (allowed: {', '.join(ROBOTS)})")
         robot = ROBOTS[robot]
     if isinstance(walk, str):
-        plan = plan_walk(robot_gait(robot, walk, duration_s))
-        plan = sway(plan) if walk == "stand" else plan
-    elif duration_s is None:
-        plan = plan_walk(walk)
-    else:
-        raise ConfigError("duration: only with a named gait; GaitParameters have steps and standing times")
+        walk = robot_gait(robot, walk, duration_s, **(changes or {}))
+    elif duration_s is not None or changes:
+        raise ConfigError("duration, changes: only with a named gait; GaitParameters have all of it")
+    plan = plan_walk(walk)
     body = VirtualRobot(robot, sensors, disturbances, motors, seed)
     destination = _Destination(out, force)
     if progress:
         progress(0.0, "planning the motion")
-    motion, plan = plan_motion(robot, plan, sag)
+    if walk.steps:
+        motion, plan = plan_motion(robot, plan, sag)
+    else:
+        motion, plan = plan_motion(robot, sway(plan), sag, passes=0)
     return _run(body, motion, plan, destination, plan.duration_s, progress)
 
 
@@ -244,6 +250,9 @@ class _Stream:
         if self._plan and self._period % self._every == 0:
             stamp = self._robot.start_ns + round(1e9 * readings.t)
             point = self._plan.reference(readings.t, stamp, PREVIEW_DT, PREVIEW_N)
+            if not self._plan.parameters.steps:  # the ZMP of a sway is where its COM has it
+                height = point.com[2] - point.zmp[2]
+                point.zmp[:2] = point.com[:2] - height / self._plan.parameters.gravity * point.com_acc[:2]
             self._push(REFERENCE, stamp, reference_to(types, point))
         self._period += 1
         # Nothing of a later period is stamped a whole period before it begins.
