@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullLocator
 
 from ..core.types import Array, Phase
 from .run import Run
@@ -143,7 +143,7 @@ def log_ticks(axis: Axis) -> None:
     wide = not 0.0 < low < high or high / low > 500.0
     axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_locator(NullLocator())
 
 
 def shade(ax: Axes, run: Run) -> None:
@@ -193,8 +193,11 @@ def draw(name: str, figure: Figure, alt: str, folder: Path | None = None) -> Dra
     """Export a figure: SVG for the page, and `NAME.png` into the folder if one is given."""
     buffer = io.StringIO()
     with mpl.rc_context(_RC):
+        engine = figure.get_layout_engine()
+        if engine is not None:  # once for both files; else each of them draws everything twice
+            engine.execute(figure)
+            figure.set_layout_engine(None)
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-        figure.set_layout_engine("none")  # the PNG takes the places found for the SVG
         if folder is not None:
             figure.savefig(folder / f"{name}.png", format="png", dpi=110)
     return Drawing(name, inline(buffer.getvalue(), name, VARIABLES), alt)

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.mlab import detrend_mean, psd
 from matplotlib.patches import Polygon
-from scipy.signal import welch
 
 from ..core.statistics import AXES
 from ..core.types import Array, Flags, Foot, Phase
@@ -124,7 +124,7 @@ def top_view(run: Run, foot_length: float = 0.2, foot_width: float = 0.1) -> Fig
     figure, (ax,) = new_figure(1, 1, float(np.clip(1.3 + 8.4 * across / max(along, 1e-6), 2.6, 8.0)))
     for foot, shape in feet:
         colour = SERIES[2] if foot == Foot.LEFT else SERIES[4]
-        ax.add_patch(Polygon(shape, facecolor=colour, edgecolor=colour, alpha=0.25, linewidth=1))
+        ax.add_patch(Polygon(shape, facecolor=colour, edgecolor=colour, alpha=0.16, linewidth=1))
     for values, label in ((run.reference, REFERENCE), (run.predicted, PREDICTED), (run.measured, MEASURED)):
         points = run.in_odom(values)
         if np.isfinite(points).any():
@@ -214,7 +214,8 @@ def spectrum(run: Run) -> Figure:
             continue
         for column, ax in enumerate(plots):
             filled = np.interp(grid, run.time[known], values[known, column]) * 1e3
-            frequency, power = welch(filled, 1.0 / dt, nperseg=min(len(filled), round(4.0 / dt)), detrend="constant")
+            window = min(len(filled), round(4.0 / dt))
+            power, frequency = psd(filled, window, 1.0 / dt, detrend_mean, noverlap=window // 2)
             use = (frequency > 0) & (frequency <= 25.0) & (power > 0)
             if use.any():
                 ax.plot(frequency[use], np.sqrt(power[use]), color=colour, linestyle=dashes, linewidth=1.3, label=label)

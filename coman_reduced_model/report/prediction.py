@@ -93,18 +93,18 @@ def prediction_page(
     tell = progress or (lambda fraction, text: None)
     robot = (summary.get("robot") or {}).get("name") or "robot"
     recording = Path(summary.get("bag") or "?").name
-    sections = []
+    sections: list[Section] = []
     parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, _configuration
     for number, make in enumerate(parts):
-        tell(number / len(parts), "drawing")
+        tell(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
         sections.append(make(summary, run, plots))
     title = f"COM of {robot}, predicted and measured: {recording}"
-    return page(title, sentence(summary), sections, _facts(summary, recording))
+    return page(title, sentence(summary), sections, _facts(summary))
 
 
-def _facts(summary: Mapping[str, Any], recording: str) -> list[tuple[str, str]]:
+def _facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     config, robot = summary.get("config") or {}, summary.get("robot") or {}
-    facts = [("recording", recording)]
+    facts: list[tuple[str, str]] = []
     if robot.get("name"):
         facts.append(
             ("robot", f"{robot['name']}, {robot['mass_kg']:.1f} kg" if robot.get("mass_kg") else robot["name"])
@@ -199,7 +199,8 @@ def _deflection(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Sec
         "Difference of measured and predicted COM from the reference, forward, left and up, over the recording. "
         + sentence(summary),
         "What the springs do: the COM against its reference, in the support sole. A perfect model lies on the measured "
-        "line, a rigid robot is the line at zero. Lines are broken where the support sole changes.",
+        "line, a rigid robot is the line at zero. Lines are broken where the support sole changes, a "
+        "dot marks where the prediction starts from the measurement.",
         plots,
     )
     return Section("Deflection from the reference", [made], "deflection")
@@ -281,9 +282,7 @@ def _inputs(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
             for name, s in streams.items()
             if s.get("received") or s.get("expected")
         ]
-        parts.append(
-            Table(["stream", "messages", "accepted", "rate [Hz]", "samples without it"], rows, "What came in.")
-        )
+        parts.append(Table(["stream", "messages", "accepted", "rate [Hz]", "samples without it"], rows))
     elif summary.get("incomplete"):
         rows = [[name, str(count)] for name, count in summary["incomplete"].items()]
         parts.append(Table(["stream", "samples without it"], rows, "Samples that went without a value of a stream."))
