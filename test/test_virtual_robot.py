@@ -474,6 +474,16 @@ def test_what_cannot_be_recorded_leaves_nothing_behind(tmp_path, bad):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["test1", "test2", "stand"])
+def test_the_shipped_bags_are_of_this_robot_and_hold_no_truth(name):
+    folder = ROOT / "bags" / name
+    assert {path.suffix for path in folder.iterdir()} == {".mcap", ".yaml"}
+    with AnyReader([folder]) as reader:
+        description = [c for c in reader.connections if c.topic == "/robot_description"]
+        connection, _, raw = next(reader.messages(description))
+        assert reader.deserialize(raw, connection.msgtype).data == urdf(COMAN)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_every_robot_walks_every_gait(robot):
