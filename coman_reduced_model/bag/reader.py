@@ -152,23 +152,25 @@ class Bag:
         self.warnings.append(f"{path}: read file by file: {problem}")
         return [self._file(file) for file in files]
 
-    def _file(self, path: Path) -> _Part:
+    def _file(self, path: Path, shown: Path | None = None) -> _Part:
+        """Open one file; `shown` is what it is called to people, if it is a decompressed copy."""
+        shown = shown or path
         if path.name == "metadata.yaml":
             return self._whole(path.parent)
         with path.open("rb") as file:
             start = file.read(16)
         if start.startswith(b"\x28\xb5\x2f\xfd"):
-            return self._file(self._decompressed(path))
+            return self._file(self._decompressed(path), path)
         if start.startswith(b"#ROSBAG"):
-            raise BagError(f"{path}: a bag of ROS 1; convert it first: rosbags-convert --src {path.name} --dst NEW")
+            raise BagError(f"{shown}: a bag of ROS 1; convert it first: rosbags-convert --src {shown.name} --dst NEW")
         if start.startswith(b"SQLite format 3\0"):
             return self._whole(path, ".db3")
         if not start.startswith(MAGIC):
-            raise BagError(f"{path}: neither an MCAP nor an SQLite bag{'' if start else ': the file is empty'}")
+            raise BagError(f"{shown}: neither an MCAP nor an SQLite bag{'' if start else ': the file is empty'}")
         try:
             return self._whole(path, ".mcap")
         except Exception:  # however it fails, it is not whole
-            return self._cut(path)
+            return self._cut(path, shown)
 
     def _whole(self, path: Path, suffix: str = "") -> _Part:
         if suffix and path.suffix != suffix:  # rosbags goes by the name
@@ -182,12 +184,12 @@ class Bag:
                 raise BagError(f"{self.path}: {' '.join(str(error).split())[:200]}") from None
             raise
 
-    def _cut(self, path: Path) -> _Part:
+    def _cut(self, path: Path, shown: Path) -> _Part:
         part = TruncatedMcap(path)
         size, reason = path.stat().st_size, part.reason or "its index is damaged"
         messages = sum(part.counts.values())
         self.warnings.append(
-            f"{path}: {reason}: usable up to byte {part.usable_bytes} of {size}: {messages} messages"
+            f"{shown}: {reason}: usable up to byte {part.usable_bytes} of {size}: {messages} messages"
             + (
                 f", {(part.end_ns - part.start_ns) * 1e-9:.3f} s, the last at {_seconds(part.end_ns)}"
                 if messages
@@ -199,13 +201,15 @@ class Bag:
     def _decompressed(self, path: Path) -> Path:
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         target = folder / path.name.removesuffix(".zstd").removesuffix(".zst")
+        problem = "it is cut off in its first block"
         try:
             with path.open("rb") as source, target.open("wb") as out:
                 zstandard.ZstdDecompressor().copy_stream(source, out)
         except zstandard.ZstdError as error:
-            if not target.stat().st_size:
-                raise BagError(f"{path}: cannot be decompressed: {error}") from None
+            problem = str(error)
             self.warnings.append(f"{path}: decompressed as far as it goes: {error}")
+        if not target.stat().st_size:
+            raise BagError(f"{path}: cannot be decompressed: {problem}")
         return target
 
     def _typestore(self) -> Typestore:

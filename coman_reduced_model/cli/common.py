@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..offline import Progress
 
 _SHOW_AFTER = 0.5  # [s] shorter work needs no progress
-_LINE_EVERY = 5.0  # [s] between lines where standard error is no terminal
+_LINE_EVERY = 2.0  # [s] between lines where standard error is no terminal
 
 BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="Folder of a rosbag2 recording, or one of its files.")]
 ConfigOption = Annotated[

@@ -208,7 +208,7 @@ class Joiner:
         samples = self._drain()
         for stream in self._others:
             if stream.last is not None and stream.last > stamp + self._gap:
-                stream.forget()
+                stream.start_afresh()
         return samples
 
     def _went_back(self, stream: Stream) -> list[Sample]:
@@ -254,7 +254,7 @@ class Joiner:
         if self._imu.items:
             sample.imu = self._imu.nearest(stamp)
         for stream, field in self._fields:
-            if getattr(sample, field) is None or self.clock_offset_s:
+            if getattr(sample, field) is None or self._accepted_at_miss:
                 self._note(stream, getattr(sample, field))
         return sample
 
@@ -262,10 +262,11 @@ class Joiner:
         """Keep count of expected values that are missing, and tell a clock that differs from a stream that stopped."""
         if value is not None:
             self.clock_offset_s.pop(stream.name, None)
+            self._accepted_at_miss.pop(stream.name, None)
             return
         self.incomplete[stream.name] += 1
-        if stream.last is not None and stream.accepted != self._accepted_at_miss.get(stream.name):
-            self._accepted_at_miss[stream.name] = stream.accepted
+        before = self._accepted_at_miss.setdefault(stream.name, stream.accepted)
+        if stream.last is not None and stream.accepted != before:  # messages come, and yet none is near enough
             self.clock_offset_s[stream.name] = (stream.last - self._joints.last) * 1e-9  # type: ignore[operator]
 
     # What follows copies what it takes as it is: effects correct Samples in place.

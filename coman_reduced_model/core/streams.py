@@ -61,10 +61,12 @@ class Stream:
         self.received = self.accepted = 0
         self.period_s = float("nan")
 
-    def forget(self) -> None:
-        """Drop what waits and take whatever stamp comes next."""
+    def start_afresh(self) -> None:
+        """Drop what belongs to a run that is over. A suspect is the first message of the new one."""
         self.items.clear()
-        self.last = self._suspect = None
+        suspect, self._suspect, self.last = self._suspect, None, None
+        if suspect is not None:
+            self.items.extend(self.accept(*suspect))
 
     def accept(self, stamp: int, value: Any) -> tuple[Item, ...]:
         """The messages that this one makes usable: itself, none, or itself and the suspect before it.
