@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ..core.types import Array, Phase
-from .run import Run
+from .run import Booleans, Run
 
 # Okabe and Ito's palette, safe for colour-blind readers; every series differs in its dashes or markers as well.
 INK, FAINT, GRID = "#1a1c21", "#5b606b", "#d9dce3"
@@ -99,7 +99,7 @@ def new_figure(rows: int, columns: int = 1, height: float = 0.0, **options: obje
     return figure, list(axes.flat)
 
 
-def thin(x: Array, y: Array, breaks: Array | None = None, points: int = _POINTS) -> tuple[Array, Array]:
+def thin(x: Array, y: Array, breaks: Booleans | None = None, points: int = _POINTS) -> tuple[Array, Array]:
     """A line with at most a few points a pixel, that keeps every peak; NaN between stretches that don't join.
 
     Args:

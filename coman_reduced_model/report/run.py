@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bag.reader import Bag
 from ..core.types import Array, Flags, Foot, Phase, Prediction
 from ..errors import BagError
 from ..messages import COM_PREDICTION, matrix_from, stamp_of
 
+Integers, Booleans = NDArray[np.int64], NDArray[np.bool_]
 _GAP = 0.25  # [s] where samples are farther apart, lines are broken: nothing is known in between
 
 
@@ -32,10 +34,10 @@ class Run:
     """Predictions, one row a sample; vectors (n, 3) in the support sole, NaN where not valid, m and s."""
 
     time: Array  # (n,) [s] since the first sample
-    phase: Array  # (n,) Phase
-    foot: Array  # (n,) Foot
+    phase: Integers  # (n,) Phase
+    foot: Integers  # (n,) Foot
     left_share: Array  # (n,) [1]
-    flags: Array  # (n,) Flags
+    flags: Integers  # (n,) Flags
     measured: Array
     reference: Array
     predicted: Array
@@ -69,7 +71,7 @@ class Run:
         each = {name: value[first:last] for name, value in vars(self).items() if name != "frames"}
         return Run(**each, frames=self.frames)
 
-    def breaks(self) -> Array:
+    def breaks(self) -> Booleans:
         """(n,) whether a line must not come from the sample before: a reset, another support sole, or a gap."""
         broken = np.zeros(len(self), dtype=bool)
         if len(self) > 1:
