@@ -16,7 +16,8 @@ from ..core.types import Array, Flags, Foot, Phase, Prediction
 from ..errors import BagError
 from ..messages import COM_PREDICTION, matrix_from, stamp_of
 
-Integers, Booleans = NDArray[np.int64], NDArray[np.bool_]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 _GAP = 0.25  # [s] where samples are farther apart, lines are broken: nothing is known in between
 
 
