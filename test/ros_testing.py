@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.gait import gait, plan_walk
+from coman_reduced_model.core.gait import plan_walk
 from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.core.types import Foot, JointMessage, WrenchMessage
 from coman_reduced_model.messages import (
@@ -40,6 +40,7 @@ from coman_reduced_model.ros import qos
 from coman_reduced_model.ros.warm_up import warm_up
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion
+from coman_reduced_model.sim.record import robot_gait
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
@@ -164,7 +165,7 @@ class Standing:
 def record_walk(folder: Path, steps: int = 4) -> Path:
     """A bag of the virtual robot walking, with the default noise and its plan on com/reference."""
     path = folder / "walk"
-    motion, plan = plan_motion(COMAN, plan_walk(gait("test1", com_height_m=COMAN.com_height, steps=steps)))
+    motion, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1", steps=steps)))
     robot = VirtualRobot(COMAN, SensorOptions(), seed=3)
     robot.reset(motion)
     types = bag_types()

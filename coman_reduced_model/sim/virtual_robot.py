@@ -2,7 +2,7 @@
 """The virtual robot: full-body physics, motors, springs, floor and sensors, one sensor period a step.
 
 robot = VirtualRobot(COMAN, seed=1)
-motion, plan = plan_motion(COMAN, plan_walk(gait("test1", com_height_m=COMAN.com_height)))
+motion, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))
 robot.reset(motion)
 while robot.t < motion.end:
     readings = robot.step()      # messages of core/types
