@@ -215,6 +215,12 @@ def _build(urdf: str, source: str) -> pin.Model:
         raise RobotError(f"{source}: the URDF is not XML: {error}") from None
     if root.tag != "robot" or root.find("link") is None:
         raise RobotError(f"{source}: not a URDF: wanted <robot> with links, found <{root.tag}>")
+    children = {child.get("link") for child in root.iterfind("joint/child")}
+    roots = [str(link.get("name")) for link in root.iterfind("link") if link.get("name") not in children]
+    if len(roots) != 1:
+        raise RobotError(
+            f"{source}: a URDF has one root link, this one {len(roots)}: {', '.join(roots)[:300] or 'a loop'}"
+        )
     try:
         # A free-flyer root, because Pinocchio drops the root link's mass from the COM of a fixed base.
         return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())

@@ -60,9 +60,9 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     """Cartesian stiffness and damping K_c, D_c of (12), (13), safe where J is singular.
 
     K_c is the inverse of the compliance J K_q^-1 J^T, which exists where J^-1 does not (straight knee); for six
-    joints it equals J^-T K_q J^-1. Near a singular posture the compliance is kept from vanishing in any direction,
-    which bounds the stiffness there and changes nothing elsewhere. D_c = K_c J K_q^-1 D_q K_q^-1 J^T K_c, which for
-    six joints equals J^-T D_q J^-1.
+    joints it equals J^-T K_q J^-1. D_c = K_c J K_q^-1 D_q K_q^-1 J^T K_c, which for six joints equals J^-T D_q J^-1.
+    Near a singular posture a damped compliance is added in all directions, so that none vanishes, which bounds
+    stiffness and damping there and changes nothing elsewhere.
 
     Args:
         J: (6, n) or, for the trunk free to turn (`condensed`), its linear rows (3, n).
@@ -76,7 +76,8 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     rows, n = J.shape
     Js = J.copy()
     Js[:3] /= length
-    JS = mul(Js, inverse(K_q))
+    S = inverse(K_q)
+    JS = mul(Js, S)
     C = mul(JS, Js.T)
     stiffest = 0.0
     for i in range(n):
@@ -88,12 +89,15 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     K = inverse(C)
     smallest = 1.0 / np.sqrt((K * K).sum())
     near_singular = smallest < floor
+    B = mul(mul(JS, D_q), JS.T)
     if near_singular:
+        # What is added yields as slowly as the joints do on average: undamped it would ring.
+        time = np.trace(mul(mul(S, D_q), S)) / np.trace(S)
         for i in range(rows):
             C[i, i] += floor - smallest
+            B[i, i] += (floor - smallest) * time
         K = inverse(C)
-    G = mul(K, JS)
-    D = mul(mul(G, D_q), G.T)
+    D = mul(mul(K, B), K.T)
     K = 0.5 * (K + K.T)
     for i in range(min(rows, 3)):
         for j in range(rows):
