@@ -194,6 +194,22 @@ def test_spikes_shorter_than_the_dwell_change_nothing() -> None:
     assert {s.phase for s in run(np.arange(100) * 0.001, left, right)} == {Phase.LEFT}
 
 
+@pytest.mark.parametrize("rate", [1000, 200, 100])
+def test_a_foot_that_bounces_after_landing_has_landed_once(rate: int) -> None:
+    t = np.arange(0, 1.0, 1 / rate)
+    right = WEIGHT * np.interp(t, [0, 0.5, 0.505, 0.52, 0.54, 0.58, 0.6, 1.0], [0, 0, 0.3, 0.3, 0, 0, 0.5, 0.5])
+    found = changes(t, run(t, WEIGHT - right, right))
+    assert [phase for phase, _ in found] == [Phase.DOUBLE] and found[0][1] == pytest.approx(0.505, abs=0.02)
+
+
+def test_a_short_touch_ends_at_last_and_says_when_it_did() -> None:
+    t = np.arange(0, 1.0, 0.005)
+    right = np.where((t >= 0.4995) & (t < 0.5495), 0.3 * WEIGHT, 0.0)
+    states = run(t, WEIGHT - right, right)
+    assert [phase for phase, _ in changes(t, states)] == [Phase.DOUBLE, Phase.LEFT]
+    assert begins(t, states) == [pytest.approx(0.5, abs=0.006), pytest.approx(0.55, abs=0.006)]
+
+
 def test_a_phase_begins_where_the_force_crosses_the_threshold() -> None:
     t = np.arange(0, 0.2, 0.01)
     ramp = WEIGHT * np.clip((t - 0.1) / 0.05, 0.0, 1.0) * 0.5

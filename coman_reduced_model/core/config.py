@@ -86,7 +86,7 @@ class SupportConfig:
     contact_on: float = par(0.07, "1", "share of the weight above which a foot lands", 0.01, 0.9, runtime=True)
     contact_off: float = par(0.04, "1", "share of the weight below which a foot lifts", 0.0, 0.9, runtime=True)
     dwell_on: float = par(0.002, "s", "a landing must last this long to count", 0.0, 0.5, runtime=True)
-    dwell_off: float = par(0.005, "s", "a lift must last this long to count", 0.0, 0.5, runtime=True)
+    dwell_off: float = par(0.007, "s", "a lift must last this long to count", 0.0, 0.5, runtime=True)
     share_hysteresis: float = par(
         0.10,
         "1",

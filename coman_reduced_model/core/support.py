@@ -2,10 +2,11 @@
 """Support phase from the vertical foot forces: a Schmitt trigger a foot, debounced in time.
 
 A foot lands when its force stays above `contact_on` shares of the weight for `dwell_on` seconds and lifts when it
-stays below `contact_off` for `dwell_off`. Dwell times are counted in stamps from where the force, taken as linear between samples,
-crossed the threshold, so a phase does not depend on the rate, and a landing that jumps far above the threshold is
-believed sooner than one that grazes it. A change is reported when its dwell has passed but dated back to the crossing,
-so `phase_time` carries no such delay.
+stays below `contact_off` for `dwell_off`. Dwell times are counted in stamps from where the force, taken as linear
+between samples, crossed the threshold: so a phase does not depend on the rate, and a landing that jumps far above the
+threshold is believed sooner than one that grazes it. A change is reported when its dwell has passed but dated back to
+the crossing, so `phase_time` carries no such delay. A foot that has just landed may bounce: it lifts again only if it
+is still unloaded 0.1 s after the landing.
 
 The thresholds are low, because a foot that lands or peels off carries a few percent of the weight for several
 hundredths of a second, and a foot sensor's zero drifts by as much. So the zero of each sensor is learnt while its
@@ -23,6 +24,7 @@ from .types import Foot, Phase, SupportState
 _NAN = float("nan")
 _PHASES = (Phase.FLIGHT, Phase.LEFT, Phase.RIGHT, Phase.DOUBLE)  # by left + 2 right; a lookup is faster than Phase()
 _AIR_SETTLE_NS = 0.1e9  # the zero is learnt from this long after lift-off: peeling and ringing are over by then
+_BOUNCE_NS = 0.1e9  # after a landing; shorter than any stance, longer than feet bounce or unload once more
 _ZERO_TIME_NS = 0.5e9  # time constant of the zero: about one swing, far longer than a landing
 _SHARE_FORCE = 0.05  # share of the weight that must be on the ground for a load share to mean anything
 
@@ -34,7 +36,8 @@ class _Contact:
 
     def __init__(self, loaded: bool, stamp_ns: int) -> None:
         self.loaded = loaded
-        self.since_ns = stamp_ns  # beginning of the present contact or swing
+        # Beginning of the present contact or swing; a foot that is down at first has not just landed.
+        self.since_ns = stamp_ns - int(_BOUNCE_NS) if loaded else stamp_ns
         self.zero = 0.0  # [N] what the sensor reads unloaded
         self._first_ns = -1  # beginning of a change under way; -1: none is
         self._last_ns = stamp_ns
@@ -57,6 +60,8 @@ class _Contact:
             if (before - threshold) * (load - threshold) <= 0.0:  # not so after a gap or a change of the thresholds
                 self._first_ns -= int(dt * (load - threshold) / (load - before))
         if stamp_ns - self._first_ns < (dwell_off if self.loaded else dwell_on):
+            return False
+        if self.loaded and stamp_ns - self.since_ns < _BOUNCE_NS:
             return False
         self.loaded = not self.loaded
         self.since_ns = self._first_ns
