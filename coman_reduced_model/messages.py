@@ -17,7 +17,19 @@ import numpy as np
 
 from .core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.streams import Refused
-from .core.types import Array, Foot, ImuMessage, JointMessage, Phase, Prediction, Reference, SupportState, WrenchMessage
+from .core.types import (
+    Array,
+    Flags,
+    Foot,
+    HorizonPrediction,
+    ImuMessage,
+    JointMessage,
+    Phase,
+    Prediction,
+    Reference,
+    SupportState,
+    WrenchMessage,
+)
 
 ODOM = "odom"
 OWN = "coman_reduced_model_msgs"
@@ -145,6 +157,25 @@ def reference_from(message: Any) -> Reference:
         float(message.preview_dt),
         position.reshape(-1, 3),
         velocity.reshape(-1, 3),
+    )
+
+
+def prediction_from(message: Any) -> Prediction:
+    """A ComPrediction, for those who judge what a node has published."""
+    s = message.support
+    return Prediction(
+        stamp_of(message.header),
+        message.header.frame_id,
+        SupportState(Phase(s.phase), Foot(s.support_foot), s.left_share, s.phase_time, s.total_force),
+        _xyz(message.measured_position),
+        _xyz(message.measured_velocity),
+        _xyz(message.reference_position),
+        _xyz(message.reference_velocity),
+        _xyz(message.predicted_position),
+        _xyz(message.predicted_velocity),
+        matrix_from(message.sole_pose),
+        [HorizonPrediction(each.h, _xyz(each.position)) for each in message.horizons],
+        Flags(message.flags),
     )
 
 

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman live`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Annotated, Any
+
+import typer
+
+from .common import ConfigOption, read_config
+
+_START_S = 150.0
+
+
+def live(
+    gait: Annotated[str, typer.Option("--gait", metavar="NAME", help="test1, test2, ...; default: gait.name.")] = "",
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="S", help="Stop after so long [s]; default: at Ctrl-C.")
+    ] = None,
+    config: ConfigOption = None,
+) -> None:
+    """Virtual robot, trajectory and predictor, running live until Ctrl-C, with a view of the prediction."""
+    settings = read_config(config, [f"gait.name={gait}"] if gait else [])
+    from ..core.gait import plan_walk
+    from ..errors import ComanError
+    from ..resources import config_path
+    from ..ros.processes import NodeFailed, Nodes, confine, why_not
+    from ..sim.robot_table import COMAN, ROBOTS
+
+    confine()
+    if problem := why_not():
+        raise ComanError(f"live: {problem}")
+    table = ROBOTS.get(settings.robot.name, COMAN)
+    # What suits the robot goes for what the configuration leaves open.
+    suits = {f"gait.{key.removesuffix('_m')}": value for key, value in table.gait.items()}
+    flat = settings.flat()
+    walk: dict[str, Any] = {key: value for key, value in suits.items() if flat.get(key) == -1}
+    walk["gait.name"] = settings.gait.name
+    from ..ros.walk import gait_of
+
+    plan_walk(gait_of(settings.replaced(walk)))  # says what is wrong with it before anything is started
+    try:
+        with Nodes(config or config_path()) as nodes:
+            nodes.start("virtual_robot", walk)
+            nodes.start("predictor")
+            nodes.start("trajectory", {**walk, "gait.repeat": True, "gait.autostart": False})
+            _watch(nodes, duration)
+    except NodeFailed as error:
+        print(f"coman: live failed: {error}", file=sys.stderr)
+        raise typer.Exit(1) from None
+
+
+def _watch(nodes: Any, duration: float | None) -> None:
+    from rich.console import Console
+    from rich.live import Live
+
+    from ..bag.types import typestore
+    from ..messages import COM_PREDICTION, prediction_from
+    from ..ros.listener import Listener
+    from ..ros.live_view import LiveView
+    from ..ros.processes import NodeFailed
+
+    view, store = LiveView(), typestore()
+    console = Console()
+    with Listener(
+        "live", lambda raw: view.add(prediction_from(store.deserialize_cdr(raw, COM_PREDICTION)))
+    ) as listener:
+        starter = _Starter(listener.node)
+        ends = None if duration is None else time.monotonic() + duration
+        deadline, shown = time.monotonic() + _START_S, 0.0
+        screen = (
+            Live(console=console, auto_refresh=False) if console.is_terminal and not console.is_dumb_terminal else None
+        )
+        try:
+            if screen:
+                screen.start()
+            while ends is None or time.monotonic() < ends:
+                nodes.check()
+                if view.count:
+                    starter.start_once()
+                elif time.monotonic() > deadline:
+                    raise NodeFailed(f"no prediction after {_START_S:g} s: {view.line(listener)}")
+                if screen:
+                    screen.update(view.panel(listener), refresh=True)
+                elif time.monotonic() - shown > 1.0:
+                    shown = time.monotonic()
+                    print(view.line(listener), flush=True)
+                time.sleep(0.2)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            if screen:
+                screen.stop()
+        nodes.stop()
+    model, rigid = view.rms_mm()
+    if not view.count:
+        print("no predictions were made")
+        return
+    print(f"{view.count} predictions; RMS error of the last seconds, x, y, z [mm]:")
+    print("  model", *(f"{value:.2f}" for value in model), "  rigid", *(f"{value:.2f}" for value in rigid))
+
+
+class _Starter:
+    """Tells the trajectory node to start, once it is there."""
+
+    def __init__(self, node: Any) -> None:
+        from std_srvs.srv import Trigger
+
+        self._request = Trigger.Request()
+        self._client = node.create_client(Trigger, "/trajectory/start")
+        self._future: Any = None
+
+    def start_once(self) -> None:
+        """Call ~/start if that has not been done."""
+        if self._future is None and self._client.service_is_ready():
+            self._future = self._client.call_async(self._request)
