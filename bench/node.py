@@ -18,6 +18,7 @@ import struct
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -63,8 +64,9 @@ def relay(executor: str, topics: list[str]) -> None:
         node.create_subscription(kind, topic, callback, qos.sensor_input())
     chosen = EventsExecutor() if executor == "events" else rclpy.executors.SingleThreadedExecutor()
     chosen.add_node(node)
-    while rclpy.ok():
-        chosen.spin_once(timeout_sec=0.1)
+    with suppress(rclpy.executors.ExternalShutdownException):
+        while rclpy.ok():
+            chosen.spin_once(timeout_sec=0.1)
 
 
 def collect(path: str) -> None:

@@ -38,6 +38,11 @@ class StreamMotion:
         self._knots: deque[tuple[float, Array]] = deque([(-1e-9 * SPACING_NS, theta)], maxlen=512)
         self.used = 0
 
+    @property
+    def known_ns(self) -> int:
+        """Until which stamp the motion is what it will stay [ns]: later references change the last cubic."""
+        return self._start_ns + round(1e9 * self._knots[-1][0]) - SPACING_NS
+
     def jumps(self, reference: Reference) -> bool:
         """Whether a reference does not continue those before it: the robot has to be put there."""
         moved = max(

@@ -21,7 +21,8 @@ from .parameters import declare
 from .walk import Walk
 
 NAME = "trajectory"
-_JUMP_NS = 500_000_000  # a clock that moves by more was set, or a bag began again
+_BACK_NS = 500_000_000  # a clock that goes back by more was set, or a bag began again
+_AHEAD_NS = 5_000_000_000  # ahead by less: the machine was busy, and what was missed is made up for
 _PATH_POINTS = 1000
 
 
@@ -56,7 +57,7 @@ class TrajectoryNode(Node):
         now = self.get_clock().now().nanoseconds
         if now <= 0:  # simulated time has not begun
             return
-        if not self._next or abs(now - self._next) > _JUMP_NS:
+        if not self._next or not -_BACK_NS < now - self._next < _AHEAD_NS:
             self._begin(now)
         while self._next <= now:
             if self.walk.go_on(self._next):

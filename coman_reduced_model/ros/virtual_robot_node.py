@@ -23,7 +23,7 @@ from ..core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.streams import Refused
 from ..core.types import Foot, Phase, Reference
 from ..errors import ConfigError
-from ..messages import imu_to, joint_to, reference_from, ros_types, wrench_to
+from ..messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
 from ..sim.describe import urdf
 from ..sim.motion import LegKinematics
 from ..sim.robot_table import COMAN, ROBOTS
@@ -32,11 +32,12 @@ from ..sim.virtual_robot import VirtualRobot
 from ..topics import DESCRIPTION, INPUT_TOPICS
 from . import qos
 from .parameters import declare
-from .stream_motion import DELAY_NS, StreamMotion
+from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion
 from .walk import Walk
 
 NAME = "virtual_robot"
-_HOPELESS_NS = 1_000_000_000  # so far behind, the robot's time is set forward, and that is said
+_HOPELESS_NS = 3_000_000_000  # so far behind, the robot's time is set forward, and that is said
+_PATIENCE_NS = 500_000_000  # so long the robot waits for late references
 
 
 def at_rest(reference: Reference) -> bool:
@@ -59,6 +60,7 @@ class VirtualRobotNode(Node):
         )
         self._legs = LegKinematics(self.table)
         self._received = self._refused = self._skipped = self._places = 0
+        self._placing_ns = 300_000_000  # what the last placing took: the robot settles on its springs meanwhile
         self._problem = ""
         self._following = False  # a robot can only set off where the plan stands still
         self._periods = 0
@@ -91,25 +93,30 @@ class VirtualRobotNode(Node):
 
     def _place(self, reference: Reference) -> None:
         """Put the robot where a reference has it, at rest."""
-        start = self._now() - DELAY_NS
+        began = time.monotonic()
+        start = self._now() - DELAY_NS + self._placing_ns  # from when on it can walk
         options, seed = self._options, self.config.virtual_robot.seed + self._places
         self.robot = VirtualRobot(self.table, options, seed=seed, start_ns=start)
         self.motion = StreamMotion(self._legs, reference, start)
         self.robot.reset(self.motion, self.motion.start)
         self._start = start
         self._places += 1
+        self._placing_ns = round(1.2e9 * (time.monotonic() - began))
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
 
     def _on_reference(self, message: ComReference) -> None:
         self._received += 1
+        if self._following and 0 < stamp_of(message.header) - self.motion.last.stamp_ns < SPACING_NS // 2:
+            return  # not the next knot by far: not worth converting
         try:
             reference = reference_from(message)
             if self._following and not self.robot.fallen and not self.motion.jumps(reference):
                 self.motion.add(reference)
             elif at_rest(reference):
-                self._place(reference)
+                if self.robot.fallen or self.motion.jumps(reference):
+                    self._place(reference)
                 self._following = True
             else:
                 self._following = False
@@ -119,7 +126,9 @@ class VirtualRobotNode(Node):
 
     def _tick(self) -> None:
         target = self._now() - DELAY_NS
-        lag = target - self._stamp()
+        if self._following and not at_rest(self.motion.last) and target - self.motion.known_ns < _PATIENCE_NS:
+            target = min(target, self.motion.known_ns)  # late references: wait, rather than stop in mid-step and fall
+        lag = self._now() - DELAY_NS - self._stamp()
         if lag > _HOPELESS_NS:
             self._skip(lag)
         for _ in range(20):  # then other callbacks have their turn
