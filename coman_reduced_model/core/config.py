@@ -348,6 +348,16 @@ def _check_consistency(config: Config, source: str) -> None:
                 )
         if len(set(leg.joints)) != len(leg.joints):
             raise ConfigError(f"{source}: robot.{side}.joints: a joint is named twice: {', '.join(leg.joints)}")
+    active = {effect.name for effect in config.effects}
+    for name in sorted(active):
+        for needed in CATALOGUE[name].needs:
+            if needed not in active:
+                raise ConfigError(f"{source}: effects.active: {name} acts with {needed} alone, which is not active")
+    if "trunk_rotation" in active and config.prediction.reference != "motor":
+        raise ConfigError(
+            f"{source}: effects.active: trunk_rotation needs the motor side (prediction.reference: motor), "
+            f"not {config.prediction.reference!r}"
+        )
     if config.support.contact_off >= config.support.contact_on:
         raise ConfigError(
             f"{source}: support.contact_off: {config.support.contact_off} must be below "

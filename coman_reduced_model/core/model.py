@@ -78,13 +78,14 @@ class Model:
                 raise ConfigError(
                     f"effects.{effect.name}.where: no leg joint {effect.where!r}; legs: {', '.join(joints)}"
                 )
-        self._legs = {}
+        self.legs = {}
         for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
-            self._legs[foot] = (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
+            self.legs[foot] = (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
         c = config.model
         # (20), (21): rows are the forces in x, y, z, columns the deflections that cause them.
         self._tuning_K = np.array([[c.a1, 1.0, c.c1], [1.0, 1.0, 1.0], [c.c2, 1.0, c.a2]])
         self._tuning_D = np.array([[c.b1, 1.0, c.e1], [1.0, 1.0, 1.0], [c.e2, 1.0, c.b2]])
+        self.turning = any(effect.name == "trunk_rotation" for effect in self.effects)
         self._rows = 3 if c.stiffness == "condensed" else 6
         self.axes = np.array(sorted({0, 2}.union(*(effect.axes for effect in self.effects))))
         # A deflection that is not integrated is not felt either: without its column K p_r would pull all the same.
@@ -104,7 +105,7 @@ class Model:
         Returns:
             K [N/m], D [Ns/m], whether the posture is near singular.
         """
-        joints, K_q, D_q = self._legs[foot]
+        joints, K_q, D_q = self.legs[foot]
         J = posture.leg_jacobian(foot)
         if self.effects:
             leg = LegSprings(foot, joints, J, K_q.copy(), D_q.copy(), load)
@@ -136,7 +137,7 @@ class Model:
         weight = self.mass * self.gravity
         double = support.phase == Phase.DOUBLE
         both = double and self.config.model.double_support == "both_legs"
-        share = self._share(support) if double else 1.0
+        share = self.share(support) if double else 1.0
         K, D, singular = self.leg_stiffness(posture, foot, weight * share if both else weight)
         p_r, v_r = references[foot]
         if both:
@@ -163,7 +164,7 @@ class Model:
         K = np.diag(np.full(3, -self.mass * self.gravity / max(height, 0.05)))
         return Terms(self._M, K, np.zeros((3, 3)), K @ zmp, XY)
 
-    def _share(self, support: SupportState) -> float:
+    def share(self, support: SupportState) -> float:
         """Share of the weight on the support foot, 0.05..1; half where it is not known."""
         share = support.left_share if support.support_foot == Foot.LEFT else 1.0 - support.left_share
         return min(1.0, max(0.05, share)) if share == share else 0.5

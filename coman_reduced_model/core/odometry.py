@@ -26,6 +26,13 @@ def inverse(T: Array) -> Array:
     return pose(R, -R @ T[:3, 3])
 
 
+def flat(R: Array, p: Array) -> tuple[Array, Array]:
+    """What level ground leaves of the pose of a sole in the frame of another: x, y and yaw; R (3, 3), p (3,) [m]."""
+    yaw = atan2(R[1, 0], R[0, 0])
+    c, s = cos(yaw), sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([p[0], p[1], 0.0])
+
+
 class FootOdometry:
     """Pose of the support sole in `odom`, from the measured foot-to-foot transform at each change of support.
 
@@ -62,11 +69,7 @@ class FootOdometry:
         else:
             left, right = (R_left, p_left), (R_right, p_right)
             (R_old, p_old), (R_new, p_new) = (left, right) if support_foot == Foot.RIGHT else (right, left)
-            R_step, p_step = R_old.T @ R_new, R_old.T @ (p_new - p_old)
-            yaw = atan2(R_step[1, 0], R_step[0, 0])
-            c, s = cos(yaw), sin(yaw)
-            step = np.array([[c, -s, 0, p_step[0]], [s, c, 0, p_step[1]], [0, 0, 1, 0], [0, 0, 0, 1.0]])
-            self._T_odom_sole = self._T_odom_sole @ step
+            self._T_odom_sole = self._T_odom_sole @ pose(*flat(R_old.T @ R_new, R_old.T @ (p_new - p_old)))
         self._foot = support_foot
         return self._T_odom_sole
 

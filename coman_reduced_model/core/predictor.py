@@ -3,22 +3,26 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from .config import Config
 from .horizon import HorizonJudge, predict_baselines, predict_horizons
-from .integrator import step
+from .integrator import Moment, going_on, step
 from .model import Model, Terms
 from .odometry import FootOdometry, pose
-from .reference import motor_com, plan_ahead, planned_com
+from .reference import look_ahead, motor_com, plan_ahead, planned_com
 from .robot import Robot
 from .support import SupportDetector
+from .trunk_model import TrunkModel, tilt
 from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)
 _ZERO3 = np.zeros(3)
 _IDENTITY = np.eye(4)
+_PAST = 100  # samples: the longest that a change of phase may be known late, 0.1 s at 1 kHz
 _LOST = 0.5  # [m] a free run this far from the measurement has diverged
 
 
@@ -33,6 +37,7 @@ class Predictor:
         self.robot = robot
         self.config = config
         self.model = Model(robot, config)
+        self.trunk = TrunkModel(robot, self.model) if self.model.turning else None
         self.link = robot.posture()
         self.motor = robot.posture()
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
@@ -43,6 +48,8 @@ class Predictor:
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
         self._following = [axis for axis in range(3) if axis not in self.model.axes]
         self._needs_zmp = config.prediction.reference == "none" or len(self._horizons) > 0
+        # (stamp, state, terms, moment) of the free run since the phase began.
+        self._past: deque[tuple[int, Array, Terms, Moment]] = deque(maxlen=_PAST)
         self._both = config.model.double_support == "both_legs"
         self.reset()
 
@@ -51,13 +58,17 @@ class Predictor:
         self.support.reset()
         self.odometry.reset()
         self.judge.restart()
+        if self.trunk is not None:
+            self.trunk.reset()
         self._stamp_ns = 0
         self._phase = Phase.FLIGHT
         self._foot = Foot.NONE
         self._stance = Foot.NONE  # the foot of the last single support
         self._steps = 0
         self._state: Array | None = None  # (6,) free-run COM position and velocity in the support sole
-        self._pull: tuple[Array, Array] | None = None  # at the last sample, if in the same sole frame
+        self._state_ns = 0  # stamp of that state
+        self._moment: Moment | None = None  # what drove it at the last sample, if in the same sole frame and phase
+        self._past.clear()
         self._T_odom_sole = np.full((4, 4), np.nan)
 
     def update(self, sample: Sample) -> Prediction:
@@ -91,16 +102,23 @@ class Predictor:
             flags |= Flags.NO_SUPPORT | Flags.NOT_INITIALISED
             return self._finish(sample, support, T_odom_sole, flags, com, com_vel)
 
+        tilts: tuple[Array, Array] | None = None
         zmp = self._zmp(sample, foot) if self._needs_zmp else None
         terms, reference, reference_vel = self._terms(sample, support, com, zmp)
-        if foot != self._foot and self._state is not None:
-            self._change_frame(T_odom_sole)
+        if self._state is not None and (foot != self._foot or support.phase != self._phase):
+            self._switch(sample.stamp_ns, support, T_odom_sole)
         if terms is None:
-            self._state = self._pull = None
+            self._state = self._moment = None
+            if self.trunk is not None:
+                self.trunk.reset()
             flags |= Flags.NO_REFERENCE | Flags.NOT_INITIALISED
+        elif self.trunk is not None:
+            event, predicted_tilt = self._turn(self.trunk, sample, support, dt, com, reference, reference_vel)
+            tilts = tilt(self.link.R[foot]), predicted_tilt
+            flags |= event
         else:
             pull = (reference, reference_vel) if zmp is None or reference is not _NAN3 else (zmp, _ZERO3)
-            event = self._free_run(dt, terms, self._touchdown(support), com, com_vel, pull)
+            event = self._free_run(sample.stamp_ns, terms, self._touchdown(support), com, com_vel, pull)
             if terms.near_singular:
                 flags |= Flags.NEAR_SINGULAR
             if event:
@@ -108,9 +126,12 @@ class Predictor:
         horizons = self._predict_horizons(
             sample, support, T_odom_sole, terms, com, com_vel, reference, reference_vel, zmp
         )
-        return self._finish(
+        prediction = self._finish(
             sample, support, T_odom_sole, flags, com, com_vel, reference, reference_vel, self._state, horizons
         )
+        if tilts is not None:
+            prediction.measured_tilt, prediction.predicted_tilt = tilts
+        return prediction
 
     def _finish(
         self,
@@ -185,43 +206,87 @@ class Predictor:
         landed = self._stance not in (Foot.NONE, foot)
         return (self.model.terms(posture, support, references, landed), *references[foot])
 
-    def _change_frame(self, T_odom_sole: Array) -> None:
-        """Tell the free-run state in the new support sole, so that it is continuous in odom."""
+    def _switch(self, stamp_ns: int, support: SupportState, T_odom_sole: Array) -> None:
+        """Take the free run to where the phase began, by the terms until then, and tell it in the new support sole.
+
+        A phase begins between two samples and is known only when its dwell has passed; counted from the sample that
+        reports it, the trajectory would depend on the sample rate.
+        """
+        late = support.foot_time if support.phase == self._phase else support.phase_time
+        began_ns = stamp_ns - round(late * 1e9)
+        while len(self._past) > 1 and self._past[-1][0] > began_ns:
+            self._past.pop()
+        if self._past:
+            self._state_ns, state, terms, start = self._past[-1]
+            dt = max(0, began_ns - self._state_ns) * 1e-9
+            self._state_ns = max(self._state_ns, began_ns)
+            end = going_on(start, dt)
+            self._state = step(state, terms.M, terms.axes, start, end, dt)
+            self._follow(self._state, end[3], end[4])
         old, new = self._T_odom_sole, T_odom_sole
         R = new[:3, :3].T @ old[:3, :3]
         assert self._state is not None
+        # Continuous in odom.
         self._state = np.concatenate(
             (R @ self._state[:3] + new[:3, :3].T @ (old[:3, 3] - new[:3, 3]), R @ self._state[3:])
         )
-        self._pull = None
+        self._moment = None
+        self._past.clear()
+
+    def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
+        """Let what is not integrated follow the reference, in place; without one it stays."""
+        if reference_vel is not _ZERO3:
+            for axis in self._following:
+                state[axis], state[3 + axis] = reference[axis], reference_vel[axis]
 
     def _free_run(
-        self, dt: float, terms: Terms, restart: bool, com: Array, com_vel: Array, pull: tuple[Array, Array]
+        self, stamp_ns: int, terms: Terms, restart: bool, com: Array, com_vel: Array, pull: tuple[Array, Array]
     ) -> Flags:
         """Advance the free run to this sample, or start it from the measurement.
 
         `pull` is what K and D pull towards: reference COM and velocity, or the ZMP of the pendulum.
         """
-        before, self._pull = self._pull, pull
-        if self._state is None or restart:
+        event = Flags.RESET
+        moment = (terms.K, terms.D, terms.force, *pull)
+        if self._state is not None and not restart:
+            dt = (stamp_ns - self._state_ns) * 1e-9
+            start = self._moment or going_on(moment, -dt)
+            self._state = step(self._state, terms.M, terms.axes, start, moment, dt)
+            self._follow(self._state, *pull)
+            error = self._state[:3] - com
+            event = Flags.OK if error @ error < _LOST * _LOST else Flags.RESET | Flags.REJECTED_STATE
+        if event:
             self._state = np.concatenate((com, com_vel))
-            return Flags.RESET
-        # The reference moves linearly over the step; what else has changed (posture, phase) counts from its start.
-        position, velocity = pull
-        if before is None:  # in a new sole frame
-            moved, faster = velocity * dt, _ZERO3
-        else:
-            moved, faster = position - before[0], velocity - before[1]
-        state = step(self._state, terms.M, terms.K, terms.D, terms.axes, terms.force, moved, faster, dt)
-        if velocity is not _ZERO3:  # what is not integrated follows the reference
-            for axis in self._following:
-                state[axis], state[3 + axis] = position[axis], velocity[axis]
-        self._state = state
-        error = state[:3] - com
+            self._past.clear()
+        self._state_ns, self._moment = stamp_ns, moment
+        self._past.append((stamp_ns, self._state, terms, moment))
+        return event
+
+    def _turn(
+        self,
+        trunk: TrunkModel,
+        sample: Sample,
+        support: SupportState,
+        dt: float,
+        com: Array,
+        reference: Array,
+        reference_vel: Array,
+    ) -> tuple[Flags, Array]:
+        """The free run with the turning trunk; its roll and pitch (2,) [rad]."""
+        trunk.update(sample, support, self.link, self.motor, dt)
+        event = Flags.OK
+        if self._touchdown(support) or not trunk.running:
+            trunk.restart()
+            event = Flags.RESET
+        state = trunk.predicted(sample)
+        error = state.com - com
         if not error @ error < _LOST * _LOST:
-            self._state = np.concatenate((com, com_vel))
-            return Flags.RESET | Flags.REJECTED_STATE
-        return Flags.OK
+            trunk.restart()
+            event, state = Flags.RESET | Flags.REJECTED_STATE, trunk.predicted(sample)
+        self._state = np.concatenate((state.com, state.com_vel))
+        for axis in self._following:
+            self._state[axis], self._state[3 + axis] = reference[axis], reference_vel[axis]
+        return event, state.tilt
 
     def _predict_horizons(
         self,
@@ -248,6 +313,10 @@ class Predictor:
                 com, com_vel, self._horizons, terms.M, terms.K, terms.D, terms.axes, terms.force,
                 reference, reference_vel, *plan,
             )  # fmt: skip
+            if self.trunk is not None and self.trunk.running:
+                plans = np.array([look_ahead(*plan, reference_vel, h)[0] for h in self.judge.horizons])
+                ahead = com + plans + self.trunk.ahead(self._horizons)
+                horizons[:, self.model.axes] = ahead[:, self.model.axes]
         baselines = predict_baselines(com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons)
         model = self._nothing if horizons is None else horizons
         self.judge.update(sample.stamp_ns, T_odom_sole, com, reference, model, *baselines)

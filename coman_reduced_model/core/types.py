@@ -135,6 +135,7 @@ class SupportState:
     left_share: float = float("nan")  # share of the vertical force on the left foot, 0..1
     phase_time: float = 0.0  # [s] since the phase began
     total_force: float = float("nan")  # [N] sum of the vertical forces
+    foot_time: float = 0.0  # [s] since the support foot became it
 
 
 @dataclass(slots=True)
@@ -164,6 +165,8 @@ class Prediction:
     T_odom_sole: Array  # (4, 4) pose of the support sole in odom
     horizons: list[HorizonPrediction]
     flags: Flags
+    measured_tilt: Array = field(default_factory=lambda: np.full(2, np.nan))  # (2,) roll, pitch of the trunk [rad]
+    predicted_tilt: Array = field(default_factory=lambda: np.full(2, np.nan))  # (2,) NaN without trunk_rotation
 
     @property
     def residual(self) -> Array:

@@ -8,7 +8,11 @@ candidate of the diagnosis.
 from .base import Effect
 from .gravity_stiffness import GravityStiffness
 from .lateral_compliance import LateralCompliance
+from .swing_momentum import SwingMomentum
+from .trunk_rotation import TrunkRotation
 
-CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (GravityStiffness, LateralCompliance)}
+CATALOGUE: dict[str, type[Effect]] = {
+    effect.name: effect for effect in (GravityStiffness, TrunkRotation, SwingMomentum, LateralCompliance)
+}
 
 __all__ = ["CATALOGUE", "Effect"]

@@ -23,12 +23,14 @@ class Effect:
         name: the word for it in configurations and results (discrepancy.md).
         parameters: nominal, bounds, unit, description of each of its figures.
         place: what `where` names: "robot" (nothing), "axis", "joint", "side" or "foot".
+        needs: other effects without which it does nothing.
         axes: coordinates of the COM (0, 1, 2) that it adds to the integrated ones, x and z.
     """
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     place: ClassVar[str] = "robot"
+    needs: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[int, ...]] = ()
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
