@@ -84,10 +84,15 @@ def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]
 
     Raises:
         BagError: one that is needed is missing, or has another type.
+        ConfigError: two streams have one topic.
     """
     source = config.prediction.reference
     needed = [JOINTS, *WRENCHES.values(), *{"motor": [MOTORS], "topic": [REFERENCE]}.get(source, [])]
-    topics = {names(topic): stream for stream, topic in INPUT_TOPICS.items()}
+    topics: dict[str, str] = {}
+    for stream, topic in INPUT_TOPICS.items():
+        twin = topics.setdefault(names(topic), stream)
+        if twin != stream:
+            raise ConfigError(f"--remap: {INPUT_TOPICS[twin]} and {topic} would both be {names(topic)}")
     missing = [topic for topic, stream in topics.items() if stream in needed and not bag.counts.get(topic)]
     if missing:
         hint = f" (prediction.reference: {source})" if source != "none" else ""
@@ -200,6 +205,7 @@ def _summary(
         },
         "rejected": status.rejected,
         "last_rejection": status.last_rejection,
+        "suspect": status.suspect,
         "incomplete": {name: stream.incomplete for name, stream in status.streams.items() if stream.incomplete},
         "streams": {name: asdict(stream) for name, stream in status.streams.items()},
         "restarts": status.restarts,

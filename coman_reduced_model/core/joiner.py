@@ -43,8 +43,8 @@ class Joiner:
         rejections: what was not used and why.
         incomplete: by stream, the number of Samples that went without an expected value.
         extra_joints: joints in messages that the URDF lacks (ignored).
-        clock_offset_s: by expected stream that does come and yet is never near enough: how far its newest stamp is
-            after that of the joint states.
+        clock_lead_s: by expected stream, how far its stamps are ahead of those of the joint states as they arrive,
+            smoothed; about zero if clocks agree and nothing is delayed.
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
@@ -72,8 +72,8 @@ class Joiner:
             self._fields.append((self._reference, "reference"))
         self._expected = tuple(each for each, _ in self._fields)
         self.incomplete = {each.name: 0 for each in self._expected}
-        self.clock_offset_s: dict[str, float] = {}
-        self._accepted_at_miss: dict[str, int] = {}
+        self.clock_lead_s: dict[str, float] = {}
+        self._seen = dict.fromkeys(self.incomplete, 0)
 
         legs = config.robot.left.joints + config.robot.right.joints
         size = len(robot.joint_names)
@@ -106,6 +106,7 @@ class Joiner:
         if not accepted:
             return []
         samples = self._restart(accepted[0][0]) if self._joints.jumped else []
+        self._watch_clocks()
         for stamp, state in accepted:
             if self._velocity(JOINTS, stamp, state):
                 self._waiting.append((stamp, state))
@@ -200,7 +201,16 @@ class Joiner:
         self._wrench_maps[foot, frame_id] = result
         return result
 
-    # --- clocks that go back ---
+    # --- clocks that differ or go back ---
+
+    def _watch_clocks(self) -> None:
+        """Compare clocks at a joint state, with the streams that came since the last: one that stopped is no clock."""
+        for stream in self._expected:
+            if stream.accepted != self._seen[stream.name]:
+                self._seen[stream.name] = stream.accepted
+                lead = (stream.last - self._joints.last) * 1e-9  # type: ignore[operator]
+                before = self.clock_lead_s.get(stream.name, lead)
+                self.clock_lead_s[stream.name] = before + 0.05 * (lead - before)
 
     def _restart(self, stamp: int) -> list[Sample]:
         """The joint states went back (bag loop): finish what waits, forget what belongs to the run before."""
@@ -209,6 +219,7 @@ class Joiner:
         for stream in self._others:
             if stream.last is not None and stream.last > stamp + self._gap:
                 stream.start_afresh()
+        self.clock_lead_s.clear()
         return samples
 
     def _went_back(self, stream: Stream) -> list[Sample]:
@@ -254,20 +265,9 @@ class Joiner:
         if self._imu.items:
             sample.imu = self._imu.nearest(stamp)
         for stream, field in self._fields:
-            if getattr(sample, field) is None or self._accepted_at_miss:
-                self._note(stream, getattr(sample, field))
+            if getattr(sample, field) is None:
+                self.incomplete[stream.name] += 1
         return sample
-
-    def _note(self, stream: Stream, value: object) -> None:
-        """Keep count of expected values that are missing, and tell a clock that differs from a stream that stopped."""
-        if value is not None:
-            self.clock_offset_s.pop(stream.name, None)
-            self._accepted_at_miss.pop(stream.name, None)
-            return
-        self.incomplete[stream.name] += 1
-        before = self._accepted_at_miss.setdefault(stream.name, stream.accepted)
-        if stream.last is not None and stream.accepted != before:  # messages come, and yet none is near enough
-            self.clock_offset_s[stream.name] = (stream.last - self._joints.last) * 1e-9  # type: ignore[operator]
 
     # What follows copies what it takes as it is: effects correct Samples in place.
 

@@ -42,6 +42,7 @@ class Status:
     waiting: int  # joint states that wait for other streams now
     rejected: dict[str, int]  # by "stream/reason"
     last_rejection: dict[str, str]  # the last sentence for each
+    suspect: dict[str, int]  # looks at samples (50 a second) that found wrenches of wrong sign or foot
     extra_joints: tuple[str, ...]  # in messages, not in the URDF: ignored
     unlisted_joints: tuple[str, ...]  # in the URDF, not in messages: held at zero
     warnings: tuple[str, ...]  # what looks wrong and what to look at, a line each
@@ -153,6 +154,7 @@ class Pipeline:
             joiner.waiting,
             dict(joiner.rejections.counts),
             dict(joiner.rejections.last),
+            self.plausibility.counts(),
             joiner.extra_joints,
             joiner.unlisted_joints,
             tuple(self._warnings(streams)),
@@ -165,14 +167,12 @@ class Pipeline:
         for name, stream in streams.items():
             if name == JOINTS or not stream.expected or not streams[JOINTS].accepted:
                 continue
-            offset = self.joiner.clock_offset_s.get(name)
+            lead = self.joiner.clock_lead_s.get(name, 0.0)
             if not stream.accepted:
                 lines.append(f"{name}: no usable message yet, and the predictions need it")
-            elif offset is not None and abs(offset) > self.config.streams.max_wait:
-                side = "behind" if offset < 0.0 else "ahead of"
-                lines.append(
-                    f"{name}: its clock is {abs(offset):.3f} s {side} {JOINTS}: no value is near enough in time"
-                )
-            elif stream.age_s > self.config.streams.restart_gap:
+            elif stream.age_s > self.config.streams.restart_gap and abs(lead) < self.config.streams.restart_gap:
                 lines.append(f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}")
+            elif abs(lead) > self.config.streams.max_wait:
+                side = "behind" if lead < 0.0 else "ahead of"
+                lines.append(f"{name}: its clock is {abs(lead):.3f} s {side} {JOINTS}, or it arrives at another time")
         return lines + self.plausibility.warnings()

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .config import Config
+from .joiner import WRENCHES
 from .types import Foot, Sample
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class Plausibility:
         """Forget the past."""
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
+        self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._looks = 0
         self._lower_carries = self._higher_carries = 0
 
@@ -45,8 +47,9 @@ class Plausibility:
         if sample.left_wrench is None or sample.right_wrench is None:
             return
         left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
-        self._force[Foot.LEFT] += left
-        self._force[Foot.RIGHT] += right
+        for foot, force in ((Foot.LEFT, left), (Foot.RIGHT, right)):
+            self._force[foot] += force
+            self._negative[foot] += force < -_NEGATIVE * self._weight
         self._looks += 1
         # With the sign wrong as well, the foot that carries is the one with the larger magnitude.
         total = abs(left) + abs(right)
@@ -60,11 +63,17 @@ class Plausibility:
         elif height < -_CLEARANCE:
             self._higher_carries += 1
 
+    def counts(self) -> dict[str, int]:
+        """Looks (50 a second) that found something odd; some do on a good robot, touching down for one."""
+        counts = {f"{name}/negative": self._negative[foot] for foot, name in WRENCHES.items()}
+        counts["wrenches/swapped"] = self._higher_carries
+        return {name: count for name, count in counts.items() if count}
+
     def warnings(self) -> list[str]:
         """What looks wrong, a line each."""
         lines = []
         if self._looks >= _ENOUGH:
-            for foot, name in ((Foot.LEFT, "left_foot/wrench"), (Foot.RIGHT, "right_foot/wrench")):
+            for foot, name in WRENCHES.items():
                 mean = self._force[foot] / self._looks
                 if mean < -_NEGATIVE * self._weight:
                     lines.append(
