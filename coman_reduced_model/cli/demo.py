@@ -32,7 +32,9 @@ def demo(
     from ..output import OutputFolder
     from ..resources import bag_path, config_path
     from ..ros.processes import NodeFailed, confine, why_not
+    from ..ros.spin import Stop
 
+    Stop()  # one Ctrl-C ends it; more of them do not keep it from stopping the nodes
     confine()
     if problem := why_not():
         raise ComanError(f"demo: {problem}")

@@ -27,8 +27,10 @@ def live(
     from ..errors import ComanError
     from ..resources import config_path
     from ..ros.processes import NodeFailed, Nodes, confine, why_not
+    from ..ros.spin import Stop
     from ..sim.robot_table import COMAN, ROBOTS
 
+    stop = Stop()
     confine()
     if problem := why_not():
         raise ComanError(f"live: {problem}")
@@ -46,13 +48,14 @@ def live(
             nodes.start("virtual_robot", walk)
             nodes.start("predictor")
             nodes.start("trajectory", {**walk, "gait.repeat": True, "gait.autostart": False})
-            _watch(nodes, duration)
+            stop.at_once = False
+            _watch(nodes, duration, stop)
     except NodeFailed as error:
         print(f"coman: live failed: {error}", file=sys.stderr)
         raise typer.Exit(1) from None
 
 
-def _watch(nodes: Any, duration: float | None) -> None:
+def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
     from rich.console import Console
     from rich.live import Live
 
@@ -76,7 +79,7 @@ def _watch(nodes: Any, duration: float | None) -> None:
         try:
             if screen:
                 screen.start()
-            while ends is None or time.monotonic() < ends:
+            while not stop.requested and (ends is None or time.monotonic() < ends):
                 nodes.check()
                 if view.count:
                     starter.start_once()
@@ -88,8 +91,6 @@ def _watch(nodes: Any, duration: float | None) -> None:
                     shown = time.monotonic()
                     print(view.line(listener), flush=True)
                 time.sleep(0.2)
-        except KeyboardInterrupt:
-            pass
         finally:
             if screen:
                 screen.stop()
