@@ -23,7 +23,7 @@ unexport VIRTUAL_ENV MAKEFLAGS MFLAGS
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-setup: $(STAMP)/package  ## .venv with everything: dependencies, ROS 2, the messages, this package
+setup: $(STAMP)/compiled  ## .venv with everything: dependencies, ROS 2, the messages, this package
 	@echo "ready: $(BIN)/coman --help"
 
 demo: setup  ## the real nodes on a recorded walk, replayed through DDS: table and report page
@@ -48,7 +48,7 @@ format: setup  ## let ruff rewrite the code
 	$(BIN)/ruff format
 
 bench: setup  ## the figures of the README: speed, memory, latency
-	@set -e; for script in bench/bench_*.py; do echo "== $$script"; $(BIN)/python $$script; done
+	@set -e; for script in bench/*.py; do echo "== $$script"; $(BIN)/python $$script; done
 
 lock: setup  ## newest versions of everything in requirements.in into requirements.txt, for all supported Pythons
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.10 --no-annotate \
@@ -93,4 +93,10 @@ $(STAMP)/messages: $(shell find msg_defs -type f) $(STAMP)/requirements
 
 $(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+# Numba's compilations, once and by one process: several nodes that start together would all compile at the same time.
+$(STAMP)/compiled: $(wildcard coman_reduced_model/core/*.py coman_reduced_model/core/effects/*.py) $(STAMP)/package
+	@echo "compiling the model"
+	@$(BIN)/python -m coman_reduced_model.ros.warm_up
 	@touch $@

@@ -48,3 +48,14 @@ def _reference(stamp: int) -> Reference:
     zero = np.zeros(3)
     sole = np.eye(4)
     return Reference(stamp, com, zero, zero, zero, sole, sole, Phase.DOUBLE, 0, 0.02, preview, np.zeros((25, 3)))
+
+
+if __name__ == "__main__":  # `make setup`: the default robot's model, and all that can be added to it
+    from ..bag.types import bag_types
+    from ..core.effects import CATALOGUE
+    from ..resources import config_path
+
+    default = Config()
+    coman = Robot(config_path("coman.urdf").read_text(encoding="utf-8"), default.robot)
+    for effects in ((), tuple(name for name, effect in CATALOGUE.items() if effect.place == "robot")):
+        warm_up(coman, default.replaced({"effects.active": effects}), bag_types())
