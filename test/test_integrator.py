@@ -25,7 +25,8 @@ def swing(x, v, m, k, d, dt, steps=1, force=0.0):
     """States of a mass on a spring, (steps + 1, 2)."""
     states = [np.array([x, v], float)]
     for _ in range(steps):
-        state = step(states[-1], matrix(m), matrix(k), matrix(d), ONE, np.array([force]), NO_MOVE, NO_MOVE, dt)
+        moment = (matrix(k), matrix(d), np.array([force]), NO_MOVE, NO_MOVE)
+        state = step(states[-1], matrix(m), ONE, moment, moment, dt)
         states.append(state)
     return np.array(states)
 
@@ -71,7 +72,7 @@ def test_free_oscillation_has_the_frequency_and_decay_of_the_closed_form(k, zeta
 
 
 def test_static_sag():
-    """m g / k, and a mass in equilibrium stays there to the last digit."""
+    """The sag is m g / k, and a mass in equilibrium stays there to the last digit."""
     sag = -17.3 * 9.81 / 30000.0
     states = swing(sag, 0.0, 17.3, 30000.0, 50.0, 0.01, 1000, force=-17.3 * 9.81)
     np.testing.assert_allclose(states, np.tile([sag, 0.0], (1001, 1)), atol=1e-13)
@@ -89,7 +90,7 @@ def test_energy_never_grows_without_input_and_is_kept_without_damping(seed, dt):
         found = []
         for _ in range(200):
             found.append(state[:3] @ K @ state[:3] + state[3:] @ M @ state[3:])
-            state = step(state, M, K, damping, axes, zero, zero, zero, dt)
+            state = step(state, M, axes, (K, damping, zero, zero, zero), (K, damping, zero, zero, zero), dt)
         return np.array(found)
 
     damped, free = energies(D), energies(np.zeros((3, 3)))
@@ -104,13 +105,16 @@ def test_one_long_step_is_many_short_ones(seed, dt, parts):
     M, K, D = random_system(seed)
     rng = np.random.default_rng(seed)
     axes = np.array([0, 2])
-    state, force, moved, faster = rng.normal(size=6), rng.normal(size=3) * 100, rng.normal(size=3), rng.normal(size=3)
-    once = step(state, M, K, D, axes, force, moved, faster, dt)
+    state, p, v = rng.normal(size=6), rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
+
+    def moment(w):
+        p_w, v_w = (1 - w) * p[0] + w * p[1], (1 - w) * v[0] + w * v[1]
+        return K, D, K @ p_w + D @ v_w + [0.0, 0.0, -100.0], p_w, v_w
+
+    once = step(state, M, axes, moment(0.0), moment(1.0), dt)
     many = state
-    for part in range(1, parts + 1):
-        left = 1.0 - part / parts
-        now = force - K @ (moved * left) - D @ (faster * left)
-        many = step(many, M, K, D, axes, now, moved / parts, faster / parts, dt / parts)
+    for part in range(parts):
+        many = step(many, M, axes, moment(part / parts), moment((part + 1) / parts), dt / parts)
     np.testing.assert_allclose(once, many, rtol=1e-8, atol=1e-8 * np.abs(many).max())
 
 
@@ -119,16 +123,41 @@ def test_one_long_step_is_many_short_ones(seed, dt, parts):
 def test_a_step_agrees_with_dense_integration(seed, dt):
     M, K, D = random_system(seed, fastest=100.0)
     rng = np.random.default_rng(seed + 1)
-    state, end, moved, faster = rng.normal(size=6), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
+    state, u = rng.normal(size=6), rng.normal(size=(2, 3))
 
     def motion(t, z):
-        left = 1.0 - t / dt
-        u = end - (K @ moved + D @ faster) * left
-        return np.concatenate((z[3:], np.linalg.solve(M, u - K @ z[:3] - D @ z[3:])))
+        force = u[0] + (u[1] - u[0]) * t / dt
+        return np.concatenate((z[3:], np.linalg.solve(M, force - K @ z[:3] - D @ z[3:])))
 
     dense = solve_ivp(motion, (0.0, dt), state, rtol=1e-10, atol=1e-12).y[:, -1]
-    exact = step(state, M, K, D, np.arange(3), end, moved, faster, dt)
+    zero = np.zeros(3)
+    exact = step(state, M, np.arange(3), (K, D, u[0], zero, zero), (K, D, u[1], zero, zero), dt)
     np.testing.assert_allclose(exact, dense, rtol=1e-6, atol=1e-7 * np.abs(dense).max())
+
+
+def test_changing_stiffness_counts_to_second_order_and_never_pulls_a_mass_at_rest():
+    """K, D and p move together: where the coordinates have their origin does not matter, however large K p is."""
+    M, K, D = random_system(5, fastest=60.0)
+    axes, g = np.arange(3), np.array([0.0, 0.0, -9.81 * M[0, 0]])
+
+    def moment(t, origin):
+        k, p, v = 1.0 + 3.0 * t, np.full(3, origin + 0.1 * t), np.full(3, 0.1)
+        return k * K, k * D, k * (K @ p + D @ v) + g, p, v
+
+    def run(parts, origin):
+        state = np.concatenate((np.full(3, origin + 0.001), np.zeros(3)))
+        for i in range(parts):
+            start, end = moment(0.2 * i / parts, origin), moment(0.2 * (i + 1) / parts, origin)
+            state = step(state, M, axes, start, end, 0.2 / parts)
+        return state[:3] - origin
+
+    exact = run(20000, 0.0)
+    np.testing.assert_allclose(run(40, 100.0), run(40, 0.0), atol=1e-9)
+    coarse, fine = (np.abs(run(parts, 0.0) - exact).max() for parts in (20, 40))
+    assert fine < 0.3 * coarse and fine < 1e-5
+    at_rest = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
+    still = [(k * K, k * D, k * K @ at_rest[:3], at_rest[:3], np.zeros(3)) for k in (1.0, 2.0)]
+    np.testing.assert_allclose(step(at_rest, M, axes, *still, 0.01), at_rest, atol=1e-12)
 
 
 def test_no_stiffness_and_negative_stiffness_are_no_exceptions():
@@ -153,6 +182,7 @@ def test_what_is_not_integrated_is_neither_moved_nor_felt():
     state = np.array([0.1, 5.0, 0.2, 0.0, -3.0, 0.0])
     other = state.copy()
     other[[1, 4]] = [-8.0, 9.0]
-    a, b = (step(s, M, K, D, axes, zero, zero, zero, 0.01) for s in (state, other))
+    moment = (K, D, zero, zero, zero)
+    a, b = (step(s, M, axes, moment, moment, 0.01) for s in (state, other))
     np.testing.assert_array_equal(a[[1, 4]], [5.0, -3.0])
     np.testing.assert_array_equal(a[[0, 2, 3, 5]], b[[0, 2, 3, 5]])

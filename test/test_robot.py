@@ -180,7 +180,7 @@ LEFT = Config().robot.left
         (lambda: "<html/>", RobotConfig(), "<html>"),
         (lambda: '<robot name="r"/>', RobotConfig(), "not a URDF"),
         (lambda: '<robot name="r"><link name="a"/><link name="b"/></robot>', RobotConfig(), "one root link.* 2: a, b"),
-        (lambda: '<robot name="r"><link name="a"/><joint name="j" type="odd"/></robot>', RobotConfig(), "cannot be read"),
+        (lambda: '<robot name="r"><link name="a"/><joint name="j"/></robot>', RobotConfig(), "cannot be read"),
         (lambda: edited(without_mass), RobotConfig(), "no mass"),
         (lambda: urdf_of("coman"), RobotConfig(base_frame="pelvis"), "'pelvis'.*robot.base_frame.*base_link"),
         (lambda: urdf_of("coman"), RobotConfig(left=replace(LEFT, sole_frame="sole")), "'sole'.*robot.left.sole_frame"),

@@ -94,29 +94,42 @@ def select(A: Array, axes: Array) -> Array:
     return B
 
 
+Moment = tuple[Array, Array, Array, Array, Array]
+
+
 @compiled
-def step(
-    state: Array, M: Array, K: Array, D: Array, axes: Array, force: Array, moved: Array, faster: Array, dt: float
-) -> Array:
-    """One exact step over dt [s] of the axes that are integrated, while the reference moves linearly.
+def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: float) -> Array:
+    """One step over dt [s] of M x'' = f + K (p - x) + D (p' - x'), where f, K, D, p and p' go from start to end.
+
+    Exact where K and D stay; else they count with their mean, which is of second order in dt.
 
     Args:
         state: (2d,) all coordinates and their velocities; those not in `axes` are returned as they are.
-        M, K, D: (d, d).
+        M: (d, d).
         axes: (n,) indices of the integrated coordinates.
-        force: (d,) at the end of the step; at its start it was less by K moved + D faster.
-        moved, faster: (d,) displacement and change of velocity of the reference over the step.
+        start, end: K (d, d), D (d, d), force f + K p + D p' (d,), what pulls p (d,) and its velocity p' (d,).
         dt: [s].
 
     Returns:
         The state at the end (2d,).
     """
-    d, n = K.shape[0], axes.shape[0]
-    E, G_0, G_1 = transition(inverse(select(M, axes)), select(K, axes), select(D, axes), dt)
-    before = force - apply(K, moved) - apply(D, faster)
+    K_0, D_0, force_0, p_0, v_0 = start
+    K_1, D_1, force_1, p_1, v_1 = end
+    d, n = M.shape[0], axes.shape[0]
+    # Half the change of K and D, told of the deflection and not of the coordinates: forces stay small differences.
+    dK, dD = 0.5 * (K_1 - K_0), 0.5 * (D_1 - D_0)
+    u_0 = force_0 + apply(dK, p_0) + apply(dD, v_0)
+    u_1 = force_1 - apply(dK, p_1) - apply(dD, v_1)
+    E, G_0, G_1 = transition(inverse(select(M, axes)), select(K_0 + dK, axes), select(D_0 + dD, axes), dt)
     z = np.concatenate((state[axes], state[axes + d]))
-    z = advance(z, E, G_0, G_1, before[axes], force[axes])
+    z = advance(z, E, G_0, G_1, u_0[axes], u_1[axes])
     out = state.copy()
     out[axes] = z[:n]
     out[axes + d] = z[n:]
     return out
+
+
+def going_on(moment: Moment, dt: float) -> Moment:
+    """The moment dt [s] later (or earlier), if the reference goes on at its velocity and all else stays."""
+    K, D, force, p, v = moment
+    return K, D, force + K @ (v * dt), p + v * dt, v

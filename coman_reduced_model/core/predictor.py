@@ -246,20 +246,23 @@ class Predictor:
 
         `pull` is what K and D pull towards: reference COM and velocity, or the ZMP of the pendulum.
         """
-        event = Flags.RESET
+        event, state = Flags.RESET, _NAN3
         moment = (terms.K, terms.D, terms.force, *pull)
         if self._state is not None and not restart:
             dt = (stamp_ns - self._state_ns) * 1e-9
             start = self._moment or going_on(moment, -dt)
-            self._state = step(self._state, terms.M, terms.axes, start, moment, dt)
-            self._follow(self._state, *pull)
-            error = self._state[:3] - com
-            event = Flags.OK if error @ error < _LOST * _LOST else Flags.RESET | Flags.REJECTED_STATE
+            followed = step(self._state, terms.M, terms.axes, start, moment, dt)
+            self._follow(followed, *pull)
+            error = followed[:3] - com
+            if error @ error < _LOST * _LOST:
+                event, state = Flags.OK, followed
+            else:
+                event = Flags.RESET | Flags.REJECTED_STATE
         if event:
-            self._state = np.concatenate((com, com_vel))
+            state = np.concatenate((com, com_vel))
             self._past.clear()
-        self._state_ns, self._moment = stamp_ns, moment
-        self._past.append((stamp_ns, self._state, terms, moment))
+        self._state, self._state_ns, self._moment = state, stamp_ns, moment
+        self._past.append((stamp_ns, state, terms, moment))
         return event
 
     def _turn(

@@ -100,7 +100,9 @@ class SupportDetector:
         self._foot = Foot.NONE
         self._began_ns = 0
         self._last_ns = 0
+        self._foot_ns = 0  # since when it has been the support foot
         self._lead_ns = -1  # since when the other foot has carried more; -1: it does not
+        self._lead = _NAN  # [N] what the other foot carries beyond the hysteresis, at the last sample
 
     @property
     def zeros(self) -> tuple[float, float]:
@@ -122,7 +124,7 @@ class SupportDetector:
         """
         if stamp_ns < self._last_ns:
             self.reset()
-        self._last_ns = stamp_ns
+        dt_ns, self._last_ns = stamp_ns - self._last_ns, stamp_ns
         if left_fz is None or right_fz is None or not isfinite(left_fz + right_fz):
             return self._stale(stamp_ns)
         if self._feet is None:
@@ -138,18 +140,24 @@ class SupportDetector:
             self._began_ns = max(self._began_ns, left.since_ns, right.since_ns)
         left_load, right_load = left_fz - left.zero, right_fz - right.zero
         load = left_load + right_load
-        self._follow(stamp_ns, left_load - right_load, load, dwell_on)
+        foot, self._foot = self._foot, self._follow(stamp_ns, dt_ns, left_load - right_load, load, dwell_on)
+        if self._foot is not foot:
+            self._foot_ns = self._lead_ns if self._phase is Phase.DOUBLE and self._lead_ns >= 0 else self._began_ns
+            self._lead_ns, self._lead = -1, _NAN
         share = min(1.0, max(0.0, left_load / load)) if load > _SHARE_FORCE * self.weight else _NAN
-        time = (stamp_ns - self._began_ns) * 1e-9
-        return SupportState(self._phase, self._foot, share, time, left_fz + right_fz)
+        return self._state(stamp_ns, share, left_fz + right_fz)
 
     def _stale(self, stamp_ns: int) -> SupportState:
         if self._feet is None:
             return SupportState()
         for foot in self._feet:
             foot.interrupt(stamp_ns)
-        self._lead_ns = -1
-        return SupportState(self._phase, self._foot, _NAN, (stamp_ns - self._began_ns) * 1e-9, _NAN)
+        self._lead_ns, self._lead = -1, _NAN
+        return self._state(stamp_ns, _NAN, _NAN)
+
+    def _state(self, stamp_ns: int, share: float, force: float) -> SupportState:
+        phase_time, foot_time = (stamp_ns - self._began_ns) * 1e-9, (stamp_ns - self._foot_ns) * 1e-9
+        return SupportState(self._phase, self._foot, share, phase_time, force, foot_time)
 
     def _start(self, stamp_ns: int, left_fz: float, right_fz: float) -> tuple[_Contact, _Contact]:
         middle = 0.5 * (self.config.contact_on + self.config.contact_off) * self.weight
@@ -157,24 +165,28 @@ class SupportDetector:
         self._phase = _PHASES[left.loaded + 2 * right.loaded]
         if self._phase:
             self._foot = Foot.LEFT if left_fz >= right_fz else Foot.RIGHT
-        self._began_ns = stamp_ns
+        self._began_ns = self._foot_ns = stamp_ns
         return left, right
 
-    def _follow(self, stamp_ns: int, difference: float, load: float, dwell_ns: float) -> None:
+    def _follow(self, stamp_ns: int, dt_ns: int, difference: float, load: float, dwell_ns: float) -> Foot:
         """The support foot: the one on the ground, or of two the one that has carried clearly more for a while."""
         if self._phase is Phase.LEFT:
-            self._foot = Foot.LEFT
-        elif self._phase is Phase.RIGHT:
-            self._foot = Foot.RIGHT
-        elif self._phase is Phase.DOUBLE:
-            heavier = Foot.LEFT if difference > 0.0 else Foot.RIGHT
-            if self._foot is Foot.NONE:
-                self._foot = heavier
-            elif heavier is not self._foot and abs(difference) > self.config.share_hysteresis * load:
-                if self._lead_ns < 0:
-                    self._lead_ns = stamp_ns
-                if stamp_ns - self._lead_ns >= dwell_ns:
-                    self._foot = heavier
-                else:
-                    return
-        self._lead_ns = -1
+            return Foot.LEFT
+        if self._phase is Phase.RIGHT:
+            return Foot.RIGHT
+        if self._phase is Phase.FLIGHT:
+            self._lead_ns, self._lead = -1, _NAN
+            return self._foot
+        if self._foot is Foot.NONE:
+            return Foot.LEFT if difference > 0.0 else Foot.RIGHT
+        # Taken as linear between samples, like the thresholds of the contacts.
+        before = self._lead
+        self._lead = lead = (
+            difference if self._foot is Foot.RIGHT else -difference
+        ) - self.config.share_hysteresis * load
+        if lead <= 0.0:
+            self._lead_ns = -1
+            return self._foot
+        if self._lead_ns < 0:
+            self._lead_ns = stamp_ns - (round(dt_ns * lead / (lead - before)) if before <= 0.0 else 0)
+        return self._foot.other if stamp_ns - self._lead_ns >= dwell_ns else self._foot

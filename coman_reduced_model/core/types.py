@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_NAN2 = np.full(2, np.nan)
 
 
 class Phase(IntEnum):
@@ -165,8 +166,8 @@ class Prediction:
     T_odom_sole: Array  # (4, 4) pose of the support sole in odom
     horizons: list[HorizonPrediction]
     flags: Flags
-    measured_tilt: Array = field(default_factory=lambda: np.full(2, np.nan))  # (2,) roll, pitch of the trunk [rad]
-    predicted_tilt: Array = field(default_factory=lambda: np.full(2, np.nan))  # (2,) NaN without trunk_rotation
+    measured_tilt: Array = field(default_factory=lambda: _NAN2)  # (2,) roll, pitch of the trunk [rad]
+    predicted_tilt: Array = field(default_factory=lambda: _NAN2)  # (2,) NaN without trunk_rotation
 
     @property
     def residual(self) -> Array:
