@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -76,6 +77,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except _CLICK_ERROR as error:
         return _say(error.format_message() or "see --help", 2)  # type: ignore[attr-defined]
     except Exception:
+        if _interrupted:  # compiled code turns a KeyboardInterrupt into errors of its own
+            return 130
         traceback.print_exc()
         return _say("internal error, please report the lines above", 1)
 
@@ -85,8 +88,20 @@ def _say(sentence: str, code: int) -> int:
     return code
 
 
+_interrupted = False
+
+
+def _on_interrupt(number: int, frame: object) -> None:
+    """The first Ctrl-C ends the work, further ones do not disturb the cleaning up."""
+    global _interrupted
+    _interrupted = True
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def main() -> None:
     """Entry point."""
+    signal.signal(signal.SIGINT, _on_interrupt)
     sys.exit(run())
 
 
