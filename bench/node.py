@@ -64,7 +64,7 @@ def relay(executor: str, topics: list[str]) -> None:
         node.create_subscription(kind, topic, callback, qos.sensor_input())
     chosen = EventsExecutor() if executor == "events" else rclpy.executors.SingleThreadedExecutor()
     chosen.add_node(node)
-    with suppress(rclpy.executors.ExternalShutdownException):
+    with suppress(Exception):  # whatever shutting down in mid-message looks like
         while rclpy.ok():
             chosen.spin_once(timeout_sec=0.1)
 
