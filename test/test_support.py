@@ -298,3 +298,22 @@ def test_after_a_reset_nothing_is_left_of_the_past() -> None:
     detector.reset()
     again = [detector.update(round(1e9 * (1 + x)), float(a), float(b)) for x, a, b in zip(t, *walk(t), strict=True)]
     assert again == run(t, *walk(t))
+
+
+@pytest.mark.parametrize("rate", [1000, 200, 100])
+def test_the_support_foot_changes_when_the_load_has_passed_whatever_the_rate(rate: int) -> None:
+    """`foot_time` counts from where the other foot began to carry more by the hysteresis, between two samples."""
+    detector = SupportDetector(SupportConfig(share_hysteresis=0.1, dwell_on=0.0), WEIGHT)
+    began = []
+    foot = Foot.LEFT
+    for i in range(rate):  # the load passes from left to right and back: 55 % at 0.2675 and 0.7825 s
+        t = i / rate
+        right = 0.2 + 0.6 * min(1.0, max(0.0, (0.5 - abs(t - 0.525)) / 0.4154))
+        state = detector.update(10**9 + round(t * 1e9), (1.0 - right) * WEIGHT, right * WEIGHT)
+        assert state.phase is Phase.DOUBLE
+        if state.support_foot is not foot:
+            foot = state.support_foot
+            assert state.foot_time < 1.001 / rate
+            began.append(t - state.foot_time)
+    wanted = [0.025 + 0.35 / 0.6 * 0.4154, 1.025 - 0.25 / 0.6 * 0.4154]
+    assert began == pytest.approx(wanted, abs=1e-6)

@@ -425,9 +425,11 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
         if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
             continue
         parameter = table[key]
-        text = yaml.safe_dump(
-            list(value) if isinstance(value, tuple) else value, default_flow_style=True, width=10**6
-        ).splitlines()[0]
+        plain = list(value) if isinstance(value, tuple) else value
+        # Quoted where a text holds line breaks and the like: one line a key.
+        quotes = None if str(value).isprintable() and "\\" not in str(value) else '"'
+        text = yaml.safe_dump(plain, default_flow_style=True, default_style=quotes, width=10**6)
+        text = text.removesuffix("...\n").strip("\n")
         unit = f" [{parameter.unit}]" if parameter.unit not in ("", "1") else ""
         lines.append(f"    {key}: {text}  # {parameter.description}{unit}")
     return "\n".join(lines) + "\n"

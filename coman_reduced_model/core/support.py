@@ -23,6 +23,7 @@ from .types import Foot, Phase, SupportState
 
 _NAN = float("nan")
 _PHASES = (Phase.FLIGHT, Phase.LEFT, Phase.RIGHT, Phase.DOUBLE)  # by left + 2 right; a lookup is faster than Phase()
+_FEET = (Foot.NONE, Foot.LEFT, Foot.RIGHT)  # by phase
 _AIR_SETTLE_NS = 0.1e9  # the zero is learnt from this long after lift-off: peeling and ringing are over by then
 _BOUNCE_NS = 0.1e9  # after a landing; shorter than any stance, longer than feet bounce or unload once more
 _ZERO_TIME_NS = 0.5e9  # time constant of the zero: about one swing, far longer than a landing
@@ -170,20 +171,15 @@ class SupportDetector:
 
     def _follow(self, stamp_ns: int, dt_ns: int, difference: float, load: float, dwell_ns: float) -> Foot:
         """The support foot: the one on the ground, or of two the one that has carried clearly more for a while."""
-        if self._phase is Phase.LEFT:
-            return Foot.LEFT
-        if self._phase is Phase.RIGHT:
-            return Foot.RIGHT
-        if self._phase is Phase.FLIGHT:
+        if self._phase is not Phase.DOUBLE:
             self._lead_ns, self._lead = -1, _NAN
-            return self._foot
+            return _FEET[self._phase] or self._foot
         if self._foot is Foot.NONE:
             return Foot.LEFT if difference > 0.0 else Foot.RIGHT
         # Taken as linear between samples, like the thresholds of the contacts.
         before = self._lead
-        self._lead = lead = (
-            difference if self._foot is Foot.RIGHT else -difference
-        ) - self.config.share_hysteresis * load
+        ahead = difference if self._foot is Foot.RIGHT else -difference
+        self._lead = lead = ahead - self.config.share_hysteresis * load
         if lead <= 0.0:
             self._lead_ns = -1
             return self._foot
