@@ -29,6 +29,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "gait", default_value="", description="named gait; empty: the one that the configuration names"
             ),
+            DeclareLaunchArgument(
+                "repeat",
+                default_value="true",
+                choices=["true", "false"],
+                description="walk the plan again when it ends; a robot that starts late joins it there",
+            ),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of the nodes and their topics"),
             DeclareLaunchArgument(
                 "log_level",
@@ -46,6 +52,6 @@ def generate_launch_description():
                 output="screen",
             ),
             include("predict.launch.py", "config", "namespace", "log_level"),
-            include("trajectory.launch.py", "config", "gait", "namespace", "log_level"),
+            include("trajectory.launch.py", "config", "gait", "repeat", "namespace", "log_level"),
         ]
     )

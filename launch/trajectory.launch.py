@@ -15,6 +15,7 @@ def trajectory(context):
     parameters = [
         LaunchConfiguration("config"),
         {"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)},
+        {"gait.repeat": ParameterValue(LaunchConfiguration("repeat"), value_type=bool)},
     ]
     gait = LaunchConfiguration("gait").perform(context)
     if gait:  # an empty text would hide what the configuration names
@@ -42,6 +43,12 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument(
                 "gait", default_value="", description="named gait; empty: the one that the configuration names"
+            ),
+            DeclareLaunchArgument(
+                "repeat",
+                default_value="false",
+                choices=["true", "false"],
+                description="walk the plan again when it ends",
             ),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of the node and its topics"),
             DeclareLaunchArgument(
