@@ -19,7 +19,7 @@ def demo(
         Path | None,
         typer.Option("--bag", metavar="BAG", help="Recording; default: the shipped walk of test 1."),
     ] = None,
-    rate: Annotated[float, typer.Option("--rate", metavar="R", min=0.1, max=20.0, help="Times as fast.")] = 1.0,
+    rate: Annotated[float, typer.Option("--rate", metavar="R", min=0.1, max=20.0, help="Times as fast.")] = 2.0,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")] = DEFAULT_OUT,
     config: ConfigOption = None,
     force: ForceOption = False,
