@@ -122,9 +122,13 @@ def run_demo(
             _wait(lambda: listener.node.count_publishers(REFERENCE) > 0, nodes, f"{REFERENCE} is published")
         started_s = time.monotonic() - began
 
+        latency = ["not reported"]  # the last report of /diagnostics while messages came
+
         def keep_going(progress: Progress) -> bool:
             if progress.messages % 100 == 0:
                 nodes.check()
+                level, message, _ = listener.statuses.get("predictor: latency", (3, "", {}))
+                latency[0] = message if level < 3 else latency[0]
                 tell(progress.messages / progress.total, f"{statistics.samples} predictions")
             return True
 
@@ -152,7 +156,7 @@ def run_demo(
         "max_lag_s": played.max_lag_s,
         "start_s": started_s,
         "trajectory_node": planned is not None,
-        "latency": listener.statuses.get("predictor: latency", (0, "", {}))[1],
+        "latency": latency[0],
     }
     if summary["samples"] < _COMPLETE * asked or not summary["judged_samples"]:
         _, why, _ = listener.statuses.get("predictor: input", (0, "no /diagnostics came", {}))
