@@ -11,8 +11,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from . import __version__
 from .bag.decode import decoder
+from .bag.encode import encode_point, encode_prediction, encode_support
 from .bag.reader import Bag, missing_topics
 from .bag.types import bag_types
 from .bag.writer import BagWriter
@@ -24,7 +27,7 @@ from .core.statistics import RunStatistics, by_axis
 from .core.throttle import Throttle
 from .core.types import Array, Prediction, SupportState
 from .errors import BagError, ConfigError
-from .messages import INPUT_TYPES, STRING, point_to, prediction_to, support_to
+from .messages import INPUT_TYPES, STRING
 from .output import OutputFolder
 from .topics import (
     DESCRIPTION,
@@ -162,21 +165,18 @@ class _Output:
     """Writes the output topics, at the rates of the configuration, as the node publishes them."""
 
     def __init__(self, writer: BagWriter, names: TopicNames, config: Config) -> None:
-        self._writer = writer
-        self._types = bag_types()
+        self._write = writer.write_raw
         self._names = {topic: names(topic) for topic in OUTPUT_TYPES}
         self._points = Throttle(config.output.points_rate)
-        self._message: Any = None
         self._support: SupportState | None = None
 
     def write(self, prediction: Prediction) -> None:
-        stamp, types, names, write = prediction.stamp_ns, self._types, self._names, self._writer.write
-        self._message = prediction_to(types, prediction, self._message)
-        write(names[PREDICTION], stamp, self._message)
+        stamp, names, write = prediction.stamp_ns, self._names, self._write
+        write(names[PREDICTION], stamp, encode_prediction(prediction))
         due = self._points.due(stamp)
         before, now = self._support, prediction.support
         if due or before is None or (before.phase, before.support_foot) != (now.phase, now.support_foot):
-            write(names[SUPPORT], stamp, support_to(types, prediction))
+            write(names[SUPPORT], stamp, encode_support(prediction))
         self._support = now
         if due:
             for topic, com in (
@@ -185,8 +185,11 @@ class _Output:
                 (REFERENCE_POINT, prediction.reference_com),
             ):
                 point: Array = prediction.T_odom_sole[:3, :3] @ com + prediction.T_odom_sole[:3, 3]
-                if math.isfinite(point.sum()):  # a plot with a hole is honest, RViz drops NaN with an error
-                    write(names[topic], stamp, point_to(types, stamp, point))
+                if math.isfinite(point.dot(_ONES)):  # a plot with a hole is honest, RViz drops NaN with an error
+                    write(names[topic], stamp, encode_point(stamp, point))
+
+
+_ONES = np.ones(3)
 
 
 def _summary(

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import messages as m
 from coman_reduced_model.bag.decode import decoder
+from coman_reduced_model.bag.encode import encode_point, encode_prediction, encode_support
 from coman_reduced_model.bag.types import bag_types, typestore
 from coman_reduced_model.core.streams import Refused
 from coman_reduced_model.core.types import (
@@ -130,10 +131,12 @@ def test_messages_of_the_other_byte_order_are_read():
 
 @KINDS
 def test_imu(types):
-    message = ImuMessage(STAMP, "base_link", np.array([0.0, 0.0, 0.6, 0.8]), np.arange(3.0), np.arange(3.0) + 9.0)
-    assert same(m.imu_from(m.imu_to(types, message)), message)
-    unknown = replace(message, orientation=None)
-    assert m.imu_from(m.imu_to(types, unknown)).orientation is None
+    known = ImuMessage(STAMP, "base_link", np.array([0.0, 0.0, 0.6, 0.8]), np.arange(3.0), np.arange(3.0) + 9.0)
+    decode = decoder("imu")
+    for sent in (known, replace(known, orientation=None), replace(known, frame_id="another_imu")):
+        message = m.imu_to(types, sent)
+        raw = cdr(message, m.IMU_TYPE) if types is BAG else bytes(serialize_message(message))
+        assert same(m.imu_from(message), sent) and same(decode(raw), sent)
 
 
 def a_reference(n=4):
@@ -215,6 +218,27 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert [each.h for each in message.horizons] == [each.h for each in sent.horizons]
     assert [xyz(each.position) for each in message.horizons] == [each.com.tolist() for each in sent.horizons]
     assert message.flags == 48
+
+
+@pytest.mark.parametrize("frame", ["", "l_sole", "r_sole_", "a", "left/sole"])
+@pytest.mark.parametrize("horizons", [0, 1, 3, 8])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_predictions_packed_at_once_are_the_messages_that_rosbags_serialises(frame, horizons, seed):
+    sent = replace(a_prediction(seed, horizons), frame_id=frame)
+    if seed:
+        sent = replace(sent, predicted_com=np.full(3, math.nan), T_odom_sole=np.full((4, 4), math.nan))
+    store = typestore()
+    for raw, message, kind in (
+        (encode_prediction(sent), m.prediction_to(BAG, sent), m.COM_PREDICTION),
+        (encode_support(sent), m.support_to(BAG, sent), m.SUPPORT_STATE),
+        (
+            encode_point(sent.stamp_ns, sent.measured_com),
+            m.point_to(BAG, sent.stamp_ns, sent.measured_com),
+            m.POINT_STAMPED,
+        ),
+    ):
+        assert raw == bytes(store.serialize_cdr(message, kind))
+        assert repr(store.deserialize_cdr(raw, kind)) == repr(message)
 
 
 def test_the_constants_of_the_messages_are_those_of_the_core():

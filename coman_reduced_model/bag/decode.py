@@ -16,8 +16,8 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from ..core.streams import Refused
-from ..core.types import Array, JointMessage, WrenchMessage
-from ..messages import FROM, INPUT_TYPES, JOINT_STATE, WRENCH_STAMPED
+from ..core.types import Array, ImuMessage, JointMessage, WrenchMessage
+from ..messages import FROM, IMU_TYPE, INPUT_TYPES, JOINT_STATE, WRENCH_STAMPED
 from .types import typestore
 
 _LITTLE_ENDIAN = b"\x00\x01"
@@ -104,7 +104,27 @@ class _Wrench:
         return WrenchMessage(sec * 1_000_000_000 + nanosec, self._frame_id, values[:3], values[3:])
 
 
-_FAST: dict[str, Callable[[], Callable[[bytes], Any]]] = {JOINT_STATE: _Joints, WRENCH_STAMPED: _Wrench}
+class _Imu:
+    """sensor_msgs/Imu."""
+
+    def __init__(self) -> None:
+        self._strings = b""
+        self._end = _STRINGS + 1
+        self._frame_id = ""
+
+    def __call__(self, raw: bytes) -> ImuMessage:
+        if raw[_STRINGS : self._end] != self._strings:
+            self._frame_id, self._end = _string(raw, _STRINGS)
+            self._strings = raw[_STRINGS : self._end]
+        sec, nanosec = _STAMP.unpack_from(raw, 4)
+        # Orientation 4, its covariance 9, angular velocity 3, covariance 9, linear acceleration 3, covariance 9.
+        values = np.frombuffer(raw, "<f8", 37, _align(self._end, 8))
+        orientation = values[:4] if values[4] >= 0.0 else None
+        stamp_ns = sec * 1_000_000_000 + nanosec
+        return ImuMessage(stamp_ns, self._frame_id, orientation, values[13:16], values[25:28])
+
+
+_FAST: dict[str, Callable[[], Callable[[bytes], Any]]] = {JOINT_STATE: _Joints, WRENCH_STAMPED: _Wrench, IMU_TYPE: _Imu}
 
 
 def decoder(stream: str, store: Typestore | None = None) -> Callable[[bytes], Any]:

@@ -148,7 +148,7 @@ class Joiner:
     def add_imu(self, message: ImuMessage) -> list[Sample]:
         """Orientation and rates of the trunk."""
         self._imu.received += 1
-        if not math.isfinite(message.angular_velocity.sum() + message.linear_acceleration.sum()):
+        if not surely_finite(message.angular_velocity) or not surely_finite(message.linear_acceleration):
             self._reject(self._imu, "nan", "a value is NaN or infinite")
             return []
         return self._add(self._imu, message.stamp_ns, message)
