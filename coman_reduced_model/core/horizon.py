@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import apply, compiled, inverse
+from .compiled import apply, compiled, inverse, pick
 from .integrator import advance, select, transition
 from .reference import look_ahead
 from .types import Array
@@ -36,11 +36,12 @@ def predict_horizons(
     out = np.empty((horizons.shape[0], 3))
     n = axes.shape[0]
     M_inv, K_n, D_n = inverse(select(M, axes)), select(K, axes), select(D, axes)
-    z = np.concatenate((com[axes], com_vel[axes]))
+    z = np.empty(2 * n)
+    for i in range(n):
+        z[i], z[n + i] = com[axes[i]], com_vel[axes[i]]
     free = np.isnan(reference[0])
     velocity = np.zeros(3) if free else reference_vel
-    moved = np.zeros(3)
-    u = force[axes]
+    u = pick(force, axes)
     start, last_dt = 0.0, -1.0
     # Without a plan the reference moves linearly and any step is exact; equal ones share their transition.
     longest = _STEP if plan.shape[0] > 1 else horizons[0]
@@ -52,11 +53,16 @@ def predict_horizons(
             last_dt = dt
         for k in range(steps):
             moved, faster = look_ahead(plan, plan_vel, plan_dt, velocity, start + (k + 1) * dt)
-            u_end = (force + apply(K, moved) + apply(D, faster))[axes]
+            pulled, damped = apply(K, moved), apply(D, faster)
+            for i in range(3):
+                pulled[i] += force[i] + damped[i]
+            u_end = pick(pulled, axes)
             z = advance(z, E, G_0, G_1, u, u_end)
             u = u_end
-        out[h] = com if free else reference + moved
-        out[h][axes] = z[:n]
+        for i in range(3):
+            out[h, i] = com[i] if free else reference[i] + moved[i]
+        for i in range(n):
+            out[h, axes[i]] = z[i]
         start = horizons[h]
     return out
 
@@ -71,8 +77,9 @@ def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, ho
     omega = np.sqrt(gravity / max(com[2], 0.05))
     for h in range(horizons.shape[0]):
         c, s = np.cosh(omega * horizons[h]), np.sinh(omega * horizons[h])
-        persistence[h] = com + com_vel * horizons[h]
-        lipm[h] = zmp + (com - zmp) * c + com_vel / omega * s
+        for i in range(3):
+            persistence[h, i] = com[i] + com_vel[i] * horizons[h]
+            lipm[h, i] = zmp[i] + (com[i] - zmp[i]) * c + com_vel[i] / omega * s
         lipm[h, 2] = com[2] + 0.0 * zmp[0]
     return persistence, lipm
 
@@ -212,8 +219,12 @@ def _update(
             slot = (first[h] + count[h]) % capacity
             count[h] += 1
             targets[h, slot] = stamp_ns + ahead_ns[h]
-            poses[h, slot] = T
+            for i in range(4):
+                for j in range(4):
+                    poses[h, slot, i, j] = T[i, j]
             _to_odom(T, model[h], predicted[h, slot, 0])
             _to_odom(T, persistence[h], predicted[h, slot, 2])
             _to_odom(T, lipm[h], predicted[h, slot, 3])
-    last[:] = now
+    for k in range(2):
+        for i in range(3):
+            last[k, i] = now[k, i]

@@ -28,18 +28,30 @@ def phi_functions(Z: Array) -> tuple[Array, Array, Array]:
     while norm > 0.5 and squarings < 60:
         norm *= 0.5
         squarings += 1
-    Z = Z / 2.0**squarings
-    phi_2 = np.eye(n) / 14.0
+    part = np.empty((n, n))
+    phi_2 = np.zeros((n, n))
+    for i in range(n):
+        phi_2[i, i] = 1.0 / 14.0
+        for j in range(n):
+            part[i, j] = Z[i, j] / 2.0**squarings
     for k in range(13, 1, -1):  # Horner: 1/2 (1 + Z/3 (1 + Z/4 (...)))
-        phi_2 = mul(Z, phi_2)
+        phi_2 = mul(part, phi_2)
         for i in range(n):
             phi_2[i, i] += 1.0
-        phi_2 /= k
-    phi_1 = mul(Z, phi_2) + np.eye(n)
-    E = mul(Z, phi_1) + np.eye(n)
+            for j in range(n):
+                phi_2[i, j] /= k
+    phi_1 = mul(part, phi_2)
+    for i in range(n):
+        phi_1[i, i] += 1.0
+    E = mul(part, phi_1)
+    for i in range(n):
+        E[i, i] += 1.0
     for _ in range(squarings):
-        phi_2 = 0.25 * mul(phi_1, phi_1) + 0.5 * phi_2
-        phi_1 = 0.5 * (phi_1 + mul(E, phi_1))
+        square, shifted = mul(phi_1, phi_1), mul(E, phi_1)
+        for i in range(n):
+            for j in range(n):
+                phi_2[i, j] = 0.25 * square[i, j] + 0.5 * phi_2[i, j]
+                phi_1[i, j] = 0.5 * (phi_1[i, j] + shifted[i, j])
         E = mul(E, E)
     return E, phi_1, phi_2
 
@@ -68,19 +80,27 @@ def transition(M_inv: Array, K: Array, D: Array, dt: float) -> tuple[Array, Arra
             Z[n + i, j] = -MK[i, j] * dt / omega
             Z[n + i, n + j] = -MD[i, j] * dt
     E, phi_1, phi_2 = phi_functions(Z)
-    scale = dt / omega
-    whole, G_1 = mul(phi_1[:, n:], M_inv) * scale, mul(phi_2[:, n:], M_inv) * scale
-    E[:n, n:] /= omega
-    E[n:, :n] *= omega
-    whole[n:] *= omega
-    G_1[n:] *= omega
-    return E, whole - G_1, G_1
+    G_0, G_1 = np.zeros((2 * n, n)), np.zeros((2 * n, n))
+    for i in range(2 * n):
+        scale = dt / omega if i < n else dt
+        for j in range(n):
+            for k in range(n):
+                G_1[i, j] += scale * phi_2[i, n + k] * M_inv[k, j]
+                G_0[i, j] += scale * (phi_1[i, n + k] - phi_2[i, n + k]) * M_inv[k, j]
+    for i in range(n):
+        for j in range(n):
+            E[i, n + j] /= omega
+            E[n + i, j] *= omega
+    return E, G_0, G_1
 
 
 @compiled
 def advance(z: Array, E: Array, G_0: Array, G_1: Array, u_0: Array, u_1: Array) -> Array:
     """[x; x'] (2n,) after one step of `transition` under a force that goes linearly from u_0 to u_1 (n,)."""
-    return apply(E, z) + apply(G_0, u_0) + apply(G_1, u_1)
+    out, pushed, pulled = apply(E, z), apply(G_0, u_0), apply(G_1, u_1)
+    for i in range(out.shape[0]):
+        out[i] += pushed[i] + pulled[i]
+    return out
 
 
 @compiled
@@ -116,16 +136,24 @@ def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: fl
     K_0, D_0, force_0, p_0, v_0 = start
     K_1, D_1, force_1, p_1, v_1 = end
     d, n = M.shape[0], axes.shape[0]
-    # Half the change of K and D, told of the deflection and not of the coordinates: forces stay small differences.
-    dK, dD = 0.5 * (K_1 - K_0), 0.5 * (D_1 - D_0)
-    u_0 = force_0 + apply(dK, p_0) + apply(dD, v_0)
-    u_1 = force_1 - apply(dK, p_1) - apply(dD, v_1)
-    E, G_0, G_1 = transition(inverse(select(M, axes)), select(K_0 + dK, axes), select(D_0 + dD, axes), dt)
-    z = np.concatenate((state[axes], state[axes + d]))
-    z = advance(z, E, G_0, G_1, u_0[axes], u_1[axes])
+    K, D, u_0, u_1 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
+    z = np.empty(2 * n)
+    for i in range(n):
+        a = axes[i]
+        z[i], z[n + i] = state[a], state[d + a]
+        u_0[i], u_1[i] = force_0[a], force_1[a]
+        for j in range(d):
+            # Half the change of K and D acts on p - x: told of p it belongs to the force.
+            dK, dD = 0.5 * (K_1[a, j] - K_0[a, j]), 0.5 * (D_1[a, j] - D_0[a, j])
+            u_0[i] += dK * p_0[j] + dD * v_0[j]
+            u_1[i] -= dK * p_1[j] + dD * v_1[j]
+        for j in range(n):
+            K[i, j], D[i, j] = 0.5 * (K_0[a, axes[j]] + K_1[a, axes[j]]), 0.5 * (D_0[a, axes[j]] + D_1[a, axes[j]])
+    E, G_0, G_1 = transition(inverse(select(M, axes)), K, D, dt)
+    z = advance(z, E, G_0, G_1, u_0, u_1)
     out = state.copy()
-    out[axes] = z[:n]
-    out[axes + d] = z[n:]
+    for i in range(n):
+        out[axes[i]], out[d + axes[i]] = z[i], z[n + i]
     return out
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigError
-from .compiled import apply, compiled
+from .compiled import compiled
 from .config import Config
 from .effects import CATALOGUE, Effect
 from .robot import Posture, Robot
@@ -205,5 +205,9 @@ class Model:
 @compiled
 def _pull(K: Array, D: Array, scale_K: Array, scale_D: Array, p_r: Array, v_r: Array) -> tuple[Array, Array, Array]:
     """The leg's K and D times their factors, and the force K p_r + D v_r of the reference."""
-    K, D = K * scale_K, D * scale_D
-    return K, D, apply(K, p_r) + apply(D, v_r)
+    K_s, D_s, force = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            K_s[i, j], D_s[i, j] = K[i, j] * scale_K[i, j], D[i, j] * scale_D[i, j]
+            force[i] += K_s[i, j] * p_r[j] + D_s[i, j] * v_r[j]
+    return K_s, D_s, force

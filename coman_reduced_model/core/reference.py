@@ -47,14 +47,20 @@ def look_ahead(plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Arra
     last velocity; `reference_vel` (3,) is the present one.
     """
     end = plan.shape[0] - 1
-    if end < 1:
-        return t * reference_vel, np.zeros(3)
-    position = t / plan_dt
-    if position >= end:
-        return plan[end] + (t - end * plan_dt) * (reference_vel + plan_vel[end]), plan_vel[end].copy()
-    i = int(position)
+    moved, faster = np.zeros(3), np.zeros(3)
+    position = t / plan_dt if end > 0 else 0.0
+    i = min(int(position), end - 1)
     w = position - i
-    return (1.0 - w) * plan[i] + w * plan[i + 1], (1.0 - w) * plan_vel[i] + w * plan_vel[i + 1]
+    for axis in range(3):
+        if end < 1:
+            moved[axis] = t * reference_vel[axis]
+        elif position < end:
+            moved[axis] = (1.0 - w) * plan[i, axis] + w * plan[i + 1, axis]
+            faster[axis] = (1.0 - w) * plan_vel[i, axis] + w * plan_vel[i + 1, axis]
+        else:
+            faster[axis] = plan_vel[end, axis]
+            moved[axis] = plan[end, axis] + (t - end * plan_dt) * (reference_vel[axis] + faster[axis])
+    return moved, faster
 
 
 def motor_com(motor: Posture, foot: Foot) -> tuple[Array, Array]:

@@ -192,8 +192,10 @@ class Posture:
 @compiled
 def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array) -> tuple[Array, Array]:
     twist = apply(J_sole, v)
-    r = com - p
-    vel = com_vel - twist[:3]
+    r, vel = np.empty(3), np.empty(3)
+    for i in range(3):
+        r[i] = com[i] - p[i]
+        vel[i] = com_vel[i] - twist[i]
     vel[0] -= twist[4] * r[2] - twist[5] * r[1]
     vel[1] -= twist[5] * r[0] - twist[3] * r[2]
     vel[2] -= twist[3] * r[1] - twist[4] * r[0]
@@ -202,7 +204,10 @@ def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, 
 
 @compiled
 def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array) -> tuple[Array, Array]:
-    return mul(R.T, R_other), apply(R.T, p_other - p)
+    r = np.empty(3)
+    for i in range(3):
+        r[i] = p_other[i] - p[i]
+    return mul(R.T, R_other), apply(R.T, r)
 
 
 def _build(urdf: str, source: str) -> pin.Model:

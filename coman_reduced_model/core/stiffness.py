@@ -75,7 +75,9 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     """
     rows, n = J.shape
     Js = J.copy()
-    Js[:3] /= length
+    for i in range(3):
+        for j in range(n):
+            Js[i, j] /= length
     S = inverse(K_q)
     JS = mul(Js, S)
     C = mul(JS, Js.T)
@@ -87,22 +89,30 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
     for i in range(rows):
         C[i, i] += 1e-6 * floor
     K = inverse(C)
-    smallest = 1.0 / np.sqrt((K * K).sum())
+    square = 0.0
+    for i in range(rows):
+        for j in range(rows):
+            square += K[i, j] * K[i, j]
+    smallest = 1.0 / np.sqrt(square)
     near_singular = smallest < floor
     B = mul(mul(JS, D_q), JS.T)
     if near_singular:
         # What is added yields as slowly as the joints do on average: undamped it would ring.
-        time = np.trace(mul(mul(S, D_q), S)) / np.trace(S)
+        SDS = mul(mul(S, D_q), S)
+        time, compliance = 0.0, 0.0
+        for i in range(n):
+            time += SDS[i, i]
+            compliance += S[i, i]
+        time /= compliance
         for i in range(rows):
             C[i, i] += floor - smallest
             B[i, i] += (floor - smallest) * time
         K = inverse(C)
     D = mul(mul(K, B), K.T)
-    K = 0.5 * (K + K.T)
-    for i in range(min(rows, 3)):
+    K_c = np.empty((rows, rows))
+    for i in range(rows):
         for j in range(rows):
-            K[i, j] /= length
-            K[j, i] /= length
-            D[i, j] /= length
-            D[j, i] /= length
-    return K, D, near_singular
+            scale = (length if i < 3 else 1.0) * (length if j < 3 else 1.0)
+            K_c[i, j] = 0.5 * (K[i, j] + K[j, i]) / scale
+            D[i, j] /= scale
+    return K_c, D, near_singular
