@@ -84,7 +84,7 @@ def walk(name: str, *effects: str) -> dict[str, np.ndarray]:
         results = list(predictions(bag, Pipeline(machine, settings), streams))[400:-400]
 
     def rms(values: list) -> np.ndarray:
-        return np.sqrt(np.nanmean(np.square(np.array(values)), axis=0))
+        return np.sqrt(np.mean(np.square(np.array(values)), axis=0))
 
     return {
         "model": rms([p.residual for p in results]),
