@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What one sample costs the predictor: the whole update, its parts, and the first call on a new machine.
+
+    python bench/predictor.py [BAG]           # a bag of the robot of config/coman.yaml; default: the shipped test1
+
+One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual. `x call` is the median
+over that of an empty numpy call (`np.empty(3)`) timed after every sample: a figure that carries over to other machines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.effects import CATALOGUE
+from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.types import Sample
+from coman_reduced_model.offline import find_robot, input_streams, predictions
+from coman_reduced_model.resources import bag_path
+from coman_reduced_model.topics import TopicNames
+
+VARIANTS = {
+    "the paper's model, no horizons": {"prediction.horizons": []},
+    "the paper's model, horizons": {},
+    "condensed, both legs, gravity, lateral; horizons": {
+        "model.stiffness": "condensed",
+        "model.double_support": "both_legs",
+        "effects.active": ["gravity_stiffness", "lateral_compliance"],
+    },
+    "no motor side (LIPM), horizons": {"prediction.reference": "none"},
+    "every physical effect, horizons": {
+        "effects.active": [
+            name
+            for name in ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+            if name in CATALOGUE
+        ]
+    },
+}
+
+
+def read_samples(path: Path) -> tuple[Robot, list[Sample]]:
+    samples: list[Sample] = []
+    config = Config()
+    with Bag(path) as bag:
+        names = TopicNames()
+        robot = find_robot(config, bag, names)
+        pipeline = Pipeline(robot, config)
+        pipeline.on_sample = samples.append
+        for _ in predictions(bag, pipeline, input_streams(bag, config, names)):
+            pass
+    return robot, samples
+
+
+def timed(predictor: Predictor, samples: Sequence[Sample]) -> tuple[np.ndarray, np.ndarray]:
+    """Seconds of each update, and of an empty numpy call after it."""
+    updates, calls = np.empty(len(samples)), np.empty(len(samples))
+    for i, sample in enumerate(samples):
+        start = time.perf_counter()
+        predictor.update(sample)
+        middle = time.perf_counter()
+        np.empty(3)
+        updates[i], calls[i] = middle - start, time.perf_counter() - middle
+    return updates, calls
+
+
+class Stopwatch:
+    """Wraps methods of an object and adds up the time within each."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def watch(self, owner: object, method: str, name: str) -> None:
+        call: Callable = getattr(owner, method)
+
+        def wrapped(*arguments: object) -> object:
+            start = time.perf_counter()
+            result = call(*arguments)
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            return result
+
+        setattr(owner, method, wrapped)
+
+
+def parts(robot: Robot, samples: Sequence[Sample]) -> dict[str, float]:
+    """Mean time of each part in one update [s]; some 0.3 us of each are the stopwatch's own."""
+    predictor, watch = Predictor(robot, Config()), Stopwatch()
+    for owner, method, name in (
+        (predictor.support, "update", "support phase"),
+        (predictor.link, "update", "kinematics, link side"),
+        (predictor.motor, "update", "kinematics, motor side"),
+        (predictor.model, "terms", "stiffness, damping, shares"),
+        (predictor, "_zmp", "ZMP"),
+        (predictor, "_free_run", "free run"),
+        (predictor, "_predict_horizons", "horizons, baselines, judge"),
+    ):
+        watch.watch(owner, method, name)
+    for sample in samples:
+        predictor.update(sample)
+    return {name: seconds / len(samples) for name, seconds in watch.seconds.items()}
+
+
+FIRST_CALL = """
+import resource, sys, time
+def used(): return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.types import Sample
+import numpy as np
+from coman_reduced_model.resources import config_path
+robot = Robot(config_path("coman.urdf").read_text(), Config().robot)
+start = time.perf_counter(), used()
+predictor = Predictor(robot, Config())
+q, load = np.full(12, 0.2), np.array([0.0, 0.0, 80.0, 0.0, 0.0, 0.0])
+for i in range(100):
+    predictor.update(Sample(10**9 + i * 5_000_000, q, 0 * q, None, q, 0 * q, load, load))
+print(time.perf_counter() - start[0], used() - start[1])
+"""
+
+
+def first_call() -> list[tuple[float, float]]:
+    """Wall and CPU time [s] of the first samples without and with what numba has compiled before."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+        outputs = [
+            subprocess.run(
+                [sys.executable, "-c", FIRST_CALL], env=environment, check=True, capture_output=True, text=True
+            ).stdout
+            for _ in range(2)
+        ]
+    return [(float(text.split()[0]), float(text.split()[1])) for text in outputs]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bag", nargs="?", type=Path, default=None)
+    path = parser.parse_args().bag or bag_path("test1")
+    robot, samples = read_samples(path)
+    console = Console(width=120)
+
+    table = Table("predictor", "median [us]", "p99 [us]", "x call", title=f"{path.name}: {len(samples)} samples")
+    for name, changes in VARIANTS.items():
+        config = Config().replaced(changes)
+        timed(Predictor(robot, config), samples[:400])  # compiled, caches warm
+        updates, calls = timed(Predictor(robot, config), samples)
+        median, p99 = np.percentile(updates, [50, 99]) * 1e6
+        table.add_row(name, f"{median:.0f}", f"{p99:.0f}", f"{np.median(updates) / np.median(calls):.0f}")
+    console.print(table)
+
+    table = Table("part (the paper's model, horizons)", "mean [us]")
+    for name, seconds in parts(robot, samples).items():
+        table.add_row(name, f"{seconds * 1e6:.1f}")
+    console.print(table)
+
+    table = Table("first samples of a process", "wall [s]", "CPU [s]")
+    for name, (wall, cpu) in zip(("nothing compiled yet", "compiled before"), first_call(), strict=True):
+        table.add_row(name, f"{wall:.1f}", f"{cpu:.1f}")
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
