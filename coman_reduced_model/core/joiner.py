@@ -234,6 +234,8 @@ class Joiner:
     def _ready(self) -> list[Sample]:
         samples: list[Sample] = []
         waiting = self._waiting
+        if not waiting:
+            return samples
         while waiting:
             stamp = waiting[0][0]
             overdue = self._joints.last - stamp > self._max_wait or len(waiting) > CAPACITY  # type: ignore[operator]

@@ -82,26 +82,26 @@ class Pipeline:
 
     def on_joint(self, message: JointMessage) -> list[Prediction]:
         """A link-side joint state."""
-        return self._predict(self.joiner.add_joint(message))
+        return self.predict(self.joiner.add_joint(message))
 
     def on_motor(self, message: JointMessage) -> list[Prediction]:
         """A motor-side joint state."""
-        return self._predict(self.joiner.add_motor(message))
+        return self.predict(self.joiner.add_motor(message))
 
     def on_wrench(self, foot: Foot, message: WrenchMessage) -> list[Prediction]:
         """What the ground exerts on a foot."""
-        return self._predict(self.joiner.add_wrench(foot, message))
+        return self.predict(self.joiner.add_wrench(foot, message))
 
     def on_reference(self, message: Reference) -> list[Prediction]:
         """A point of the planned motion."""
-        return self._predict(self.joiner.add_reference(message))
+        return self.predict(self.joiner.add_reference(message))
 
     def on_imu(self, message: ImuMessage) -> list[Prediction]:
         """Orientation and rates of the trunk."""
-        return self._predict(self.joiner.add_imu(message))
+        return self.predict(self.joiner.add_imu(message))
 
-    def feed(self, stream: str, message: Any, convert: Callable[[Any], Any]) -> list[Prediction]:
-        """A message of a stream, by name, as it came: `convert` (messages.FROM) makes it one of the above.
+    def take(self, stream: str, message: Any, convert: Callable[[Any], Any]) -> list[Sample]:
+        """Join a message of a stream, by name, as it came: `convert` (messages.FROM) makes it one of the above.
 
         A message that cannot be converted is counted as rejected.
         """
@@ -110,13 +110,19 @@ class Pipeline:
         except Refused as refused:
             self.joiner.rejections.add(stream, refused.reason, str(refused))
             return []
-        return self._predict(self._add[stream](converted))
+        return self._add[stream](converted)
+
+    def feed(self, stream: str, message: Any, convert: Callable[[Any], Any]) -> list[Prediction]:
+        """`take` and `predict` at once, for those who want predictions as soon as they can be made."""
+        samples = self.take(stream, message, convert)
+        return self.predict(samples) if samples else []
 
     def flush(self) -> list[Prediction]:
         """The end: predictions for the joint states that still wait for other streams."""
-        return self._predict(self.joiner.flush())
+        return self.predict(self.joiner.flush())
 
-    def _predict(self, samples: list[Sample]) -> list[Prediction]:
+    def predict(self, samples: list[Sample]) -> list[Prediction]:
+        """Predictions of samples, which must come in the order in which they were joined."""
         return [self._update(sample) for sample in samples]
 
     def _update(self, sample: Sample) -> Prediction:
