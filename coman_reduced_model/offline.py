@@ -29,6 +29,7 @@ from .core.types import Array, Prediction, Sample, SupportState
 from .errors import BagError, ConfigError
 from .messages import INPUT_TYPES, STRING
 from .output import OutputFolder
+from .ros.warm_up import warm_up
 from .topics import (
     DESCRIPTION,
     INPUT_TOPICS,
@@ -129,6 +130,9 @@ def predict_bag(
     streams = input_streams(bag, config, names)
     robot = find_robot(config, bag, names, urdf)
     with OutputFolder(out, force) as folder:
+        if progress is not None:
+            progress(0.0, "getting ready")
+        warm_up(robot, config, bag_types())  # a second of loading compiled code says nothing about the speed
         pipeline = Pipeline(robot, config)
         statistics = RunStatistics(config.streams.restart_gap)
         topics = {names(topic): kind for topic, kind in OUTPUT_TYPES.items()}
