@@ -358,6 +358,7 @@ def test_motor_states_may_lack_joints_without_motor_encoder():
 
 BAD_JOINTS = {
     "nan": [{"position": np.full(12, np.nan)}, {"velocity": np.append(np.zeros(11), np.inf)}],
+    "out_of_range": [{"position": np.full(12, 1e200)}, {"effort": np.append(np.full(11, np.nan), -1e300)}],
     "length": [{"position": np.zeros(11)}, {"velocity": np.zeros(13)}, {"effort": np.zeros(1)}],
     "missing_joint": [{"names": ("nobody", *names()[1:])}],
     "repeated_joint": [{"names": (names()[1], *names()[1:])}, {"names": (*names()[:-1], names()[0])}],
@@ -396,8 +397,17 @@ def test_torques_that_a_joint_does_not_measure_stay_nan():
 # --- wrenches ---
 
 
-@pytest.mark.parametrize(("frame", "fz", "reason"), [("r_sole", 1.0, "frame"), ("no", 1.0, "frame"), ("", 1.0, "frame"),
-                                                     (None, math.nan, "nan"), (None, math.inf, "nan")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("frame", "fz", "reason"),
+    [
+        ("r_sole", 1.0, "frame"),
+        ("no", 1.0, "frame"),
+        ("", 1.0, "frame"),
+        (None, math.nan, "nan"),
+        (None, math.inf, "nan"),
+        (None, -1e301, "out_of_range"),
+    ],
+)
 def test_bad_wrenches_are_rejected_and_counted(frame, fz, reason):
     messages = steady(20)
     samples, joiner = joined([*messages[:30], wrench(LEFT, 48, fz, frame), *messages[30:]], NO_MOTOR)

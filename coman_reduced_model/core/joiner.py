@@ -24,8 +24,8 @@ import numpy as np
 from ..errors import RobotError
 from .config import Config
 from .differentiate import Differentiator
-from .joint_map import JointMap, JointState, surely_finite
-from .streams import CAPACITY, Item, Refused, Rejections, Stream
+from .joint_map import JointMap, JointState
+from .streams import CAPACITY, Item, Refused, Rejections, Stream, fault, usable
 from .types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 
 if TYPE_CHECKING:
@@ -124,9 +124,8 @@ class Joiner:
         stream = self._wrenches[foot]
         stream.received += 1
         wrench = np.concatenate((message.force, message.torque))
-        if not surely_finite(wrench) and not np.isfinite(wrench).all():
-            self._reject(stream, "nan", f"force {message.force}, torque {message.torque}")
-            return []
+        if not usable(wrench):
+            return self._reject_values(stream, wrench, f"force {message.force}, torque {message.torque}")
         to_sole = self._wrench_maps.get((foot, message.frame_id))
         if to_sole is None:
             to_sole = self._wrench_map(foot, message.frame_id)
@@ -138,19 +137,25 @@ class Joiner:
     def add_reference(self, message: Reference) -> list[Sample]:
         """A point of the planned motion."""
         self._reference.received += 1
-        total = message.com.sum() + message.com_vel.sum() + message.com_acc.sum() + message.zmp.sum()
-        total += message.preview_com.sum() + message.preview_com_vel.sum() + message.preview_dt
-        if not math.isfinite(total + message.T_odom_left.sum() + message.T_odom_right.sum()):
-            self._reject(self._reference, "nan", "a value is NaN or infinite")
-            return []
+        vectors = (
+            message.com,
+            message.com_vel,
+            message.com_acc,
+            message.zmp,
+            message.T_odom_left,
+            message.T_odom_right,
+        )
+        for values in (*vectors, message.preview_com, message.preview_com_vel):
+            if not usable(values):
+                return self._reject_values(self._reference, values, f"a vector of it is {values[:3]}")
         return self._add(self._reference, message.stamp_ns, message)
 
     def add_imu(self, message: ImuMessage) -> list[Sample]:
         """Orientation and rates of the trunk."""
         self._imu.received += 1
-        if not surely_finite(message.angular_velocity) or not surely_finite(message.linear_acceleration):
-            self._reject(self._imu, "nan", "a value is NaN or infinite")
-            return []
+        for values in (message.angular_velocity, message.linear_acceleration):
+            if not usable(values):
+                return self._reject_values(self._imu, values, f"a vector of it is {values}")
         return self._add(self._imu, message.stamp_ns, message)
 
     def flush(self) -> list[Sample]:
@@ -163,6 +168,10 @@ class Joiner:
 
     def _reject(self, stream: Stream, reason: str, sentence: str) -> None:
         self.rejections.add(stream.name, reason, sentence)
+
+    def _reject_values(self, stream: Stream, values: Array, sentence: str) -> list[Sample]:
+        self._reject(stream, fault(float(values.sum())), " ".join(sentence.split()))
+        return []
 
     def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
         accepted = stream.accept(stamp, value)

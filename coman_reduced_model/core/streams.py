@@ -7,13 +7,29 @@ order in which the streams arrive cannot either.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from typing import Any
+
+from .types import Array
 
 # No stream of a robot has this many messages in flight; it only bounds the memory of a stream that nobody joins.
 CAPACITY = 8192
 
+# No angle, speed, force or moment of a robot is that large in SI units; what is, is garbage that happens to be finite.
+LIMIT = 1e9
+
 Item = tuple[int, Any]
+
+
+def usable(array: Array) -> bool:
+    """Whether all values are finite and their norm below LIMIT, at a fifth of the cost of np.isfinite().all()."""
+    return math.hypot(*array.ravel().tolist()) < LIMIT
+
+
+def fault(value: float) -> str:
+    """Why a value is not usable: the reason for the counter."""
+    return "out_of_range" if math.isfinite(value) else "nan"
 
 
 class Refused(Exception):
