@@ -136,6 +136,39 @@ def test_predicted_com_is_continuous_in_odom(source):
     assert np.abs(predictions[i].predicted_com - predictions[i - 1].predicted_com).max() > 0.05  # but in the sole
 
 
+def test_velocity_turns_with_the_frame():
+    """Feet that point apart: in odom the velocity stays what it was when the support foot changes."""
+    config = CONFIG.replaced({"prediction.reset_every_steps": 0, "prediction.reference": "none"})
+    q, still, leaning = bent(ROBOT, 0.6), np.zeros(12), np.zeros(12)
+    for i, name in enumerate(ROBOT.joint_names):
+        q[i] += {"LHipYaw": 0.3, "RHipYaw": -0.3}.get(name, 0.0)
+        leaning[i] = 0.3 if name[1:] == "AnkSag" else 0.0
+
+    def make(t):  # it falls forwards from the first sample on, and changes its foot at 0.1 s
+        return replace(sample(t), q=q, qd=still if t else leaning)
+
+    predictions = run(config, end=0.15, rate=1000.0, make=make)
+    (i,) = [i for i in range(2, 150) if predictions[i].frame_id != predictions[i - 1].frame_id]
+    before, after = predictions[i - 1 : i + 1]
+    velocity = [p.T_odom_sole[:3, :3] @ p.predicted_com_vel for p in (before, after)]
+    assert np.linalg.norm(velocity[0]) > 0.05
+    assert np.linalg.norm(before.predicted_com_vel - after.predicted_com_vel) > 0.02
+    np.testing.assert_allclose(velocity[1], velocity[0], atol=0.005)
+
+
+def test_the_leg_behind_and_the_leg_that_has_landed_have_their_own_shares():
+    """In a double support first the leg after its single support carries more, then the one before its own."""
+    plain = run(end=1.3)
+    for key, times in (("share_z_after", (0.72, 0.81)), ("share_z_before", (0.815, 0.885))):
+        other = run(CONFIG.replaced({f"model.{key}": 0.9}), end=1.3)
+        # The horizons start at the measured state: they show the terms of their own sample alone.
+        ahead = [np.array([p.horizons[0].com[2] for p in run]) for run in (plain, other)]
+        changed = np.flatnonzero(np.abs(ahead[0] - ahead[1]) > 1e-7) / 200.0
+        changed = changed[changed > 0.5]  # the first double support comes from standing
+        assert times[0] - 0.006 < changed.min() < times[0] + 0.006, (key, changed)
+        assert times[1] - 0.011 < changed.max() < times[1] + 0.011, (key, changed)
+
+
 def test_lateral_follows_the_reference_unless_integrated():
     plain = run(end=1.0)[5:]
     for p in plain:

@@ -3,16 +3,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
 
 from .types import Array
 
-# Compiled once a machine, beside the source or, where that is read-only, in the user's cache. A division by zero gives
-# infinity or NaN as in numpy instead of an exception, since no message may stop a node.
-compiled = njit(cache=True, error_model="numpy")
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def compiled(function: _Function) -> _Function:
+    """Compile a function: once a machine, beside the source or, where that is read-only, in the user's cache.
+
+    Where neither can be written, once a process. A division by zero gives infinity or NaN as in numpy instead of an
+    exception, since no message may stop a node.
+    """
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no place for a cache
+        return njit(error_model="numpy")(function)
 
 
 def _drop_stale_caches() -> None:

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .compiled import apply, compiled, inverse, pick
 from .integrator import advance, select, transition
 from .reference import look_ahead
 from .types import Array
+
+Ints = NDArray[np.int64]
 
 PREDICTORS = ("model", "rigid", "persistence", "lipm")
 BASELINES = PREDICTORS[1:]
@@ -181,8 +184,8 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 @compiled
 def _update(
     stamp_ns: int, T: Array, measured: Array, reference: Array, model: Array, persistence: Array, lipm: Array,
-    ahead_ns: Array, targets: Array, poses: Array, predicted: Array, first: Array, count: Array, sums: Array,
-    judged: Array, last_ns: int, last: Array, needed: Array,
+    ahead_ns: Ints, targets: Ints, poses: Array, predicted: Array, first: Ints, count: Ints, sums: Array,
+    judged: Ints, last_ns: int, last: Array, needed: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     now = np.empty((2, 3))
     _to_odom(T, measured, now[0])
@@ -194,8 +197,6 @@ def _update(
             slot = first[h]
             first[h] = (slot + 1) % capacity
             count[h] -= 1
-            if targets[h, slot] < last_ns:  # its time fell into a gap
-                continue
             w = (targets[h, slot] - last_ns) / (stamp_ns - last_ns)
             values = predicted[h, slot]
             for i in range(3):

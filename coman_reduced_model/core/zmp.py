@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from .compiled import compiled
 from .types import Array
 
 MIN_FORCE = 5.0  # [N] below this the quotient moment / force is noise
@@ -52,7 +52,7 @@ def zmp_from_wrenches(
     return np.array([x, y, 0.0]) if fz >= min_force else None
 
 
-@njit(cache=True)
+@compiled
 def _net(left: Array, right: Array, T_left: Array, T_right: Array) -> tuple[float, float, float]:
     """ZMP x, y [m] and total vertical force [N] in the support sole; x and y are infinite without force."""
     mx = my = fz = 0.0
