@@ -21,13 +21,15 @@ def double(share=0.5, foot=Foot.LEFT):
     return SupportState(Phase.DOUBLE, foot, share)
 
 
-def standing(knee=0.6, lean=0.05, roll=0.0):
+def standing(knee=0.6, lean=0.05, roll=0.0, yaw=0.0):
     """A posture that leans a little, so that no coupling vanishes."""
     robot = robot_of("coman")
     q = bent(robot, knee, lean)
     for i, name in enumerate(robot.joint_names):
         if name[1:] in ("HipLat", "AnkLat"):
             q[i] = roll if name[1:] == "HipLat" else -roll
+        if name[1:] == "HipYaw":
+            q[i] = yaw if name[0] == "L" else -yaw
     posture = robot.posture()
     posture.update(q, np.zeros(12))
     return posture
@@ -159,7 +161,7 @@ def test_measured_shares(left_share, foot, divisor):
 
 
 def test_both_legs_act_in_parallel():
-    posture = standing(roll=0.1)
+    posture = standing(roll=0.1, yaw=0.3)  # told in the axes of one sole, though they point apart
     changes = {**LATERAL, "model.double_support": "both_legs"}
     found, p_r = terms(changes, support=double(0.6), posture=posture, velocity=(0.1, 0.2, 0.3))
     model = Model(robot_of("coman"), Config().replaced(changes))

@@ -67,6 +67,7 @@ def in_odom(prediction, name="predicted_com"):
     "changes",
     [
         {},
+        {"support.dwell_on": 0.012, "support.dwell_off": 0.012},
         {"effects.active": ["lateral_compliance"], "model.shares": "measured"},
         {"model.double_support": "both_legs", "model.stiffness": "condensed"},
     ],
