@@ -276,7 +276,12 @@ def parameter_table() -> dict[str, Parameter]:
 
     collect(Config(), "")
     table["effects.active"] = Parameter(
-        "effects.active", "strs", (), "", "effects added to the model, in this order", choices=tuple(CATALOGUE)
+        "effects.active",
+        "strs",
+        (),
+        "",
+        "effects added to the model; they act in the order of the catalogue",
+        choices=tuple(CATALOGUE),
     )
     for name, effect in CATALOGUE.items():
         where = f"effects.{name}.where"

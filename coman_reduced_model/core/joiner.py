@@ -10,6 +10,10 @@ Values at t are interpolated between the two messages around it; where only one 
 is; where none is, the value is None. A message later than t counts only within half of `max_wait`. So long as
 the streams arrive at most that far apart, Samples do not depend on the order of arrival, to the last bit: each
 stream is judged by itself (`streams.Stream`), and what is joined is decided by stamps that have surely come.
+
+Effects may know that the stamps of a stream are late (`encoder_delay`, `wrench_delay`). It is taken off as messages
+come in: all else, the stamps of Samples included, is in true time, and joint states wait for late streams that much
+longer.
 """
 
 from __future__ import annotations
@@ -24,15 +28,26 @@ import numpy as np
 from ..errors import RobotError
 from .config import Config
 from .differentiate import Differentiator
+from .effects import active_effects
 from .joint_map import JointMap, JointState
-from .streams import CAPACITY, Item, Refused, Rejections, Stream, fault, usable
+from .streams import (
+    CAPACITY,
+    IMU,
+    JOINTS,
+    MOTORS,
+    REFERENCE,
+    WRENCHES,
+    Item,
+    Refused,
+    Rejections,
+    Stream,
+    fault,
+    usable,
+)
 from .types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 
 if TYPE_CHECKING:
     from .robot import Robot
-
-JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
-WRENCHES = {Foot.LEFT: "left_foot/wrench", Foot.RIGHT: "right_foot/wrench"}
 
 
 class Joiner:
@@ -71,6 +86,10 @@ class Joiner:
         elif config.prediction.reference == "topic":
             self._fields.append((self._reference, "reference"))
         self._expected = tuple(each for each, _ in self._fields)
+        effects = active_effects(config.effects, robot)
+        for each in self.streams.values():
+            each.late = round(1e9 * sum(effect.late(each.name) for effect in effects))
+        self._max_wait += max(0, *(each.late - self._joints.late for each in self._expected))
         self.incomplete = {each.name: 0 for each in self._expected}
         self.clock_lead_s: dict[str, float] = {}
         self._seen = dict.fromkeys(self.incomplete, 0)
@@ -174,7 +193,7 @@ class Joiner:
         return []
 
     def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
-        accepted = stream.accept(stamp, value)
+        accepted = stream.accept(stream.true_stamp(stamp), value)
         samples = self._went_back(stream) if stream.jumped else []
         stream.items.extend(accepted)
         return samples + self._ready() if samples else self._ready()
@@ -186,7 +205,7 @@ class Joiner:
         except Refused as refused:
             self._reject(stream, refused.reason, str(refused))
             return ()
-        return stream.accept(message.stamp_ns, state)
+        return stream.accept(stream.true_stamp(message.stamp_ns), state)
 
     def _velocity(self, name: str, stamp: int, state: JointState) -> bool:
         """Fill in a velocity that the message does not give; False while there is none."""
@@ -217,7 +236,8 @@ class Joiner:
         for stream in self._expected:
             if stream.accepted != self._seen[stream.name]:
                 self._seen[stream.name] = stream.accepted
-                lead = (stream.last - self._joints.last) * 1e-9  # type: ignore[operator]
+                # What the clocks say, whatever is known of them: a configured delay is no news.
+                lead = (stream.last + stream.late - self._joints.last - self._joints.late) * 1e-9  # type: ignore[operator]
                 before = self.clock_lead_s.get(stream.name, lead)
                 self.clock_lead_s[stream.name] = before + 0.05 * (lead - before)
 

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ConfigError
 from .compiled import compiled
 from .config import Config
-from .effects import CATALOGUE, Effect
+from .effects import active_effects
 from .robot import Posture, Robot
 from .stiffness import height_hessian, spring_damper
 from .types import Array, Foot, Phase, SupportState
@@ -71,13 +70,7 @@ class Model:
         self.mass = robot.mass
         self.gravity = config.robot.gravity
         self._M = self.mass * np.eye(3)
-        self.effects: list[Effect] = [CATALOGUE[e.name](e.where, e.values) for e in config.effects]
-        joints = config.robot.left.joints + config.robot.right.joints
-        for effect in self.effects:
-            if effect.place == "joint" and effect.where not in joints:
-                raise ConfigError(
-                    f"effects.{effect.name}.where: no leg joint {effect.where!r}; legs: {', '.join(joints)}"
-                )
+        self.effects = active_effects(config.effects, robot)
         self.legs = {}
         for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
             self.legs[foot] = (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))

@@ -11,7 +11,10 @@ import math
 from collections import Counter, deque
 from typing import Any
 
-from .types import Array
+from .types import Array, Foot
+
+JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
+WRENCHES = {Foot.LEFT: "left_foot/wrench", Foot.RIGHT: "right_foot/wrench"}
 
 # No stream of a robot has this many messages in flight; it only bounds the memory of a stream that nobody joins.
 CAPACITY = 8192
@@ -61,6 +64,7 @@ class Stream:
         items: (stamp_ns, value) that may still be needed, oldest first.
         last: newest accepted stamp [ns]; None before the first.
         jumped: `accept` found that the clock went back (bag loop, restarted driver); the joiner clears it.
+        late: by how much its stamps are later than the truth [ns]; taken off the stamp of each message.
         received, accepted: numbers of messages.
         period_s: smoothed interval of the accepted stamps; NaN before there are two.
     """
@@ -72,6 +76,7 @@ class Stream:
         self._rejections = rejections
         self.items: deque[Item] = deque(maxlen=CAPACITY)
         self.last: int | None = None
+        self.late = 0
         self.jumped = False
         self._suspect: Item | None = None
         self.received = self.accepted = 0
@@ -83,6 +88,10 @@ class Stream:
         suspect, self._suspect, self.last = self._suspect, None, None
         if suspect is not None:
             self.items.extend(self.accept(*suspect))
+
+    def true_stamp(self, stamp: int) -> int:
+        """The stamp without what is known to be late [ns]; one that is not filled in stays so."""
+        return stamp - self.late if stamp > 0 else stamp
 
     def accept(self, stamp: int, value: Any) -> tuple[Item, ...]:
         """The messages that this one makes usable: itself, none, or itself and the suspect before it.

@@ -5,14 +5,55 @@ An effect is one file with one small class; adding it here makes it a configurat
 candidate of the diagnosis.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from .base import Effect
+from .encoder_bias import EncoderBias
+from .encoder_delay import EncoderDelay
 from .gravity_stiffness import GravityStiffness
 from .lateral_compliance import LateralCompliance
 from .swing_momentum import SwingMomentum
 from .trunk_rotation import TrunkRotation
+from .wrench_bias import WrenchBias
+from .wrench_delay import WrenchDelay
+from .wrench_scale import WrenchScale
 
+if TYPE_CHECKING:
+    from ..config import EffectConfig
+    from ..robot import Robot
+
+# In the order in which they act, whatever the order in a configuration. Sensors come first: the rest needs what they
+# say (scale * truth + bias).
 CATALOGUE: dict[str, type[Effect]] = {
-    effect.name: effect for effect in (GravityStiffness, TrunkRotation, SwingMomentum, LateralCompliance)
+    effect.name: effect
+    for effect in (
+        EncoderDelay,
+        EncoderBias,
+        WrenchDelay,
+        WrenchBias,
+        WrenchScale,
+        GravityStiffness,
+        TrunkRotation,
+        SwingMomentum,
+        LateralCompliance,
+    )
 }
 
-__all__ = ["CATALOGUE", "Effect"]
+
+def active_effects(configured: Sequence[EffectConfig], robot: Robot) -> list[Effect]:
+    """The effects of a configuration, each at its place in the robot, in the order of the catalogue.
+
+    Raises:
+        ConfigError: one names a joint that the legs do not have.
+    """
+    effects = [CATALOGUE[each.name](each.where, each.values) for each in configured]
+    effects.sort(key=lambda effect: list(CATALOGUE).index(effect.name))
+    for effect in effects:
+        effect.bind(robot)
+    return effects
+
+
+__all__ = ["CATALOGUE", "Effect", "active_effects"]

@@ -6,25 +6,41 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from ...errors import ConfigError
 from ..parameter import Parameter
+from ..types import Foot
 
 if TYPE_CHECKING:
     from ..model import LegSprings, Terms
-    from ..types import Sample
+    from ..robot import Robot
+    from ..types import Array, Sample
+
+PLACES = {
+    "robot": ("",),
+    "axis": ("x", "y", "z"),
+    "side": ("left", "right"),
+    "foot": ("left", "right", ""),  # "": both
+}
 
 
 class Effect:
     """A piece of physics, or a fault of a sensor, that the paper's model lacks.
 
-    A subclass overrides the hooks it needs; the others do nothing. One instance acts at one place.
+    A subclass overrides the hooks it needs; the others do nothing. One instance acts at one place. With nominal
+    parameters it changes nothing.
 
     Attributes:
         name: the word for it in configurations and results (discrepancy.md).
         parameters: nominal, bounds, unit, description of each of its figures.
-        place: what `where` names: "robot" (nothing), "axis", "joint", "side" or "foot".
+        place: what `where` may name: a key of `PLACES`, or "joint": a leg's joint, all of one leg ("left", "right")
+            or all ("").
         needs: other effects without which it does nothing.
         axes: coordinates of the COM (0, 1, 2) that it adds to the integrated ones, x and z.
+        feet: the legs that `where` names or that its joints belong to.
+        joints: the leg joints that `where` names, as indices in `Robot.joint_names`.
+        leg_joints: the same by leg, as indices in the leg.
     """
 
     name: ClassVar[str]
@@ -44,16 +60,42 @@ class Effect:
         Raises:
             ConfigError: says what is allowed.
         """
-        allowed = {"robot": ("",), "axis": ("x", "y", "z"), "side": ("left", "right"), "foot": ("left", "right")}
-        if cls.place in allowed and where not in allowed[cls.place]:
+        allowed = PLACES.get(cls.place)
+        if allowed is not None and where not in allowed:
+            raise ConfigError(f"{source}: {where!r} is not allowed (allowed: {', '.join(map(repr, allowed))})")
+
+    def bind(self, robot: Robot) -> None:
+        """Find what `where` names in the robot.
+
+        Raises:
+            ConfigError: the legs have no such joint.
+        """
+        sides = {"left": (Foot.LEFT,), "right": (Foot.RIGHT,)}.get(self.where, (Foot.LEFT, Foot.RIGHT))
+        whole = self.place != "joint" or self.where in ("", "left", "right")
+        names = {foot: [robot.joint_names[i] for i in robot.legs[foot]] for foot in sides}
+        self.leg_joints: dict[Foot, Array] = {
+            foot: np.array([i for i, name in enumerate(legs) if whole or name == self.where], dtype=np.intp)
+            for foot, legs in names.items()
+        }
+        self.feet = tuple(foot for foot, found in self.leg_joints.items() if len(found))
+        if not self.feet:
+            every = ", ".join(name for legs in names.values() for name in legs)
             raise ConfigError(
-                f"{source}: {where!r} is not allowed (allowed: {', '.join(map(repr, allowed[cls.place]))})"
+                f"effects.{self.name}.where: no leg joint {self.where!r} (allowed: '', 'left', 'right', {every})"
             )
-        if cls.place == "joint" and not where:
-            raise ConfigError(f"{source}: wanted the name of a joint")
+        self.joints = np.concatenate([robot.legs[foot][self.leg_joints[foot]] for foot in self.feet])
+
+    def late(self, stream: str) -> float:
+        """By how much the stamps of an input stream (`core/streams.py`) are later than the truth [s]."""
+        return 0.0
 
     def correct(self, sample: Sample) -> None:
         """Undo a fault of a sensor in the sample, in place."""
+
+    def wrenches(self, sample: Sample) -> list[Array]:
+        """The wrenches (6,) of a sample at the feet of this effect that are there, to be changed in place."""
+        sides = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
+        return [wrench for foot in self.feet if (wrench := sides[foot]) is not None]
 
     def springs(self, leg: LegSprings) -> None:
         """Change the joint-space stiffness and damping of a leg, in place."""

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A foot sensor whose zero is off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..parameter import Parameter
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..types import Sample
+
+_FORCES, _MOMENTS = ("fx", "fy", "fz"), ("tx", "ty", "tz")
+
+
+class WrenchBias(Effect):
+    """The sensor reads truth + bias, told about the sole and in its axes, which is taken off again."""
+
+    name: ClassVar[str] = "wrench_bias"
+    place: ClassVar[str] = "foot"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        *(Parameter(f, "float", 0.0, "N", f"force {f[1]} read too much", -500.0, 500.0) for f in _FORCES),
+        *(Parameter(t, "float", 0.0, "Nm", f"moment {t[1]} read too much", -100.0, 100.0) for t in _MOMENTS),
+    )
+
+    def __init__(self, where: str, values: Mapping[str, float]) -> None:
+        super().__init__(where, values)
+        self._bias = np.array([values[key] for key in (*_FORCES, *_MOMENTS)])
+
+    def correct(self, sample: Sample) -> None:
+        for wrench in self.wrenches(sample):
+            wrench -= self._bias
