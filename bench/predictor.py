@@ -24,7 +24,6 @@ from rich.table import Table
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.effects import CATALOGUE
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
@@ -43,13 +42,10 @@ VARIANTS = {
     },
     "no motor side (LIPM), horizons": {"prediction.reference": "none"},
     "every physical effect, horizons": {
-        "effects.active": [
-            name
-            for name in ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
-            if name in CATALOGUE
-        ]
+        "effects.active": ["gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance"]
     },
 }
+PARTS = ("the paper's model, horizons", "every physical effect, horizons")
 
 
 def read_samples(path: Path) -> tuple[Robot, list[Sample]]:
@@ -95,17 +91,17 @@ class Stopwatch:
         setattr(owner, method, wrapped)
 
 
-def parts(robot: Robot, samples: Sequence[Sample]) -> dict[str, float]:
+def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, float]:
     """Mean time of each part in one update [s]; some 0.3 us of each are the stopwatch's own."""
-    predictor, watch = Predictor(robot, Config()), Stopwatch()
+    predictor, watch = Predictor(robot, config), Stopwatch()
     for owner, method, name in (
         (predictor.support, "update", "support phase"),
         (predictor.link, "update", "kinematics, link side"),
-        (predictor.motor, "update", "kinematics, motor side"),
-        (predictor.model, "terms", "stiffness, damping, shares"),
         (predictor, "_zmp", "ZMP"),
+        (predictor.dynamics, "prepare", "equation of motion (motor side, springs, filter)"),
         (predictor, "_free_run", "free run"),
-        (predictor, "_predict_horizons", "horizons, baselines, judge"),
+        (predictor.dynamics, "ahead", "horizons"),
+        (predictor.judge, "update", "judge of the horizons"),
     ):
         watch.watch(owner, method, name)
     for sample in samples:
@@ -161,9 +157,10 @@ def main() -> None:
         table.add_row(name, f"{median:.0f}", f"{p99:.0f}", f"{np.median(updates) / np.median(calls):.0f}")
     console.print(table)
 
-    table = Table("part (the paper's model, horizons)", "mean [us]")
-    for name, seconds in parts(robot, samples).items():
-        table.add_row(name, f"{seconds * 1e6:.1f}")
+    table = Table("part, mean [us]", *PARTS)
+    columns = [parts(robot, Config().replaced(VARIANTS[name]), samples) for name in PARTS]
+    for part in columns[0]:
+        table.add_row(part, *(f"{column[part] * 1e6:.1f}" for column in columns))
     console.print(table)
 
     table = Table("first samples of a process", "wall [s]", "CPU [s]")

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from robots import bent, config_of, robot_of
@@ -165,7 +167,9 @@ def test_both_legs_act_in_parallel():
     changes = {**LATERAL, "model.double_support": "both_legs"}
     found, p_r = terms(changes, support=double(0.6), posture=posture, velocity=(0.1, 0.2, 0.3))
     model = Model(robot_of("coman"), Config().replaced(changes))
-    (K_l, D_l, _), (K_r, D_r, _) = (model.leg_stiffness(posture, foot, WEIGHT) for foot in (Foot.LEFT, Foot.RIGHT))
+    (K_l, D_l, _, _), (K_r, D_r, _, _) = (
+        model.leg_stiffness(posture, foot, WEIGHT) for foot in (Foot.LEFT, Foot.RIGHT)
+    )
     R, _ = posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)
     np.testing.assert_allclose(found.K, K_l[:3, :3] + R @ K_r[:3, :3] @ R.T, rtol=1e-9)
     np.testing.assert_allclose(found.D, D_l[:3, :3] + R @ D_r[:3, :3] @ R.T, rtol=1e-9)
@@ -267,3 +271,46 @@ def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
             continue
         with pytest.raises(ConfigError, match=r"effects.at_joint.where: no leg joint 'Knee'.*LKneeSag"):
             Model(robot_of("coman"), config)
+
+
+@pytest.mark.parametrize("stiffness", ["full", "condensed"])
+def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffness):
+    """A hardening knee: the force of all springs at the COM that belongs to a deflection of the joints, as J^-T tau."""
+    from coman_reduced_model.core.config import EffectConfig
+    from coman_reduced_model.core.effects import CATALOGUE, Effect
+    from coman_reduced_model.core.springs import LegSprings
+
+    deflection = np.array([1e-3, 1e-3, 1e-3, 0.08, 0.05, 1e-3])
+    cubic = 40.0
+
+    class Hardening(Effect):
+        name = "hardening"
+
+        def springs(self, leg: LegSprings) -> None:
+            k, d = leg.K_q[3, 3], leg.deflection[3]
+            leg.K_q[3, 3] = k * (1.0 + 3.0 * cubic * d**2)
+            leg.torque[3] = k * d * (1.0 + cubic * d**2) - leg.K_q[3, 3] * d
+
+    monkeypatch.setitem(CATALOGUE, "hardening", Hardening)
+    config = replace(Config().replaced({"model.stiffness": stiffness}), effects=(EffectConfig("hardening"),))
+    robot, posture = robot_of("coman"), standing()
+    model, J = Model(robot, config), posture.leg_jacobian(Foot.LEFT)
+    stiff = np.array(config.robot.left.stiffness)
+    tau = stiff * deflection
+    tau[3] *= 1.0 + cubic * deflection[3] ** 2
+    K, _, bias, _ = model.leg_stiffness(posture, Foot.LEFT, WEIGHT, deflection)
+    if stiffness == "full":  # no turn of the trunk: what holds the COM there is not tau, but differs from it by K_c w
+        moved = deflection - np.linalg.solve(J, np.concatenate((np.zeros(3), J[3:] @ deflection)))
+        moved_tau = tau.copy()
+        slope = stiff.copy()
+        slope[3] *= 1.0 + 3.0 * cubic * deflection[3] ** 2
+        moved_tau += slope * (moved - deflection)
+        np.testing.assert_allclose(
+            K @ (J[:3] @ moved) - bias, np.linalg.solve(J.T, moved_tau)[:3], atol=2e-3 * np.abs(K).max() * 0.01
+        )
+    else:  # a force alone at the COM: tau = J^T F
+        force = np.array([30.0, 0.0, -150.0])
+        slope = stiff.copy()
+        slope[3] *= 1.0 + 3.0 * cubic * deflection[3] ** 2
+        d = deflection + (J[:3].T @ force - tau) / slope
+        np.testing.assert_allclose(K @ (J[:3] @ d) - bias, force, atol=0.05)

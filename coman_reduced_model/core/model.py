@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The paper's model: one point mass held by the Cartesian spring-damper of the support leg (14)-(23).
 
-`Model.terms` assembles m p'' = K (p_r - p) + D (p_r' - p') + m g for one posture and phase; the predictor
-integrates it. Effects from the configuration change the joint springs or the assembled terms.
+`Model.terms` assembles m p'' = K (p_r - p) + D (p_r' - p') + m g for one posture and phase; `PointMass` integrates it.
+Effects from the configuration change the joint springs, or push.
 """
 
 from __future__ import annotations
@@ -15,29 +15,12 @@ from .compiled import compiled
 from .config import Config
 from .effects import active_effects
 from .robot import Posture, Robot
-from .stiffness import height_hessian, spring_damper
+from .springs import Springs
+from .stiffness import spring_damper
 from .types import Array, Foot, Phase, SupportState
 
 XY = np.array([0, 1])
-
-
-@dataclass(slots=True)
-class LegSprings:
-    """One loaded leg in joint space; effects change it before it is seen from the COM.
-
-    Joints run from the hip to the ankle; n of them.
-    """
-
-    foot: Foot
-    joints: tuple[str, ...]
-    J: Array  # (6, n) Jacobian of (8), sole to the frame at the COM, in sole axes
-    K_q: Array  # (n, n) [Nm/rad]
-    D_q: Array  # (n, n) [Nms/rad]
-    load: float  # [N] weight that the leg carries
-
-    def height_hessian(self) -> Array:
-        """(n, n) second derivative of the COM height by the joint angles [m/rad^2]."""
-        return height_hessian(self.J)
+_NOTHING = np.zeros(3)
 
 
 @dataclass(slots=True)
@@ -71,9 +54,7 @@ class Model:
         self.gravity = config.robot.gravity
         self._M = self.mass * np.eye(3)
         self.effects = active_effects(config.effects, robot)
-        self.legs = {}
-        for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
-            self.legs[foot] = (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
+        self.springs = Springs(config.robot, self.effects)
         c = config.model
         # (20), (21): rows are the forces in x, y, z, columns the deflections that cause them.
         self._tuning_K = np.array([[c.a1, 1.0, c.c1], [1.0, 1.0, 1.0], [c.c2, 1.0, c.a2]])
@@ -87,31 +68,42 @@ class Model:
         self._before = self._scaled(c.share_x_before, c.share_z_before)
         self._after = self._scaled(c.share_x_after, c.share_z_after)
 
-    def leg_stiffness(self, posture: Posture, foot: Foot, load: float) -> tuple[Array, Array, bool]:
+    def leg_stiffness(
+        self, posture: Posture, foot: Foot, load: float, deflection: Array | None = None, rate: Array | None = None
+    ) -> tuple[Array, Array, Array, bool]:
         """K, D (3, 3) of one leg in the axes of its sole, untuned: the linear blocks of (12), (13).
 
         Args:
             posture: the robot, refreshed.
             foot: which leg.
             load: weight that the leg carries [N], for effects of gravity.
+            deflection, rate: (n,) of its joints [rad], [rad/s], for springs that are not linear; default: what the
+                load does to them, and zero.
 
         Returns:
-            K [N/m], D [Ns/m], whether the posture is near singular.
+            K [N/m], D [Ns/m], force (3,) [N] of springs that pull without a deflection of the COM, whether the posture
+            is near singular.
         """
-        joints, K_q, D_q = self.legs[foot]
         J = posture.leg_jacobian(foot)
-        if self.effects:
-            leg = LegSprings(foot, joints, J, K_q.copy(), D_q.copy(), load)
-            for effect in self.effects:
-                effect.springs(leg)
-            K_q, D_q = leg.K_q, leg.D_q
+        if deflection is None:
+            deflection = -load * J[2] / self.springs.stiffness[foot]
+        leg = self.springs.leg(foot, J, load, deflection, np.zeros(J.shape[1]) if rate is None else rate)
         r = posture.com - posture.p[foot]
         length = float(r @ r) ** 0.5
-        K, D, singular = spring_damper(J[: self._rows], K_q, D_q, length, self.config.model.singular_limit)
-        return K[:3, :3], D[:3, :3], singular
+        limit = self.config.model.singular_limit
+        K, D, singular = spring_damper(J[: self._rows], leg.K_q, leg.D_q, length, limit)
+        bias = _NOTHING
+        if leg.torque.any():  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
+            bias = -(K @ (J[: self._rows] @ np.linalg.solve(leg.K_q, leg.torque)))[:3]
+        return K[:3, :3], D[:3, :3], bias, singular
 
     def terms(
-        self, posture: Posture, support: SupportState, references: dict[Foot, tuple[Array, Array]], landed: bool
+        self,
+        posture: Posture,
+        support: SupportState,
+        references: dict[Foot, tuple[Array, Array]],
+        landed: bool,
+        deflections: dict[Foot, tuple[Array, Array]] | None = None,
     ) -> Terms:
         """The equation of motion for one sample.
 
@@ -122,6 +114,7 @@ class Model:
                 of the *support* sole.
             landed: in double support: the support foot is the one that has just landed in front, before its own
                 single support; else it is the one behind, after it (22), (23).
+            deflections: of the joints of each loaded leg and their rates, where they are known.
 
         Returns:
             Terms in the frame of the support sole.
@@ -131,17 +124,24 @@ class Model:
         double = support.phase == Phase.DOUBLE
         both = double and self.config.model.double_support == "both_legs"
         share = self.share(support) if double else 1.0
-        K, D, singular = self.leg_stiffness(posture, foot, weight * share if both else weight)
-        p_r, v_r = references[foot]
+        known = deflections or {}
+        K, D, bias, singular = self.leg_stiffness(
+            posture, foot, weight * share if both else weight, *known.get(foot, ())
+        )
+        scale_K, scale_D = self._divided(share, landed) if double and not both else (self._tuning_K, self._tuning_D)
+        K, D, force = _pull(K, D, scale_K, scale_D, *references[foot])
+        terms = Terms(self._M, K, D, force + bias, self.axes, singular)
         if both:
-            terms = self._both_legs(posture, foot, share, K, D, references, singular)
-        else:
-            scale_K, scale_D = self._divided(share, landed) if double else (self._tuning_K, self._tuning_D)
-            K, D, force = _pull(K, D, scale_K, scale_D, p_r, v_r)
-            terms = Terms(self._M, K, D, force, self.axes, singular)
+            K, D, bias, singular = self.leg_stiffness(
+                posture, foot.other, weight * (1.0 - share), *known.get(foot.other, ())
+            )
+            R, _ = posture.sole_to_sole(foot, foot.other)
+            K, D, force = _pull(R @ K @ R.T, R @ D @ R.T, scale_K, scale_D, *references[foot.other])
+            terms.K += K
+            terms.D += D
+            terms.force += force + R @ bias
+            terms.near_singular |= singular
         terms.force[2] -= weight
-        for effect in self.effects:
-            effect.terms(terms)
         return terms
 
     def pendulum(self, height: float, zmp: Array) -> Terms:
@@ -172,27 +172,6 @@ class Model:
         """Tuning coefficients over the shares of the support leg in x (and y) and z, (22) and (23)."""
         divisors = np.array([[x], [x], [z]])
         return self._tuning_K / divisors, self._tuning_D / divisors
-
-    def _both_legs(
-        self,
-        posture: Posture,
-        foot: Foot,
-        share: float,
-        K: Array,
-        D: Array,
-        references: dict[Foot, tuple[Array, Array]],
-        singular: bool,
-    ) -> Terms:
-        """Both legs in parallel, told in the frame of the support sole: K = K_left + K_right."""
-        weight = self.mass * self.gravity
-        K_o, D_o, singular_o = self.leg_stiffness(posture, foot.other, weight * (1.0 - share))
-        R, _ = posture.sole_to_sole(foot, foot.other)
-        K, D = K * self._tuning_K, D * self._tuning_D
-        K_o, D_o = (R @ K_o @ R.T) * self._tuning_K, (R @ D_o @ R.T) * self._tuning_D
-        p_r, v_r = references[foot]
-        p_o, v_o = references[foot.other]
-        force = K @ p_r + D @ v_r + K_o @ p_o + D_o @ v_o
-        return Terms(self._M, K + K_o, D + D_o, force, self.axes, singular or singular_o)
 
 
 @compiled

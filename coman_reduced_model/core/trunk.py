@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import apply, compiled, inverse, mul
+from .compiled import apply, compiled, inverse, mul, pick
 from .integrator import advance, transition
 from .types import Array
 
@@ -92,50 +92,88 @@ def leg_inverse(V: Array) -> Array:
 
 
 @compiled
-def carried_inertia(Y: Array, V: Array, columns: Array, B: Array, other: Array, double: bool) -> Array:
-    """Inertia (n, n) [kg m^2] felt by the joints of the support leg.
+def geometry(
+    Y: Array, mass: float, com: Array, rate: Array, J_s: Array, R_s: Array, p_s: Array, columns_s: Array,
+    J_o: Array, R_o: Array, p_o: Array, columns_o: Array, double: bool, R_so: Array, p_so: Array,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """How the trunk and the other leg move with the joints of the support leg.
 
     Args:
         Y: (nv, nv) joint-space inertia with a free base, upper triangle.
-        V: (6, n) `trunk_twist` of the support leg.
-        columns: (n,) of the support leg in Y.
-        B: (k, n) motion of the other leg's joints by those of the support leg, in double support.
-        other: (k,) columns of the other leg.
-        double: whether B counts.
+        mass: [kg].
+        com: (3,) in the base frame [m].
+        rate: (nv,) joint velocities, base at rest [rad/s].
+        J_s, R_s, p_s, columns_s: support leg: (6, nv) sole Jacobian, pose of the sole in the base frame, columns (n,).
+        J_o, R_o, p_o, columns_o: the same of the other leg (k joints).
+        double: whether the other leg stands.
+        R_so, p_so: where its sole then stands in the frame of the support sole.
+
+    Returns:
+        V (6, n) twist of the trunk; its twists (2, 6) by `rate`, the one or the other sole held still; J (6, n) and
+        J_o (6, k) of the COM, each in the axes of its sole; B (k, n) other leg's joints by those of the support leg;
+        d_other, d_other_rate (k,) deflection of the other leg for none of the support leg. k is 0 unless double.
     """
-    n = columns.shape[0]
-    k = other.shape[0] if double else 0
+    J_com = Y[:3] / mass  # the base is the origin of the axes in which the momentum is told
+    V, V_o = trunk_twist(J_s, columns_s, p_s), trunk_twist(J_o, columns_o, p_o)
+    rate_s, rate_o = pick(rate, columns_s), pick(rate, columns_o)
+    twists = np.empty((2, 6))
+    twists[0], twists[1] = apply(V, rate_s), apply(V_o, rate_o)
+    J = com_jacobian(V, columns_s, J_com, com, R_s)
+    if not double:
+        return V, twists, J, np.zeros((6, 0)), np.zeros((0, V.shape[1])), np.zeros(0), np.zeros(0), V_o
+    J_other = com_jacobian(V_o, columns_o, J_com, com, R_o)
+    B = mul(leg_inverse(V_o), V)
+    d_other = closure(V_o, R_s, p_s, R_o, p_o, R_so, p_so)
+    d_other_rate = apply(B, rate_s)
+    for i in range(d_other_rate.shape[0]):
+        d_other_rate[i] -= rate_o[i]
+    return V, twists, J, J_other, B, d_other, d_other_rate, V_o
+
+
+@compiled
+def carried(
+    Y: Array, tau: Array, down: Array, V: Array, columns: Array, B: Array, other: Array
+) -> tuple[Array, Array, Array]:
+    """Inertia (n, n) [kg m^2] that the joints of the support leg feel, and torques (n,) [Nm] there, of all links.
+
+    Args:
+        Y: (nv, nv) joint-space inertia with a free base, upper triangle.
+        tau: (nv,) generalised forces of the reference motion without gravity.
+        down: (3,) gravity in base axes [m/s^2].
+        V: (6, n) twist of the trunk by the joints of the support leg.
+        columns: (n,) of the support leg in Y.
+        B: (k, n) motion of the other leg's joints by those of the support leg; k is 0 in single support.
+        other: columns of the other leg.
+
+    Returns:
+        M, the torques of tau, and those of the weight.
+    """
+    n, k = columns.shape[0], B.shape[0]
     rows = 6 + n + k
     index = np.empty(rows, dtype=np.int64)
     N = np.zeros((rows, n))
     for i in range(6):
         index[i] = i
-    N[:6] = V
+        N[i] = V[i]
     for i in range(n):
         index[6 + i] = columns[i]
         N[6 + i, i] = 1.0
     for i in range(k):
         index[6 + n + i] = other[i]
         N[6 + n + i] = B[i]
-    S = np.empty((rows, rows))
+    S, torque, weight = np.empty((rows, rows)), np.zeros(n), np.zeros(n)
     for i in range(rows):
         for j in range(rows):
             a, b = index[i], index[j]
             S[i, j] = Y[a, b] if a <= b else Y[b, a]
-    return mul(N.T, mul(S, N))
-
-
-@compiled
-def carried_torque(tau: Array, V: Array, columns: Array, B: Array, other: Array, double: bool) -> Array:
-    """Torques (n,) [Nm] at the support leg's joints of generalised forces tau (nv,); arguments as above."""
-    Q = apply(V.T, tau[:6])
-    for i in range(columns.shape[0]):
-        Q[i] += tau[columns[i]]
-    if double:
-        for j in range(other.shape[0]):
-            for i in range(columns.shape[0]):
-                Q[i] += B[j, i] * tau[other[j]]
-    return Q
+    for i in range(rows):
+        pull = 0.0
+        for j in range(3):
+            pull -= S[j, i] * down[j]
+        for j in range(n):
+            torque[j] += N[i, j] * tau[index[i]]
+            weight[j] += N[i, j] * pull
+    return mul(N.T, mul(S, N)), torque, weight
 
 
 @compiled

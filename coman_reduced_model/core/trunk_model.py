@@ -20,23 +20,29 @@ import numpy as np
 import pinocchio as pin
 
 from .compiled import apply, inverse, mul
+from .config import Config
+from .dynamics import Dynamics, Now, Push
+from .effects import Effect
 from .integrator import advance, transition
-from .model import LegSprings, Model
+from .model import Model
 from .odometry import flat
-from .robot import Posture, Robot
-from .trunk import carried_inertia, carried_torque, closure, coast, com_jacobian, leg_inverse, trunk_twist
-from .types import Array, Foot, Phase, Sample, SupportState
+from .reference import look_ahead, motor_com, plan_ahead
+from .robot import Robot
+from .springs import LegSprings
+from .trunk import carried, coast, geometry
+from .types import Array, Foot, Phase
 
 # Bandwidth of the filter that follows the measured deflections. Below it the encoders are believed (0.4 mrad of
 # quantisation noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
+_NO_POSE = (np.eye(3), np.zeros(3))
 
 
 @dataclass(slots=True)
 class LinearTerms:
     """M d'' + D d' + K d = u for the joints of the support leg: (n, n), (n, n), (n, n), (n,)."""
 
-    M: Array
+    M_inv: Array
     D: Array
     K: Array
     u: Array
@@ -47,159 +53,198 @@ class LinearTerms:
     d_other_rate: Array
 
 
-@dataclass(slots=True)
-class TrunkState:
-    """COM (3,) [m], its velocity (3,) [m/s] and the trunk's roll and pitch (2,) [rad], in the support sole."""
-
-    com: Array
-    com_vel: Array
-    tilt: Array
-
-
-class TrunkModel:
+class TrunkModel(Dynamics):
     """Free run and filtered measurement of the trunk's six freedoms."""
 
-    def __init__(self, robot: Robot, model: Model) -> None:
+    def __init__(self, robot: Robot, config: Config, model: Model) -> None:
         """Share the effects and constants of the point-mass model."""
+        super().__init__()
         self.robot = robot
         self.model = model
+        self.motor = robot.posture()
         self._full_share = next(e.values["full_share"] for e in model.effects if e.name == "trunk_rotation")
         self._swing = any(e.name == "swing_momentum" for e in model.effects)
-        self._pin = robot.model.copy()  # its gravity turns with the sole
+        self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
+        self._following = [axis for axis in range(3) if axis not in model.axes]
+        self._pin = robot.model.copy()
+        self._pin.gravity.linear = np.zeros(3)
         self._data = robot.model.createData()
         self._q = pin.neutral(robot.model)
         self._v = np.zeros(robot.model.nv)
         self._a = np.zeros(robot.model.nv)
+        self._no_torque = np.zeros(robot.model.nv)
         self._predicted = robot.posture()
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
+        self.state = None
         self._foot = Foot.NONE
-        self._state: Array | None = None  # (2n,) free run: deflections and their rates
+        self._free: Array | None = None  # (2n,) free run: deflections and their rates
         self._filtered: Array | None = None  # (2n,) the measurement
         self._u: Array | None = None
         self._terms: LinearTerms | None = None
-        self._rates: tuple[dict[Foot, Array], Array, dict[Foot, Array]] | None = None
+        self._rates: tuple[dict[Foot, Array], Array] | None = None  # twists by either leg and motor rates before
+        self._com_vel = (Foot.NONE, np.zeros(3))
+        self._transition = (np.empty((0, 0)),) * 3  # of the step that ended at the last sample
+        self._before = np.empty(0)  # u at its beginning
 
-    @property
-    def running(self) -> bool:
-        """Whether there is a free run."""
-        return self._state is not None
+    stop = reset
 
-    def restart(self) -> None:
-        """Let the free run begin from the filtered measurement."""
-        self._state = None if self._filtered is None else self._filtered.copy()
-
-    def update(self, sample: Sample, support: SupportState, link: Posture, motor: Posture, dt: float) -> None:
-        """Bring free run and filter to the stamp of a sample, dt [s] after the last; its motor side must be there."""
-        foot = support.support_foot
-        if foot != self._foot:
-            self._change_leg(foot)
-        terms = self._assemble(sample, support, link, motor, dt)
-        assert sample.motor_q is not None
-        leg = self.robot.legs[foot]
-        measured = sample.q[leg] - sample.motor_q[leg]
-        before = terms.u if self._u is None else self._u
+    def prepare(self, now: Now) -> bool:
+        """Assemble the equation of motion and bring the filter of the measurement to this sample."""
+        sample = now.sample
+        if sample.motor_q is None or sample.motor_qd is None:
+            self.reference = self.reference_vel = np.full(3, np.nan)
+            return False
+        self.motor.update(sample.motor_q, sample.motor_qd)
+        self.reference, self.reference_vel = motor_com(self.motor, now.foot)
+        if now.foot != self._foot:
+            self._change_leg(now.foot)
+        leg = self.robot.legs[now.foot]
+        n, measured = len(leg), sample.q[leg] - sample.motor_q[leg]
+        first = self._filtered is None
         if self._filtered is None:
-            self._filtered = np.concatenate((measured, np.zeros(len(leg))))
-        else:
-            n = len(leg)
-            E, G_0, G_1 = transition(inverse(terms.M), terms.K, terms.D, dt)
-            if self._state is not None:
-                self._state = advance(self._state, E, G_0, G_1, before, terms.u)
-            filtered = advance(self._filtered, E, G_0, G_1, before, terms.u)
+            self._filtered = np.concatenate((measured, np.zeros(n)))
+        terms = self._assemble(now)
+        if not first:
+            self._before = terms.u if self._u is None else self._u
+            self._transition = transition(terms.M_inv, terms.K, terms.D, now.dt)
+            filtered = advance(self._filtered, *self._transition, self._before, terms.u)
             error = measured - filtered[:n]
-            filtered[:n] += (1.0 - np.exp(-2.0 * _FILTER * dt)) * error
-            filtered[n:] += _FILTER**2 * dt * np.exp(-_FILTER * dt) * error
+            filtered[:n] += (1.0 - np.exp(-2.0 * _FILTER * now.dt)) * error
+            filtered[n:] += _FILTER**2 * now.dt * np.exp(-_FILTER * now.dt) * error
             self._filtered = filtered
         self._u, self._terms = terms.u, terms
+        return True
 
-    def predicted(self, sample: Sample) -> TrunkState:
+    def switch(self, now: Now, T_odom_sole: Array) -> None:
+        """`_change_leg` has told the free run by the new leg, if the two were tied."""
+        if self._free is None:
+            self.state = None
+
+    def restart(self, now: Now) -> None:
+        """From the filtered measurement."""
+        assert self._filtered is not None
+        self._free = self._filtered.copy()
+        self._tell(now)
+
+    def advance(self, now: Now) -> None:
+        assert self._free is not None and self._terms is not None
+        self._free = advance(self._free, *self._transition, self._before, self._terms.u)
+        self._tell(now)
+
+    def ahead(self, now: Now, horizons: Array) -> Array:
+        """The deflection goes on from the filtered measurement, the reference as planned, all else as it is."""
+        assert self._terms is not None and self._filtered is not None
+        terms, plan = self._terms, plan_ahead(now.sample, now.foot)
+        plans = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
+        out = now.com + plans
+        moved = coast(self._filtered, terms.M_inv, terms.K, terms.D, terms.u_still, horizons)
+        moved = moved @ terms.J[:3].T
+        out += moved
+        for axis in self._following:
+            out[:, axis] = self.reference[axis] + plans[:, axis]
+        return out
+
+    def _tell(self, now: Now) -> None:
         """The free run as COM and tilt, by forward kinematics of the deflected leg."""
-        assert self._state is not None and sample.motor_q is not None and sample.motor_qd is not None
-        leg = self.robot.legs[self._foot]
+        sample, leg = now.sample, self.robot.legs[self._foot]
+        assert self._free is not None and sample.motor_q is not None and sample.motor_qd is not None
         q, qd = sample.motor_q.copy(), sample.motor_qd.copy()
-        q[leg] += self._state[: len(leg)]
-        qd[leg] += self._state[len(leg) :]
+        q[leg] += self._free[: len(leg)]
+        qd[leg] += self._free[len(leg) :]
         self._predicted.update(q, qd)
         com, com_vel = self._predicted.com_in_sole(self._foot)
-        return TrunkState(com, com_vel, tilt(self._predicted.R[self._foot]))
-
-    def ahead(self, horizons: Array) -> Array:
-        """How the deflection will have moved the COM (k, 3) [m] at horizons (k,) [s], all else as it is now."""
-        assert self._terms is not None and self._filtered is not None
-        terms = self._terms
-        deflections = coast(self._filtered, inverse(terms.M), terms.K, terms.D, terms.u_still, horizons)
-        return deflections @ terms.J[:3].T
+        self.state = np.concatenate((com, com_vel))
+        for axis in self._following:
+            self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
+        self.tilt = tilt(self._predicted.R[self._foot])
 
     def _change_leg(self, foot: Foot) -> None:
         """Tell both states by the joints of the new support leg: the trunk stays where it is."""
-        terms, double = self._terms, self._terms is not None and len(self._terms.B) > 0
-        for name in ("_state", "_filtered"):
-            state = getattr(self, name)
-            if state is not None and terms is not None and double:
-                n = len(terms.u)
-                d, rate = terms.d_other + terms.B @ state[:n], terms.d_other_rate + terms.B @ state[n:]
-                setattr(self, name, np.concatenate((d, rate)))
-            else:  # without double support in between nothing ties the legs together
-                setattr(self, name, None)
+        terms = self._terms
+        tied = terms is not None and len(terms.B) > 0  # without double support nothing ties the legs together
+
+        def other(state: Array | None) -> Array | None:
+            if state is None or terms is None or not tied:
+                return None
+            n = len(terms.u)
+            d, rate = terms.d_other + terms.B @ state[:n], terms.d_other_rate + terms.B @ state[n:]
+            return np.concatenate((d, rate))
+
+        self._free, self._filtered = other(self._free), other(self._filtered)
         self._foot, self._u = foot, None
 
-    def _assemble(self, sample: Sample, support: SupportState, link: Posture, motor: Posture, dt: float) -> LinearTerms:
-        robot, foot, other = self.robot, self._foot, self._foot.other
-        assert sample.motor_q is not None and sample.motor_qd is not None
+    def _assemble(self, now: Now) -> LinearTerms:
+        robot, motor, sample, support = self.robot, self.motor, now.sample, now.support
+        foot, other = self._foot, self._foot.other
         columns, theta_rate = robot.leg_columns, sample.motor_qd
+        assert sample.motor_q is not None and theta_rate is not None
         double = support.phase == Phase.DOUBLE
-        V = {f: trunk_twist(motor.sole_jacobian(f), columns[f], motor.p[f]) for f in (foot, other)}
-        rate = {f: theta_rate[robot.legs[f]] for f in V}
-        twist = {f: apply(V[f], rate[f]) for f in V}
-        com_vel = {f: motor.com_in_sole(f)[1] for f in V}
-        before, self._rates = self._rates, (twist, theta_rate.copy(), com_vel)
-        if before is None or not dt > 0.0:
-            before, dt = self._rates, 1.0
-        robot.scatter(sample.motor_q, self._q)
-        if self._swing:
-            self._v[:6], self._v[robot.idx_v] = twist[foot], theta_rate
-            # Differences over the sample: their noise cancels in the sum, which is what moves the trunk.
-            self._a[:6] = (twist[foot] - before[0][foot]) / dt
-            self._a[robot.idx_v] = (theta_rate - before[1]) / dt
-        self._pin.gravity.linear = -self.model.gravity * motor.R[foot][:, 2]
-        tau = pin.rnea(self._pin, self._data, self._q, self._v, self._a)
-        Y = pin.crba(self._pin, self._data, self._q)
-        J_com = pin.jacobianCenterOfMass(self._pin, self._data, self._q)
-        J = com_jacobian(V[foot], columns[foot], J_com, motor.com, motor.R[foot])
-        B = mul(leg_inverse(V[other]), V[foot]) if double else np.zeros((0, J.shape[1]))
-        M = carried_inertia(Y, V[foot], columns[foot], B, columns[other], double)
-        u = -carried_torque(tau, V[foot], columns[foot], B, columns[other], double)
-        weight = pin.computeGeneralizedGravity(self._pin, self._data, self._q)
-        u_still = -carried_torque(weight, V[foot], columns[foot], B, columns[other], double)
-        if not self._swing:
-            acceleration = (com_vel[foot] - before[2][foot]) / dt
-            u -= self.model.mass * acceleration @ J[:3]
         share = self.model.share(support) if double else 1.0
-        K, D = self._springs(foot, J, share)
-        nothing = np.zeros(0)
-        if not double:
-            return LinearTerms(M, D, K, u, u_still, J, B, nothing, nothing)
-        R_so, p_so = flat(*link.sole_to_sole(foot, other))
-        d_other = closure(V[other], motor.R[foot], motor.p[foot], motor.R[other], motor.p[other], R_so, p_so)
-        d_other_rate = apply(B, rate[foot]) - rate[other]
-        J_other = com_jacobian(V[other], columns[other], J_com, motor.com, motor.R[other])
-        K_other, D_other = self._springs(other, J_other, 1.0 - share)
-        here, there = min(1.0, share / self._full_share), min(1.0, (1.0 - share) / self._full_share)
-        K = here * K + there * mul(B.T, mul(K_other, B))
-        D = here * D + there * mul(B.T, mul(D_other, B))
-        u -= there * apply(B.T, apply(K_other, d_other) + apply(D_other, d_other_rate))
-        u_still -= there * apply(B.T, apply(K_other, d_other))
-        return LinearTerms(M, D, K, u, u_still, J, B, d_other, d_other_rate)
+        R_so, p_so = flat(*now.link.sole_to_sole(foot, other)) if double else _NO_POSE
+        robot.scatter(sample.motor_q, self._q)
+        self._v[:6] = 0.0
+        self._v[robot.idx_v] = theta_rate
+        Y = pin.crba(self._pin, self._data, self._q)
+        V, twists, J, J_other, B, d_other, d_other_rate, _ = geometry(
+            Y, self.model.mass, motor.com, self._v,
+            motor.sole_jacobian(foot), motor.R[foot], motor.p[foot], columns[foot],
+            motor.sole_jacobian(other), motor.R[other], motor.p[other], columns[other],
+            double, R_so, p_so,
+        )  # fmt: skip
+        tau = self._reference_torques(now, {foot: twists[0], other: twists[1]}) if self._swing else self._no_torque
+        M, torque, weight = carried(
+            Y, tau, -self.model.gravity * motor.R[foot][:, 2], V, columns[foot], B, columns[other]
+        )
+        u_still = -weight
+        if self._pushing:
+            push = Push(np.zeros(3), np.zeros(3))
+            for effect in self._pushing:
+                effect.push(push, now)
+            u_still += push.force @ J[:3] + push.moment @ J[3:]
+        u = u_still - torque
+        if not self._swing:
+            u -= self.model.mass * self._reference_acceleration(now) @ J[:3]
+        state = self._filtered if self._free is None else self._free
+        assert state is not None
+        n = len(state) // 2
+        here = self._springs(foot, J, share, state[:n], state[n:])
+        K, D = here.K_q, here.D_q
+        pull = here.torque
+        if double:
+            d, rate = d_other + B @ state[:n], d_other_rate + B @ state[n:]
+            there = self._springs(other, J_other, 1.0 - share, d, rate)
+            w, w_o = min(1.0, share / self._full_share), min(1.0, (1.0 - share) / self._full_share)
+            K_o, D_o = w_o * mul(B.T, there.K_q), w_o * mul(B.T, there.D_q)
+            K, D = w * K + mul(K_o, B), w * D + mul(D_o, B)
+            pull = w * pull + w_o * (there.torque @ B) + apply(K_o, d_other)
+            u -= apply(D_o, d_other_rate)
+        return LinearTerms(inverse(M), D, K, u - pull, u_still - pull, J, B, d_other, d_other_rate)
 
-    def _springs(self, foot: Foot, J: Array, share: float) -> tuple[Array, Array]:
-        joints, K_q, D_q = self.model.legs[foot]
-        leg = LegSprings(foot, joints, J, K_q.copy(), D_q.copy(), share * self.model.mass * self.model.gravity)
-        for effect in self.model.effects:
-            effect.springs(leg)
-        return leg.K_q, leg.D_q
+    def _springs(self, foot: Foot, J: Array, share: float, deflection: Array, rate: Array) -> LegSprings:
+        return self.model.springs.leg(foot, J, share * self.model.mass * self.model.gravity, deflection, rate)
+
+    def _reference_torques(self, now: Now, twists: dict[Foot, Array]) -> Array:
+        """Generalised forces (nv,) of the motors' motion by inverse dynamics, without gravity, on the support sole."""
+        theta_rate, foot = now.sample.motor_qd, self._foot
+        assert theta_rate is not None
+        before, self._rates = self._rates, (twists, theta_rate)
+        if before is None or not now.dt > 0.0:
+            return self._no_torque
+        self._v[:6] = twists[foot]
+        # Differences over the sample: their noise cancels in the sum, which is what moves the trunk.
+        self._a[:6] = (twists[foot] - before[0][foot]) / now.dt
+        self._a[self.robot.idx_v] = (theta_rate - before[1]) / now.dt
+        return pin.rnea(self._pin, self._data, self._q, self._v, self._a)
+
+    def _reference_acceleration(self, now: Now) -> Array:
+        """Of the COM by the motors' motion (3,) [m/s^2], in the axes of the support sole."""
+        before, self._com_vel = self._com_vel, (self._foot, self.reference_vel)
+        if before[0] != self._foot or not now.dt > 0.0:
+            return np.zeros(3)
+        return (self.reference_vel - before[1]) / now.dt
 
 
 def tilt(R_base_sole: Array) -> Array:

@@ -13,8 +13,9 @@ from ..parameter import Parameter
 from ..types import Foot
 
 if TYPE_CHECKING:
-    from ..model import LegSprings, Terms
+    from ..dynamics import Now, Push
     from ..robot import Robot
+    from ..springs import LegSprings
     from ..types import Array, Sample
 
 PLACES = {
@@ -98,7 +99,7 @@ class Effect:
         return [wrench for foot in self.feet if (wrench := sides[foot]) is not None]
 
     def springs(self, leg: LegSprings) -> None:
-        """Change the joint-space stiffness and damping of a leg, in place."""
+        """Change the joint-space springs of a leg, in place."""
 
-    def terms(self, terms: Terms) -> None:
-        """Change the assembled equation of motion, in place."""
+    def push(self, push: Push, now: Now) -> None:
+        """Add to the force and moment that act on the robot besides gravity and springs, in place."""

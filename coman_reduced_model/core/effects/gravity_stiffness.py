@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model import LegSprings
+    from ..springs import LegSprings
 
 
 class GravityStiffness(Effect):

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The free run and the predictions ahead of the paper's point mass, and of the pendulum that needs no reference."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from .config import Config
+from .dynamics import Dynamics, Now, Push
+from .effects import Effect
+from .horizon import predict_horizons
+from .integrator import Moment, going_on, step
+from .model import Model, Terms
+from .reference import motor_com, plan_ahead, planned_com
+from .robot import Robot
+from .types import Array, Flags, Foot, Phase
+
+_NAN3 = np.full(3, np.nan)
+_PAST = 100  # samples: the longest that a change of phase may be known late, 0.1 s at 1 kHz
+
+
+class PointMass(Dynamics):
+    """m p'' = K (p_r - p) + D (p_r' - p') + m g, with the motor side or the plan as p_r."""
+
+    def __init__(self, robot: Robot, config: Config, model: Model) -> None:
+        super().__init__()
+        self.model = model
+        self.motor = robot.posture()
+        self._legs = robot.legs
+        self._source = config.prediction.reference
+        self._both = config.model.double_support == "both_legs"
+        self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
+        self._terms: Terms | None = None
+        self._pull = (_NAN3, _NAN3)  # what K and D pull towards
+        self._following = [axis for axis in range(3) if axis not in model.axes]
+        self._state_ns = 0  # stamp of the state
+        self._moment: Moment | None = None  # what drove it at the last sample, if in the same sole frame and phase
+        # (stamp, state, terms, moment) of the free run since the phase began.
+        self._past: deque[tuple[int, Array, Terms, Moment]] = deque(maxlen=_PAST)
+
+    def prepare(self, now: Now) -> bool:
+        sample, support, foot = now.sample, now.support, now.foot
+        deflections: dict[Foot, tuple[Array, Array]] = {}
+        self.reference = self.reference_vel = _NAN3
+        if self._source == "motor":
+            if sample.motor_q is None or sample.motor_qd is None:
+                return False
+            posture = self.motor
+            posture.update(sample.motor_q, sample.motor_qd)
+            references = {foot: motor_com(posture, foot)}
+            if self._both and support.phase == Phase.DOUBLE:
+                R, p = now.link.sole_to_sole(foot, foot.other)
+                p_r, v_r = motor_com(posture, foot.other)
+                references[foot.other] = (R @ p_r + p, R @ v_r)
+            for side in references:
+                leg = self._legs[side]
+                deflections[side] = (sample.q[leg] - sample.motor_q[leg], sample.qd[leg] - sample.motor_qd[leg])
+        else:
+            if sample.reference is None:
+                return False
+            posture = now.link
+            references = dict.fromkeys((foot, foot.other), planned_com(sample.reference, foot))
+        self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
+        if self._pushing:
+            push = Push(np.zeros(3), np.zeros(3))
+            for effect in self._pushing:
+                effect.push(push, now)
+            terms.force += push.force
+        self._pull = self.reference, self.reference_vel = references[foot]
+        self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK
+        return True
+
+    def stop(self) -> None:
+        self.state = self._moment = None
+        self._past.clear()
+
+    def switch(self, now: Now, T_odom_sole: Array) -> None:
+        """Take the free run to where the phase began, by the terms until then, and tell it in the new support sole.
+
+        A phase begins between two samples and is known only when its dwell has passed; counted from the sample that
+        reports it, the trajectory would depend on the sample rate.
+        """
+        assert self.state is not None
+        began_ns = now.began_ns
+        while len(self._past) > 1 and self._past[-1][0] > began_ns:
+            self._past.pop()
+        if self._past:
+            self._state_ns, state, terms, start = self._past[-1]
+            dt = max(0, began_ns - self._state_ns) * 1e-9
+            self._state_ns = max(self._state_ns, began_ns)
+            end = going_on(start, dt)
+            self.state = step(state, terms.M, terms.axes, start, end, dt)
+            self._follow(self.state, end[3], end[4])
+        new = now.T_odom_sole
+        R = new[:3, :3].T @ T_odom_sole[:3, :3]
+        moved = new[:3, :3].T @ (T_odom_sole[:3, 3] - new[:3, 3])
+        self.state = np.concatenate((R @ self.state[:3] + moved, R @ self.state[3:]))
+        self._moment = None
+        self._past.clear()
+
+    def restart(self, now: Now) -> None:
+        self._past.clear()
+        self._take(now, np.concatenate((now.com, now.com_vel)), self._now_pulling())
+
+    def advance(self, now: Now) -> None:
+        terms, moment = self._terms, self._now_pulling()
+        assert terms is not None and self.state is not None
+        dt = (now.sample.stamp_ns - self._state_ns) * 1e-9
+        start = self._moment or going_on(moment, -dt)
+        state = step(self.state, terms.M, terms.axes, start, moment, dt)
+        self._follow(state, *self._pull)
+        self._take(now, state, moment)
+
+    def ahead(self, now: Now, horizons: Array) -> Array:
+        terms = self._terms
+        assert terms is not None
+        return predict_horizons(
+            now.com, now.com_vel, horizons, terms.M, terms.K, terms.D, terms.axes, terms.force,
+            self.reference, self.reference_vel, *plan_ahead(now.sample, now.foot),
+        )  # fmt: skip
+
+    def _now_pulling(self) -> Moment:
+        assert self._terms is not None
+        return (self._terms.K, self._terms.D, self._terms.force, *self._pull)
+
+    def _take(self, now: Now, state: Array, moment: Moment) -> None:
+        assert self._terms is not None
+        self.state, self._state_ns, self._moment = state, now.sample.stamp_ns, moment
+        self._past.append((now.sample.stamp_ns, state, self._terms, moment))
+
+    def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
+        """Let what is not integrated follow the reference, in place."""
+        for axis in self._following:
+            state[axis], state[3 + axis] = reference[axis], reference_vel[axis]
+
+
+class Pendulum(PointMass):
+    """p'' = (g / z) (p - p_zmp) with the measured ZMP, for a robot without reference; the height stays."""
+
+    def prepare(self, now: Now) -> bool:
+        if now.zmp is None:
+            return False
+        self._terms = self.model.pendulum(now.com[2], now.zmp)
+        self._pull = now.zmp, np.zeros(3)
+        return True
+
+    def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
+        """There is nothing to follow."""

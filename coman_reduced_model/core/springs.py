@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The series springs of both legs in joint space: constants of the configuration, and what effects make of them.
+
+Both models take their springs from here, so that an effect on a spring is written once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .config import RobotConfig
+from .effects import Effect
+from .stiffness import height_hessian
+from .types import Array, Foot
+
+
+@dataclass(slots=True)
+class LegSprings:
+    """One loaded leg in joint space; effects change K_q, D_q and torque in place, before they are seen from the COM.
+
+    The springs pull back with `torque + K_q d + D_q d'` for deflections d (link minus motor). A law that is not linear
+    is told by its tangent: K_q its slope at `deflection`, torque what its value there is more than K_q deflection.
+    Joints run from the hip to the ankle; n of them.
+    """
+
+    foot: Foot
+    joints: tuple[str, ...]
+    J: Array  # (6, n) velocity of the COM frame [linear; angular] by the joints, the sole held still, in sole axes
+    K_q: Array  # (n, n) [Nm/rad]
+    D_q: Array  # (n, n) [Nms/rad]
+    torque: Array  # (n,) [Nm]
+    load: float  # [N] weight that the leg carries
+    deflection: Array  # (n,) [rad] link minus motor now: of the free run where it has one, else measured
+    rate: Array  # (n,) [rad/s]
+
+    def height_hessian(self) -> Array:
+        """(n, n) second derivative of the COM height by the joint angles [m/rad^2]."""
+        return height_hessian(self.J)
+
+
+class Springs:
+    """What the configuration says of both legs, and the effects on it.
+
+    Attributes:
+        stiffness: (n,) nominal stiffness of the joints of each leg [Nm/rad].
+    """
+
+    def __init__(self, config: RobotConfig, effects: Sequence[Effect]) -> None:
+        # Most effects leave the springs alone: calling them for nothing would cost time at the rate of the sensors.
+        self._effects = [e for e in effects if type(e).springs is not Effect.springs]
+        self.stiffness = {Foot.LEFT: np.array(config.left.stiffness), Foot.RIGHT: np.array(config.right.stiffness)}
+        self._legs = {
+            foot: (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
+            for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right))
+        }
+
+    def leg(self, foot: Foot, J: Array, load: float, deflection: Array, rate: Array) -> LegSprings:
+        """The springs of a leg; arguments as in `LegSprings`."""
+        joints, K_q, D_q = self._legs[foot]
+        leg = LegSprings(foot, joints, J, K_q.copy(), D_q.copy(), np.zeros(len(joints)), load, deflection, rate)
+        for effect in self._effects:
+            effect.springs(leg)
+        return leg
