@@ -7,49 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from effect_tools import config, predicted, same, spoilt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import LEFT, RIGHT, T0, names, robot, walk
 
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
+from coman_reduced_model.core.joiner import JOINTS, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Flags, Foot
 from coman_reduced_model.errors import ConfigError
-
-
-def config(effect: str, where: str = "", **values: float) -> Config:
-    changes = {f"effects.{effect}.{key}": [value] for key, value in values.items()}
-    return Config().replaced({"effects.active": [effect], f"effects.{effect}.where": [where], **changes})
-
-
-def spoilt(change, seconds=1.0):
-    """The synthetic walk with each message changed by (stream, message) -> message, in the order of the new stamps."""
-    messages = [(stream, change(stream, message)) for stream, message in walk(seconds)]
-    return sorted(messages, key=lambda item: item[1].stamp_ns)
-
-
-def predicted(messages, settings):
-    pipeline = Pipeline(robot(), settings)
-    add = {
-        JOINTS: pipeline.joiner.add_joint,
-        MOTORS: pipeline.joiner.add_motor,
-        REFERENCE: pipeline.joiner.add_reference,
-        LEFT: lambda message: pipeline.joiner.add_wrench(Foot.LEFT, message),
-        RIGHT: lambda message: pipeline.joiner.add_wrench(Foot.RIGHT, message),
-    }
-    results = [p for stream, message in messages for p in pipeline.predict(add[stream](message))]
-    return results + pipeline.flush(), pipeline
-
-
-def same(results, expected, tolerance):
-    assert [(p.stamp_ns, p.support.phase, p.flags) for p in results] == [
-        (p.stamp_ns, p.support.phase, p.flags) for p in expected
-    ]
-    for name in ("measured_com", "predicted_com", "reference_com"):
-        mine, wanted = (np.array([getattr(p, name) for p in side]) for side in (results, expected))
-        np.testing.assert_allclose(mine, wanted, rtol=0, atol=tolerance)
-    assert np.isfinite(np.array([p.predicted_com for p in results])).sum() > 100
 
 
 @pytest.fixture(scope="module")

@@ -56,11 +56,11 @@ class Pipeline:
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
-        self.robot = robot
         self.config = config
         self.joiner = Joiner(robot, config)
         self.predictor = Predictor(robot, config)
-        self.plausibility = Plausibility(robot, config)
+        self.robot = self.predictor.robot  # with what effects load it with
+        self.plausibility = Plausibility(self.robot, config)
         self.on_sample: Callable[[Sample], None] | None = None
         self.samples = 0
         self.restarts = 0

@@ -7,6 +7,7 @@ import numpy as np
 
 from .config import Config
 from .dynamics import Dynamics, Now
+from .effects import loaded
 from .horizon import HorizonJudge, predict_baselines
 from .model import Model
 from .odometry import FootOdometry, pose
@@ -34,7 +35,7 @@ class Predictor:
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
-        self.robot = robot
+        self.robot = robot = loaded(robot, config.effects)
         self.config = config
         self.model = Model(robot, config)
         self.dynamics = self._dynamics()

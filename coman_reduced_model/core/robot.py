@@ -7,6 +7,7 @@ on the ground. Frames: `base` is the trunk (`robot.base_frame`), `sole` the name
 
 from __future__ import annotations
 
+from copy import copy
 from xml.etree import ElementTree
 
 import numpy as np
@@ -26,7 +27,6 @@ class Robot:
 
     Attributes:
         joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
-        mass: of all links [kg].
         legs: indices of the joints of each leg in `joint_names`, hip to ankle.
     """
 
@@ -39,7 +39,6 @@ class Robot:
         self.config = config
         self.urdf = urdf
         self.model = _build(urdf, source)
-        self.mass = float(pin.computeTotalMass(self.model))
         if not self.mass > 0.0:
             raise RobotError(f"{source}: the URDF has no mass (sum of all links {self.mass:g} kg)")
         joints = [
@@ -88,6 +87,17 @@ class Robot:
                 f"{', '.join(between) or 'none'}, not {', '.join(leg.joints)}"
             )
         return np.array([self.joint_names.index(name) for name in leg.joints], dtype=np.intp)
+
+    @property
+    def mass(self) -> float:
+        """Of all links [kg]."""
+        return float(pin.computeTotalMass(self.model))
+
+    def copy(self) -> Robot:
+        """The same robot with a model of its own, whose inertias may be changed."""
+        robot = copy(self)
+        robot.model = self.model.copy()
+        return robot
 
     def posture(self) -> Posture:
         """A workspace for one posture; link and motor side each hold one."""

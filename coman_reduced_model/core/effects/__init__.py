@@ -10,12 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ...errors import ConfigError
 from .base import Effect
+from .com_offset import ComOffset
 from .encoder_bias import EncoderBias
 from .encoder_delay import EncoderDelay
 from .gravity_stiffness import GravityStiffness
 from .lateral_compliance import LateralCompliance
+from .motor_lag import MotorLag
+from .payload import Payload
 from .swing_momentum import SwingMomentum
+from .transport_delay import TransportDelay
 from .trunk_rotation import TrunkRotation
 from .wrench_bias import WrenchBias
 from .wrench_delay import WrenchDelay
@@ -35,6 +40,10 @@ CATALOGUE: dict[str, type[Effect]] = {
         WrenchDelay,
         WrenchBias,
         WrenchScale,
+        TransportDelay,
+        MotorLag,
+        Payload,
+        ComOffset,
         GravityStiffness,
         TrunkRotation,
         SwingMomentum,
@@ -56,4 +65,22 @@ def active_effects(configured: Sequence[EffectConfig], robot: Robot) -> list[Eff
     return effects
 
 
-__all__ = ["CATALOGUE", "Effect", "active_effects"]
+def loaded(robot: Robot, configured: Sequence[EffectConfig]) -> Robot:
+    """The robot with the loads that the effects of a configuration give it; the same object if they give none.
+
+    Raises:
+        ConfigError: an effect names a joint that the legs do not have, or takes more mass away than there is.
+    """
+    effects = [effect for effect in active_effects(configured, robot) if type(effect).load is not Effect.load]
+    if not effects:
+        return robot
+    result = robot.copy()
+    for effect in effects:
+        effect.load(result)
+    trunk = result.model.inertias[result.model.frames[result.base_id].parentJoint].mass
+    if not trunk > 0.0:
+        raise ConfigError(f"effects.payload.mass: leaves the trunk a mass of {trunk:g} kg")
+    return result
+
+
+__all__ = ["CATALOGUE", "Effect", "active_effects", "loaded"]

@@ -91,7 +91,10 @@ class Effect:
         return 0.0
 
     def correct(self, sample: Sample) -> None:
-        """Undo a fault of a sensor in the sample, in place."""
+        """Make of a sample what was really so, in place: what a sensor at fault says, what motors make of commands."""
+
+    def load(self, robot: Robot) -> None:
+        """Change the inertias in `robot.model` (a copy for this robot), in place."""
 
     def wrenches(self, sample: Sample) -> list[Array]:
         """The wrenches (6,) of a sample at the feet of this effect that are there, to be changed in place."""

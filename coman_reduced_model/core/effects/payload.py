@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A load on the trunk that the URDF lacks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ..parameter import Parameter
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+
+class Payload(Effect):
+    """A point mass fixed to the trunk. It moves the measured COM, too, and counts in all shares of the weight."""
+
+    name: ClassVar[str] = "payload"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("mass", "float", 0.0, "kg", "that the URDF lacks (negative: has too much)", -20.0, 50.0),
+        Parameter("x", "float", 0.0, "m", "where it is, in the trunk's frame, forward", -2.0, 2.0),
+        Parameter("y", "float", 0.0, "m", "to the left", -2.0, 2.0),
+        Parameter("z", "float", 0.0, "m", "upward", -2.0, 2.0),
+    )
+
+    def load(self, robot: Robot) -> None:
+        if self.values["mass"] != 0.0:
+            trunk = robot.model.frames[robot.base_id]
+            point = trunk.placement.act(np.array([self.values[axis] for axis in "xyz"]))
+            robot.model.inertias[trunk.parentJoint] += pin.Inertia(self.values["mass"], point, np.zeros((3, 3)))
