@@ -21,7 +21,6 @@ from coman_reduced_model.core.gait import GAITS, plan_walk
 from coman_reduced_model.core.types import Phase
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.sim.describe import mujoco_spec, urdf
-from coman_reduced_model.sim.disturbance import Backlash, EncoderBias, Payload, SpringScale
 from coman_reduced_model.sim.motion import LegKinematics, follow, plan_motion, zmp_of
 from coman_reduced_model.sim.motors import MotorOptions
 from coman_reduced_model.sim.record import load_truth, record, robot_gait
@@ -385,37 +384,7 @@ def test_the_rate_of_the_sensors_does_not_change_the_walk(planned, fast):
     assert fast.truth("q")[::5] == pytest.approx(slow.truth("q"), abs=1e-9)
 
 
-# --- hidden effects ---
-
-
-def test_a_weaker_spring_sags_more(standing):
-    plain = stand(standing).truths[-1]
-    weak = stand(standing, disturbances=[SpringScale("KneeSag", 0.8)]).truths[-1]
-    for knee in (3, 9):
-        sag = [truth.motor_q[knee] - truth.q[knee] for truth in (plain, weak)]
-        assert sag[1] == pytest.approx(weak.tau[knee] / (0.8 * 180.0), rel=0.01)
-        assert abs(sag[1]) > 1.1 * abs(sag[0])
-    with pytest.raises(ConfigError, match="where = 'Knee'"):
-        VirtualRobot(COMAN, disturbances=[SpringScale("Knee", 0.8)])
-
-
-def test_a_payload_weighs(standing):
-    truth = stand(standing, disturbances=[Payload(1.5)]).truths[-1]
-    assert truth.left_wrench[2] + truth.right_wrench[2] == pytest.approx(18.8 * G, rel=1e-3)
-
-
-def test_a_biased_encoder_lies_and_changes_nothing_else(standing):
-    run, plain = (stand(standing, 0.1, disturbances=d) for d in ([EncoderBias("LKneeSag", 0.02)], []))
-    error = run.readings[-1].joint_states.position - run.truths[-1].q
-    assert error == pytest.approx(0.02 * (np.arange(12) == 3), abs=1e-12)
-    assert np.array_equal(run.truth("q"), plain.truth("q"))
-
-
-def test_backlash_takes_up_its_play_before_the_spring_works(standing):
-    truth = stand(standing, disturbances=[Backlash("LKneeSag", 0.02)]).truths[-1]
-    deflection = truth.motor_q - truth.q
-    assert truth.tau[3] == pytest.approx(180.0 * (deflection[3] - np.sign(deflection[3]) * 0.01), abs=0.02)
-    assert truth.tau[9] == pytest.approx(180.0 * deflection[9], abs=0.02)
+# --- motors ---
 
 
 def test_motors_with_a_loop_yield_under_load(standing):

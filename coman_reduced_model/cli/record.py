@@ -25,28 +25,52 @@ def record(
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of noise, bias, jitter and drops.")] = 0,
     robot: Annotated[str, typer.Option("--robot", metavar="NAME", help="Which virtual robot.")] = "coman",
     rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Rate of the sensors [Hz].")] = 200.0,
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hide", metavar="EFFECT", help="Hidden effect, as in backlash:where=LKneeSag,width=0.012; repeatable."
+        ),
+    ] = None,
+    scatter: Annotated[
+        int | None,
+        typer.Option("--scatter", metavar="N", help="Springs, dampers and masses a few percent off, drawn by seed N."),
+    ] = None,
+    motor_states: Annotated[
+        str, typer.Option("--motor-states", metavar="KIND", help="What /motor_states tells: measured or commanded.")
+    ] = "measured",
     exact: Annotated[bool, typer.Option("--exact", help="Perfect sensors: no noise, bias, jitter or drops.")] = False,
     config: ConfigOption = None,
     changes: SetOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Walk the virtual robot and record a bag of what its sensors publish."""
+    """Walk the virtual robot and record a bag of what its sensors publish.
+
+    What is hidden changes physics or sensors, never the robot_description in the bag.
+    """
     settings = read_config(config, changes, "trajectory").gait
     from ..errors import ConfigError
+    from ..sim.disturbances import Scatter, parse
     from ..sim.record import ROBOTS, SensorOptions
     from ..sim.record import record as record_walk
 
     if robot not in ROBOTS:
         raise ConfigError(f"--robot: {robot!r} is not allowed (allowed: {', '.join(ROBOTS)})")
     name = gait or settings.name
-    sensors = SensorOptions.exact(rate_hz=rate) if exact else SensorOptions(rate_hz=rate)
+    kind = SensorOptions.exact if exact else SensorOptions
+    sensors = kind(rate_hz=rate, motor_source=motor_states)
+    hidden = [] if scatter is None else [Scatter(scatter)]
+    try:
+        hidden += [parse(text) for text in hide or ()]
+    except ConfigError as error:
+        raise ConfigError(f"--hide: {error}") from None
     with progress("recording") as report:
         result = record_walk(
             name,
             out,
             robot=robot,
             sensors=sensors,
+            disturbances=hidden,
             seed=seed,
             duration_s=duration,
             changes=settings.changes(),

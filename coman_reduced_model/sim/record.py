@@ -28,7 +28,7 @@ from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wren
 from ..output import OutputFolder
 from ..topics import DESCRIPTION, INPUT_TOPICS
 from .describe import urdf
-from .disturbance import Disturbance
+from .disturbances import Disturbance
 from .motion import MotorMotion, plan_motion
 from .motors import MotorOptions
 from .robot_table import COMAN, ROBOTS, RobotTable

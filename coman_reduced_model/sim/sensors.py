@@ -35,6 +35,7 @@ class SensorOptions:
     velocity_cutoff_hz: float = 15.0
     motor_velocity_noise: float = 0.001  # [rad/s]
     motor_states: bool = True  # False: a robot without motor encoders
+    motor_source: str = "measured"  # what motor states tell: what the encoder reads, or the command (commanded)
     effort: bool = True  # False: a robot without torque sensors
     torque_noise: float = 0.05  # [Nm]
     torque_bias: float = 0.1  # [Nm]
@@ -62,7 +63,11 @@ class SensorOptions:
             value = getattr(self, f.name)
             if not isinstance(value, (bool, str)) and not np.all(np.asarray(value, dtype=float) >= 0.0):
                 raise ConfigError(f"sensors: {f.name} = {value!r}: allowed: not negative")
-        for name, allowed in (("velocity", ("filtered", "exact", "none")), ("wrench_frame", ("sole", "sensor"))):
+        for name, allowed in (
+            ("velocity", ("filtered", "exact", "none")),
+            ("motor_source", ("measured", "commanded")),
+            ("wrench_frame", ("sole", "sensor")),
+        ):
             if getattr(self, name) not in allowed:
                 raise ConfigError(f"sensors: {name} = {getattr(self, name)!r}: allowed: {', '.join(allowed)}")
         if not 1.0 <= self.rate_hz <= 1000.0:

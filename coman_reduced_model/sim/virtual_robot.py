@@ -19,7 +19,8 @@ import numpy as np
 
 from ..core.types import Array
 from .describe import mujoco_spec
-from .disturbance import Disturbance, overrides
+from .disturbances.base import Disturbance, foot_body, overrides
+from .disturbances.floor import plate_body
 from .motion import Posture
 from .motors import MotorOptions, Motors
 from .robot_table import COMAN, RobotTable
@@ -86,6 +87,7 @@ class VirtualRobot:
         spec = mujoco_spec(table)
         for disturbance in disturbances:
             disturbance.edit_model(spec, table)
+            motors = disturbance.motor_loop(motors)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.truth: Truth | None = None
@@ -96,7 +98,12 @@ class VirtualRobot:
         self.stiffness = self.model.actuator_gainprm[:, 0].copy()
         self.damping = -self.model.actuator_biasprm[:, 2]
         self._lead = self.damping / self.stiffness
-        self._feet = [self.model.body(name).id for name in ("l_foot", "r_foot")]
+        # Disturbances may put joints of their own between those of the robot.
+        joints = [self.model.joint(name) for name in table.joint_names]
+        self._q, self._v = (np.array([int(getattr(j, a)[0]) for j in joints]) for a in ("qposadr", "dofadr"))
+        # What the ground does to a foot it does to the foot or to the plate that a disturbance puts below it.
+        bodies = {self.model.body(i).name: i for i in range(self.model.nbody)}
+        self._feet = [[bodies[n] for n in (foot_body(k), plate_body(k)) if n in bodies] for k in (0, 1)]
         self._soles = [self.model.site(name).id for name in ("l_sole", "r_sole")]
         self._root = self.model.body("base_link").id
         self._imu = self.model.site("imu_link").id
@@ -126,17 +133,18 @@ class VirtualRobot:
         mujoco.mj_resetData(model, data)
         data.qpos[:3], self._height = start.base[0], float(start.base[0, 2])
         data.qpos[3:7] = [np.cos(start.yaw[0] / 2.0), 0.0, 0.0, np.sin(start.yaw[0] / 2.0)]
-        data.qpos[7:19] = start.q[0]
+        data.qpos[self._q] = start.q[0]
         self.sensors = Sensors(self._options, self.table, model.opt.timestep, self.start_ns, self._seed)
         for disturbance in self.disturbances:
             disturbance.start(self.table, model, rng)
         self._move = overrides(self.disturbances, "move_motors")
         self._springs = overrides(self.disturbances, "spring_torque")
         self._forces = overrides(self.disturbances, "apply")
+        self._bear = overrides(self.disturbances, "bear")
         self._sense = overrides(self.disturbances, "sense")
         theta = motion(np.zeros(1))[0][0]
         self._motors = Motors(self._motor_options, theta) if self._motor_options else None
-        self._q_history = np.tile(data.qpos[7:19], (self.sensors.steps, 1))
+        self._q_history = np.tile(data.qpos[self._q], (self.sensors.steps, 1))
         steps = round(settle_s / model.opt.timestep)
         self.t = -steps * model.opt.timestep
         for first in range(0, steps, 100):
@@ -168,6 +176,7 @@ class VirtualRobot:
     def _physics(self, theta: Array, rate: Array, samples: dict[int, list[str]]) -> None:
         """Physics steps, one a row of the motor references (n, 12); samples: streams to read at a step."""
         model, data, dt = self.model, self.data, self.model.opt.timestep
+        self._command = theta, rate
         if self._move:
             times = self.t + dt * np.arange(len(theta))
             for disturbance in self._move:
@@ -176,13 +185,13 @@ class VirtualRobot:
         history = np.empty((len(theta), 12))
         slow = bool(self._springs or self._forces or self._motors)
         for i in range(len(theta)):
-            history[i] = data.qpos[7:19]
+            history[i] = data.qpos[self._q]
             extra = None
             motor_q, motor_qd = theta[i], rate[i]
             if slow:
                 motor_q, motor_qd, extra = self._slow_step(i, theta[i], rate[i], ctrl)
             if streams := samples.get(i):
-                state = data.qpos[:19].copy(), data.qvel[:18].copy()
+                state = data.qpos.copy(), data.qvel.copy()
                 data.ctrl[:] = ctrl[i]
                 mujoco.mj_step(model, data)
                 # Poses, velocities and forces in `data` are still those of the state before the step.
@@ -190,6 +199,8 @@ class VirtualRobot:
                 tau = data.actuator_force + (0.0 if extra is None else extra)
                 for name in streams:
                     getattr(self, f"_take_{name}")(state, motor_q, motor_qd, tau, history[: i + 1])
+                if "joints" in streams and self._options.motor_source == "commanded":
+                    self._signals.motor_q, self._signals.motor_qd = (part[i].copy() for part in self._command)
             else:
                 data.ctrl[:] = ctrl[i]
                 mujoco.mj_step(model, data)
@@ -204,13 +215,13 @@ class VirtualRobot:
             reference, reference_rate = theta, rate
             theta, rate = self._motors.theta, self._motors.rate
             ctrl[i] = theta + self._lead * rate
-        deflection, deflection_rate = theta - data.qpos[7:19], rate - data.qvel[6:18]
+        deflection, deflection_rate = theta - data.qpos[self._q], rate - data.qvel[self._v]
         extra = np.zeros(12)
         for disturbance in self._springs:
             extra += disturbance.spring_torque(t, deflection, deflection_rate)
         data.qfrc_applied[:] = 0.0
         data.xfrc_applied[:] = 0.0
-        data.qfrc_applied[6:18] = extra
+        data.qfrc_applied[self._v] = extra
         for disturbance in self._forces:
             disturbance.apply(t, model, data)
         if self._motors:
@@ -221,7 +232,7 @@ class VirtualRobot:
     def _take_joints(self, state: tuple[Array, Array], motor_q: Array, motor_qd: Array, tau: Array, now: Array) -> None:
         (q, v), data, s = state, self.data, self._signals
         s.q = np.concatenate([self._q_history, now])[-self.sensors.steps :]
-        s.qd, s.tau = v[6:18], tau
+        s.qd, s.tau = v[self._v], tau
         s.motor_q, s.motor_qd = motor_q.copy(), motor_qd.copy()
         mujoco.mj_subtreeVel(self.model, data)
         T_left, T_right = (self._sole(k) for k in (0, 1))
@@ -235,8 +246,8 @@ class VirtualRobot:
             T_right,
             self._ground_wrench(0),
             self._ground_wrench(1),
-            q[7:19],
-            v[6:18],
+            q[self._q],
+            v[self._v],
             s.motor_q,
             s.motor_qd,
             tau,
@@ -266,8 +277,8 @@ class VirtualRobot:
     def _ground_wrench(self, foot: int) -> Array:
         """Force and moment (6,) of the ground on a foot, in and about its sole frame."""
         data, sole = self.data, self._soles[foot]
-        wrench = data.cfrc_ext[self._feet[foot]]  # moment about the COM of the robot, then force
+        wrench = data.cfrc_ext[self._feet[foot]].sum(axis=0)  # moment about the COM of the robot, then force
         lever = data.subtree_com[self._root] - data.site_xpos[sole]
         moment = wrench[:3] + cross(lever, wrench[3:])
         R = data.site_xmat[sole].reshape(3, 3)
-        return np.concatenate([wrench[3:] @ R, moment @ R])
+        return sum((d.bear(foot, data) for d in self._bear), np.concatenate([wrench[3:] @ R, moment @ R]))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the robot's description does not say: effects hidden in the physics or in the sensors, one class each.
+
+robot = VirtualRobot(COMAN, disturbances=[Backlash("LKneeSag", 0.012), parse("payload:mass=0.7,x=0.03")])
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from difflib import get_close_matches
+from typing import Any
+
+from ...errors import ConfigError
+from .base import Disturbance, feet, joint_indices, overrides
+from .floor import ExternalForce, FootSlip, GroundCompliance, GroundSlope, TouchdownImpact
+from .masses import ComOffset, Payload, Scatter
+from .motors import MotorCompliance, MotorLag, TransportDelay
+from .outside import EccentricEncoder, PeriodicPush, SloshingLoad, SwingingArms, TwistedSensor
+from .sensors import EncoderBias, EncoderDelay, WrenchBias, WrenchDelay, WrenchScale
+from .springs import Backlash, JointDamping, JointFriction, JointStiffness, SpringNonlinearity
+
+_ALL: tuple[type[Disturbance], ...] = (
+    *(SpringNonlinearity, Backlash, JointFriction, JointStiffness, JointDamping),
+    *(MotorLag, TransportDelay, MotorCompliance),
+    *(Payload, ComOffset),
+    *(GroundCompliance, GroundSlope, ExternalForce, FootSlip, TouchdownImpact),
+    *(EncoderBias, EncoderDelay, WrenchDelay, WrenchScale, WrenchBias),
+    *(SloshingLoad, SwingingArms, PeriodicPush, EccentricEncoder, TwistedSensor),
+    Scatter,
+)
+DISTURBANCES: dict[str, type[Disturbance]] = {kind.name: kind for kind in _ALL}
+
+__all__ = [*(kind.__name__ for kind in _ALL), "DISTURBANCES", "Disturbance", "feet", "joint_indices", "make",
+           "overrides", "parse"]  # fmt: skip
+
+
+def make(name: str, values: dict[str, Any]) -> Disturbance:
+    """A disturbance by its name, with some parameters given.
+
+    Raises:
+        ConfigError: there is no such disturbance or parameter, or a value is not allowed.
+    """
+    if name not in DISTURBANCES:
+        near = get_close_matches(name, DISTURBANCES, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ConfigError(f"{name!r} cannot be hidden (allowed: {', '.join(DISTURBANCES)}{hint})")
+    kind = DISTURBANCES[name]
+    allowed = [f.name for f in fields(kind)]
+    for key in values:
+        if key not in allowed:
+            raise ConfigError(f"{name}: {key}: unknown parameter (allowed: {', '.join(allowed)})")
+    return kind(**values)
+
+
+def parse(text: str) -> Disturbance:
+    """A disturbance from a text such as `backlash:where=LKneeSag,width=0.012`.
+
+    Raises:
+        ConfigError: as `make`, or it is not of that form.
+    """
+    name, _, rest = text.partition(":")
+    values: dict[str, Any] = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or key in values:
+            raise ConfigError(f"{text!r}: {item!r}: wanted: NAME:KEY=VALUE,KEY=VALUE, each key once")
+        values[key] = value if key in ("where", "axis") else _number(value)
+    return make(name.strip(), values)
+
+
+def _number(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text  # the parameter says what it wants instead

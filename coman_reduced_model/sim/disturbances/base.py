@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a disturbance is: hooks into the physics and the sensors, places, parameters with bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+
+from ...core.types import Array
+from ...errors import ConfigError
+from ..motors import MotorOptions
+from ..robot_table import SIDES, RobotTable
+from ..sensors import Signals
+
+
+@dataclass
+class Disturbance:
+    """One hidden effect: a dataclass whose fields are `par`s, by the names that configuration and verdicts use.
+
+    It overrides the hooks that it needs; the others do nothing and cost nothing. Joint arrays are in the order of
+    `RobotTable.joint_names`. Several disturbances are edited in the order in which they are given.
+
+    Raises:
+        ConfigError: a parameter is of the wrong type or out of its range.
+    """
+
+    name: ClassVar[str] = ""
+    catalogued: ClassVar[bool] = True  # False: no effect of the catalogue describes it
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            parameter = replace(f.metadata["parameter"], name=f.name)
+            setattr(self, f.name, parameter.check(getattr(self, f.name), self.name))
+
+    def told(self) -> dict[str, Any]:
+        """Name, place and parameters, as a verdict tells them."""
+        values = asdict(self)
+        return {"name": self.name, "where": values.pop("where", ""), "parameters": values}
+
+    def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
+        """Changes the physical model before it is compiled: masses, springs, floor, more bodies."""
+
+    def motor_loop(self, motors: MotorOptions | None) -> MotorOptions | None:
+        """The motors' position loops; None: they follow exactly."""
+        return motors
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """Once, when the robot is set on its feet: draw random numbers, empty buffers."""
+
+    def move_motors(self, t: Array, theta: Array, theta_rate: Array) -> tuple[Array, Array]:
+        """What the motors make of their references.
+
+        Args:
+            t: (n,) [s] consecutive physics steps.
+            theta: (n, 12) [rad] references.
+            theta_rate: (n, 12) [rad/s].
+        """
+        return theta, theta_rate
+
+    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+        """Torque (12,) [Nm] that springs transmit beside k deflection + d rate.
+
+        Args:
+            t: [s].
+            deflection: (12,) motor minus link [rad].
+            rate: (12,) its derivative [rad/s].
+        """
+        return np.zeros_like(deflection)
+
+    def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Adds forces to `data.qfrc_applied` and `data.xfrc_applied`, which are zero before every physics step."""
+
+    def bear(self, foot: int, data: mujoco.MjData) -> Array:
+        """What the ground exerts on a foot (0 left, 1 right) beside the contacts: (6,) in and about its sole frame."""
+        return np.zeros(6)
+
+    def sense(self, t: float, signals: Signals) -> None:
+        """Changes the true signals in place before quantisation and noise."""
+
+
+def overrides(disturbances: Sequence[Disturbance], hook: str) -> list[Disturbance]:
+    """Those that override a hook."""
+    return [d for d in disturbances if getattr(type(d), hook) is not getattr(Disturbance, hook)]
+
+
+def joint_indices(table: RobotTable, where: str) -> list[int]:
+    """Joints that a place names: a joint (LKneeSag), a kind (KneeSag: both sides), left, right, or "" for all.
+
+    Raises:
+        ConfigError: no joint has that name.
+    """
+    side = {"left": "L", "right": "R"}.get(where)
+    found = [i for i, name in enumerate(table.joint_names) if where in ("", name, name[1:]) or name[0] == side]
+    if not found:
+        places = ", ".join((*table.links, *table.joint_names))
+        raise ConfigError(f"where = {where!r}: allowed: left, right, {places}, or nothing for all")
+    return found
+
+
+def feet(where: str) -> list[int]:
+    """Feet that a place names: 0 left, 1 right.
+
+    Raises:
+        ConfigError: it names none.
+    """
+    found = {"left": [0], "right": [1], "": [0, 1]}.get(where)
+    if found is None:
+        raise ConfigError(f"where = {where!r}: allowed: left, right, or nothing for both")
+    return found
+
+
+def foot_body(foot: int) -> str:
+    """Name of the body of a foot."""
+    return f"{SIDES[foot][1]}foot"
+
+
+def take_mass(body: mujoco.MjsBody, mass: float, position: Sequence[float]) -> None:
+    """Takes a point mass [kg] at a position [m] out of a body, so that a new body there changes no static figure.
+
+    Raises:
+        ConfigError: the body has not that much.
+    """
+    if mass >= 0.9 * body.mass:
+        raise ConfigError(f"{body.name}: {mass:g} kg of its {body.mass:g} kg: allowed: below {0.9 * body.mass:g} kg")
+    body.ipos = (body.mass * body.ipos - mass * np.asarray(position)) / (body.mass - mass)
+    body.mass -= mass
