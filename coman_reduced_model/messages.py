@@ -133,31 +133,52 @@ def reference_from(message: Any) -> Reference:
     """A ComReference.
 
     Raises:
-        Refused: an unknown phase or previews that do not fit together.
+        Refused: as `plan` does.
     """
-    position, velocity = (np.asarray(a, dtype=np.float64) for a in (message.preview_position, message.preview_velocity))
+    return plan(
+        stamp_of(message.header),
+        message.header.frame_id,
+        tuple(_xyz(each) for each in (message.position, message.velocity, message.acceleration, message.zmp)),
+        (matrix_from(message.left_sole), matrix_from(message.right_sole)),
+        message.phase,
+        message.step,
+        message.preview_dt,
+        np.asarray(message.preview_position, dtype=np.float64),
+        np.asarray(message.preview_velocity, dtype=np.float64),
+    )
+
+
+def plan(
+    stamp_ns: int,
+    frame_id: str,
+    vectors: tuple[Array, ...],
+    soles: tuple[Array, Array],
+    phase: int,
+    step: int,
+    preview_dt: float,
+    position: Array,
+    velocity: Array,
+) -> Reference:
+    """A Reference of the fields of a ComReference: vectors (3,) in their order, poses (4, 4), previews flat.
+
+    Raises:
+        Refused: an unknown phase or frame, or previews that do not fit together.
+    """
     if len(position) % 3 or len(position) != len(velocity):
         raise Refused("length", f"{len(position)} numbers of preview positions, {len(velocity)} of velocities")
-    if len(position) and not 0.0 < message.preview_dt < math.inf:
-        raise Refused("preview", f"preview_dt {message.preview_dt} s")
-    if message.phase not in (0, 1, 2, 3):
-        raise Refused("phase", f"phase {message.phase} is not one of 0 to 3")
-    if message.header.frame_id.lstrip("/") != ODOM:
-        raise Refused("frame", f"it is in frame {message.header.frame_id!r}, wanted {ODOM!r}")
+    if len(position) and not 0.0 < preview_dt < math.inf:
+        raise Refused("preview", f"preview_dt {preview_dt} s")
+    if phase not in _PHASES:
+        raise Refused("phase", f"phase {phase} is not one of 0 to 3")
+    if frame_id.lstrip("/") != ODOM:
+        raise Refused("frame", f"it is in frame {frame_id!r}, wanted {ODOM!r}")
+    shape = (len(position) // 3, 3)
     return Reference(
-        stamp_of(message.header),
-        _xyz(message.position),
-        _xyz(message.velocity),
-        _xyz(message.acceleration),
-        _xyz(message.zmp),
-        matrix_from(message.left_sole),
-        matrix_from(message.right_sole),
-        Phase(message.phase),
-        int(message.step),
-        float(message.preview_dt),
-        position.reshape(-1, 3),
-        velocity.reshape(-1, 3),
+        stamp_ns, *vectors, *soles, _PHASES[phase], step, preview_dt, position.reshape(shape), velocity.reshape(shape)
     )
+
+
+_PHASES = {int(phase): phase for phase in Phase}  # faster than Phase()
 
 
 def prediction_from(message: Any) -> Prediction:
@@ -195,14 +216,18 @@ def _xyz(value: Any) -> Array:
 def matrix_from(pose: Any) -> Array:
     """(4, 4) of a geometry_msgs/Pose; NaN where its quaternion is zero or not finite."""
     o, p = pose.orientation, pose.position
-    x, y, z, w = o.x, o.y, o.z, o.w
+    return matrix(p.x, p.y, p.z, o.x, o.y, o.z, o.w)
+
+
+def matrix(px: float, py: float, pz: float, x: float, y: float, z: float, w: float) -> Array:
+    """(4, 4) of a position [m] and a quaternion; NaN where the quaternion is zero or not finite."""
     norm = x * x + y * y + z * z + w * w
     s = 2.0 / norm if norm > 1e-12 else math.nan
     return np.array(
         (
-            (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w), p.x),
-            (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w), p.y),
-            (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y), p.z),
+            (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w), px),
+            (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w), py),
+            (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y), pz),
             (0.0, 0.0, 0.0, 1.0),
         )
     )

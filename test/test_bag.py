@@ -14,6 +14,7 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from synthetic import T0, description, walk, write_bag
 
@@ -139,6 +140,25 @@ def test_files_that_were_recorded_side_by_side_are_merged_by_time(tmp_path, whol
         shutil.copy(mcap_of(tmp_path / f"x{name}"), tmp_path / f"{name}.mcap")
         shutil.rmtree(tmp_path / f"x{name}")
     assert read(tmp_path, warned=True) == whole
+
+
+@given(st.lists(st.integers(0, 40), min_size=1, max_size=60), st.sampled_from([1, 200, 10**6]))
+def test_chunks_that_overlap_are_read_in_the_order_of_the_log_times(tmp_path_factory, times, chunk_size):
+    path = tmp_path_factory.mktemp("chunks") / "bag.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, chunk_size=chunk_size)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+        topics = [writer.register_channel(name, "cdr", schema) for name in ("/a", "/b")]
+        for i, time in enumerate(times):
+            writer.add_message(topics[i % 2], T0 + time, bytes([i]), T0 + time)
+        writer.finish()
+    messages = [(("/a", "/b")[i % 2], T0 + time, bytes([i])) for i, time in enumerate(times)]
+    with Bag(path) as opened:
+        for topics in (["/a", "/b"], ["/a"]):
+            found = list(opened.raw(topics))
+            assert sorted(found) == sorted(item for item in messages if item[0] in topics)
+            assert [time for _, time, _ in found] == sorted(time for _, time, _ in found)
 
 
 def test_metadata_that_is_wrong_does_not_keep_a_good_file_from_being_read(tmp_path, bag, whole):

@@ -156,8 +156,24 @@ def test_reference(types):
         got = m.reference_from(m.reference_to(types, sent))
         for name in sent.__slots__:
             assert np.asarray(getattr(got, name)) == pytest.approx(np.asarray(getattr(sent, name)), abs=1e-12)
-    raw = bytes(serialize_message(m.reference_to(ROS, sent)))
-    assert decoder("com/reference")(raw).preview_com == pytest.approx(sent.preview_com)
+
+
+@given(st.lists(st.tuples(frames, st.integers(0, 9), st.integers(0, 3)), min_size=1, max_size=4))
+def test_plans_decoded_at_once_are_those_decoded_in_general(changes):
+    decode = decoder("com/reference")
+    for frame, n, seed in changes:
+        sent = replace(a_reference(n), com=np.random.default_rng(seed).normal(size=3))
+        if seed % 2:  # one foot has moved, the other has not
+            sent.T_odom_left[:3, 3] += seed
+        for message, raw in (
+            (bag := m.reference_to(BAG, sent), cdr(bag, m.COM_REFERENCE)),
+            (ros := m.reference_to(ROS, sent), bytes(serialize_message(ros))),
+        ):
+            assert same(decode(raw), m.reference_from(message))
+            message.header.frame_id = frame
+            raw = cdr(message, m.COM_REFERENCE) if message is bag else bytes(serialize_message(message))
+            with pytest.raises(Refused, match="frame"):
+                decode(raw)
 
 
 @pytest.mark.parametrize(
@@ -178,6 +194,10 @@ def test_a_reference_that_contradicts_itself_is_refused(change, reason):
     with pytest.raises(Refused) as caught:
         m.reference_from(message)
     assert caught.value.reason == reason
+    if reason != "frame":  # tried with real headers above
+        with pytest.raises(Refused) as caught:
+            decoder("com/reference")(cdr(message, m.COM_REFERENCE))
+        assert caught.value.reason == reason
 
 
 def a_prediction(seed=0, horizons=3):

@@ -16,14 +16,16 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from ..core.streams import Refused
-from ..core.types import Array, ImuMessage, JointMessage, WrenchMessage
-from ..messages import FROM, IMU_TYPE, INPUT_TYPES, JOINT_STATE, WRENCH_STAMPED
+from ..core.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
+from ..messages import COM_REFERENCE, FROM, IMU_TYPE, INPUT_TYPES, JOINT_STATE, WRENCH_STAMPED, matrix, plan
 from .types import typestore
 
 _LITTLE_ENDIAN = b"\x00\x01"
 _STAMP = struct.Struct("<iI")  # at 4: after the encapsulation header, to which alignments are relative
 _COUNT = struct.Struct("<I")
-_WRENCH = struct.Struct("<6d")
+_POSE = struct.Struct("<7d")
+_PLAN = struct.Struct("<B3xidI")  # phase, step, preview_dt, number of preview positions
+_DOUBLE = np.dtype("<f8")
 _STRINGS = 12  # offset of the first string, the frame
 
 
@@ -40,30 +42,56 @@ def _string(raw: bytes, offset: int) -> tuple[str, int]:
     return raw[offset + 4 : end - 1].decode(), end
 
 
-class _Joints:
-    """sensor_msgs/JointState."""
+def _floats(raw: bytes, offset: int, count: int) -> Array:
+    """Numbers of a message as an array like any other: those in the message are neither aligned nor writable.
+
+    Compiled code would be compiled once more for such arrays.
+    """
+    return np.frombuffer(raw, _DOUBLE, count, offset).copy()
+
+
+class _Header:
+    """Seconds, nanoseconds and strings, which begin nearly every message."""
 
     def __init__(self) -> None:
         self._strings = b""
         self._end = _STRINGS + 1  # a slice that no message matches
-        self._names: tuple[str, ...] = ()
+
+    def _stamp(self, raw: bytes) -> int:
+        """The stamp [ns]; learns the strings if they are not those of the last message."""
+        if raw[_STRINGS : self._end] != self._strings:
+            self._end = self._learn(raw)
+            self._strings = raw[_STRINGS : self._end]
+        sec, nanosec = _STAMP.unpack_from(raw, 4)
+        stamp: int = sec * 1_000_000_000 + nanosec
+        return stamp
+
+    def _learn(self, raw: bytes) -> int:
+        """Read the strings; the offset after them."""
+        self._frame_id, end = _string(raw, _STRINGS)
+        return end
+
+
+class _Joints(_Header):
+    """sensor_msgs/JointState."""
 
     def __call__(self, raw: bytes) -> JointMessage:
-        if raw[_STRINGS : self._end] != self._strings:
-            self._learn(raw)
-        sec, nanosec = _STAMP.unpack_from(raw, 4)
-        position, offset = self._doubles(raw, self._end)
-        velocity, offset = self._doubles(raw, offset)
-        effort, offset = self._doubles(raw, offset)
-        return JointMessage(
-            sec * 1_000_000_000 + nanosec,
-            self._names,
-            position,
-            velocity if len(velocity) else None,
-            effort if len(effort) else None,
-        )
+        stamp = self._stamp(raw)
+        arrays: list[Array | None] = []
+        offset = self._end
+        for _ in range(3):
+            (count,) = _COUNT.unpack_from(raw, offset)
+            offset += 4
+            if count:
+                offset = _align(offset, 8)
+                arrays.append(_floats(raw, offset, count))
+                offset += 8 * count
+            else:
+                arrays.append(None)
+        position, velocity, effort = arrays
+        return JointMessage(stamp, self._names, _EMPTY if position is None else position, velocity, effort)
 
-    def _learn(self, raw: bytes) -> None:
+    def _learn(self, raw: bytes) -> int:
         _, offset = _string(raw, _STRINGS)
         offset = _align(offset, 4)
         (count,) = _COUNT.unpack_from(raw, offset)
@@ -72,59 +100,81 @@ class _Joints:
         for _ in range(count):
             name, offset = _string(raw, _align(offset, 4))
             names.append(name)
-        offset = _align(offset, 4)
-        self._strings, self._end, self._names = raw[_STRINGS:offset], offset, tuple(names)
-
-    @staticmethod
-    def _doubles(raw: bytes, offset: int) -> tuple[Array, int]:
-        (count,) = _COUNT.unpack_from(raw, offset)
-        if not count:
-            return _EMPTY, offset + 4
-        start = _align(offset + 4, 8)
-        return np.frombuffer(raw, "<f8", count, start), start + 8 * count
+        self._names = tuple(names)
+        return _align(offset, 4)
 
 
 _EMPTY = np.empty(0)
 
 
-class _Wrench:
+class _Wrench(_Header):
     """geometry_msgs/WrenchStamped."""
 
-    def __init__(self) -> None:
-        self._strings = b""
-        self._end = _STRINGS + 1
-        self._frame_id = ""
-
     def __call__(self, raw: bytes) -> WrenchMessage:
-        if raw[_STRINGS : self._end] != self._strings:
-            self._frame_id, self._end = _string(raw, _STRINGS)
-            self._strings = raw[_STRINGS : self._end]
-        sec, nanosec = _STAMP.unpack_from(raw, 4)
-        values = np.frombuffer(raw, "<f8", 6, _align(self._end, 8))
-        return WrenchMessage(sec * 1_000_000_000 + nanosec, self._frame_id, values[:3], values[3:])
+        stamp = self._stamp(raw)
+        values = _floats(raw, _align(self._end, 8), 6)
+        return WrenchMessage(stamp, self._frame_id, values[:3], values[3:])
 
 
-class _Imu:
+class _Imu(_Header):
     """sensor_msgs/Imu."""
 
-    def __init__(self) -> None:
-        self._strings = b""
-        self._end = _STRINGS + 1
-        self._frame_id = ""
-
     def __call__(self, raw: bytes) -> ImuMessage:
-        if raw[_STRINGS : self._end] != self._strings:
-            self._frame_id, self._end = _string(raw, _STRINGS)
-            self._strings = raw[_STRINGS : self._end]
-        sec, nanosec = _STAMP.unpack_from(raw, 4)
+        stamp = self._stamp(raw)
         # Orientation 4, its covariance 9, angular velocity 3, covariance 9, linear acceleration 3, covariance 9.
-        values = np.frombuffer(raw, "<f8", 37, _align(self._end, 8))
-        orientation = values[:4] if values[4] >= 0.0 else None
-        stamp_ns = sec * 1_000_000_000 + nanosec
-        return ImuMessage(stamp_ns, self._frame_id, orientation, values[13:16], values[25:28])
+        values = _floats(raw, _align(self._end, 8), 37)
+        return ImuMessage(stamp, self._frame_id, values[:4] if values[4] >= 0.0 else None, values[13:16], values[25:28])
 
 
-_FAST: dict[str, Callable[[], Callable[[bytes], Any]]] = {JOINT_STATE: _Joints, WRENCH_STAMPED: _Wrench, IMU_TYPE: _Imu}
+class _Reference(_Header):
+    """coman_reduced_model_msgs/ComReference, as this version defines it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._soles = [(b"", _EMPTY), (b"", _EMPTY)]  # a foot that stands has the pose of the last message
+
+    def __call__(self, raw: bytes) -> Reference:
+        stamp = self._stamp(raw)
+        start = _align(self._end, 8)
+        point = _floats(raw, start, 12)
+        phase, step, preview_dt, count = _PLAN.unpack_from(raw, start + 8 * 26)
+        position, offset = self._preview(raw, start + 8 * 26 + _PLAN.size, count)
+        (count,) = _COUNT.unpack_from(raw, offset)
+        velocity, _ = self._preview(raw, offset + 4, count)
+        return plan(
+            stamp,
+            self._frame_id,
+            (point[:3], point[3:6], point[6:9], point[9:12]),
+            (self._sole(0, raw, start + 8 * 12), self._sole(1, raw, start + 8 * 19)),
+            phase,
+            step,
+            preview_dt,
+            position,
+            velocity,
+        )
+
+    def _sole(self, index: int, raw: bytes, offset: int) -> Array:
+        data = raw[offset : offset + _POSE.size]
+        before, T = self._soles[index]
+        if data != before:
+            T = matrix(*_POSE.unpack(data))
+            self._soles[index] = data, T
+        return T
+
+    @staticmethod
+    def _preview(raw: bytes, offset: int, count: int) -> tuple[Array, int]:
+        if not count:
+            return _EMPTY, offset
+        offset = _align(offset, 8)
+        return _floats(raw, offset, count), offset + 8 * count
+
+
+_FAST: dict[str, Callable[[], Callable[[bytes], Any]]] = {
+    JOINT_STATE: _Joints,
+    WRENCH_STAMPED: _Wrench,
+    IMU_TYPE: _Imu,
+    COM_REFERENCE: _Reference,
+}
 
 
 def decoder(stream: str, store: Typestore | None = None) -> Callable[[bytes], Any]:
@@ -135,7 +185,9 @@ def decoder(stream: str, store: Typestore | None = None) -> Callable[[bytes], An
     kind = INPUT_TYPES[stream]
     definitions = store or typestore()
     convert = FROM[stream]
-    fast = _FAST[kind]() if kind in _FAST else None
+    # A bag may bring another definition of our messages, from an older version.
+    known = kind in _FAST and definitions.fielddefs[kind][1] == typestore().fielddefs[kind][1]
+    fast = _FAST[kind]() if known else None
 
     def decode(raw: bytes) -> Any:
         try:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import struct
 from functools import lru_cache
 
+import numpy as np
+
 from ..core.types import Array, Prediction
 from ..messages import ODOM, quaternion
 
@@ -59,6 +61,13 @@ def _frame(name: str) -> bytes:
     return name.encode() + b"\0"
 
 
+@lru_cache(maxsize=4)
+def _pose(matrix: bytes) -> tuple[float, ...]:
+    """Position and quaternion of (4, 4): the same as long as the support foot is."""
+    T = np.frombuffer(matrix).reshape(4, 4)
+    return (*T[:3, 3].tolist(), *quaternion(T[:3, :3]))
+
+
 def encode_point(stamp_ns: int, point: Array) -> bytes:
     """A geometry_msgs/PointStamped in `odom`; messages.point_to, serialised."""
     frame = _frame(ODOM)
@@ -95,8 +104,7 @@ def encode_prediction(prediction: Prediction) -> bytes:
         *p.predicted_com.tolist(),
         *p.predicted_com_vel.tolist(),
         *p.residual.tolist(),
-        *T[:3, 3].tolist(),
-        *quaternion(T[:3, :3]),
+        *_pose(T.tobytes()),
         len(p.horizons),
         *ahead,
         p.flags,

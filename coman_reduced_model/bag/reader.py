@@ -11,17 +11,18 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import zstandard
-from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from ..errors import BagError
 from ..messages import OWN
+from .chunks import Raw, indexed_messages
 from .truncated import MAGIC, TruncatedMcap
 from .types import typestore
 
-Raw = tuple[str, int, bytes]
 _SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 
@@ -253,14 +254,26 @@ class _Whole:
             return
         last = 0
         try:
-            for connection, last, raw in self._reader.messages(connections):  # noqa: B020
-                yield connection.topic, last, raw
+            for item in self._messages(connections):
+                last = item[1]
+                yield item
         except GeneratorExit:
             raise
         except Exception as error:  # a damaged chunk fails in any way; what came before is good
             reason = " ".join(str(error).split())[:120] or type(error).__name__
             where = f"after the message at {_seconds(last)}" if last else "at the first message"
             self._bag.warnings.append(f"{self._reader.path}: damaged {where}, the rest is not read: {reason}")
+
+    def _messages(self, connections: list[Connection]) -> Iterator[Raw]:
+        topics = {each.topic for each in connections}
+        files = getattr(self._reader.storage, "storages", [self._reader.storage])  # of a folder; or it is a file itself
+        direct = [indexed_messages(Path(file.path), topics) for file in files if isinstance(file, McapReader)]
+        if len(direct) == len(files) and None not in direct and self._reader.compression_mode != "message":
+            for messages in direct:
+                yield from messages or ()
+        else:
+            for connection, log_time, raw in self._reader.messages(connections):
+                yield connection.topic, log_time, raw
 
 
 class _Cut:

@@ -14,16 +14,13 @@ from pathlib import Path
 from typing import BinaryIO
 from zlib import crc32
 
-import lz4.frame
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from .chunks import CHUNK, MESSAGE, RECORD, Raw, decompressed
+
 MAGIC = b"\x89MCAP0\r\n"
-_RECORD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQI")
-_MESSAGE = struct.Struct("<HIQQ")
 
 
 class TruncatedMcap:
@@ -53,7 +50,7 @@ class TruncatedMcap:
             self.start_ns = min(self.start_ns or log_time, log_time)
             self.end_ns = max(self.end_ns, log_time)
 
-    def messages(self) -> Iterator[tuple[str, int, bytes]]:
+    def messages(self) -> Iterator[Raw]:
         """Topic, log time [ns] and serialised message, up to the place where the file ends or is damaged."""
         self.reason = ""
         self._schemas: dict[int, Schema] = {}
@@ -76,12 +73,12 @@ class TruncatedMcap:
                     return
             self.reason = "its end is missing"
 
-    def _record(self, opcode: int, body: bytes) -> Iterator[tuple[str, int, bytes]]:
+    def _record(self, opcode: int, body: bytes) -> Iterator[Raw]:
         try:
             if opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = _MESSAGE.unpack_from(body)
+                channel, _, log_time, _ = MESSAGE.unpack_from(body)
                 if channel in self._channels:
-                    yield self._channels[channel], log_time, body[_MESSAGE.size :]
+                    yield self._channels[channel], log_time, body[MESSAGE.size :]
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(ReadDataStream(io.BytesIO(body)))
                 self._schemas[schema.id] = schema
@@ -93,12 +90,12 @@ class TruncatedMcap:
         except Exception as error:  # damaged bytes fail in any way
             self.reason = f"damaged: {type(error).__name__} {' '.join(str(error).split())[:80]}"
 
-    def _chunk(self, body: bytes, whole: bool) -> Iterator[tuple[str, int, bytes]]:
+    def _chunk(self, body: bytes, whole: bool) -> Iterator[Raw]:
         try:
-            _, _, size, crc = _CHUNK.unpack_from(body)
-            (length,) = struct.unpack_from("<I", body, _CHUNK.size)
-            start = _CHUNK.size + 4 + length
-            data = _decompressed(body[_CHUNK.size + 4 : start], body[start + 8 :])
+            _, _, size, crc = CHUNK.unpack_from(body)
+            (length,) = struct.unpack_from("<I", body, CHUNK.size)
+            start = CHUNK.size + 4 + length
+            data = decompressed(body[CHUNK.size + 4 : start], body[start + 8 :])
         except Exception as error:
             self.reason = f"damaged: {' '.join(str(error).split())[:80]}"
             return
@@ -112,20 +109,9 @@ class TruncatedMcap:
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
     """Opcode, content and whether it is whole, of each record; damaged lengths never ask for more than there is."""
-    while len(head := file.read(_RECORD.size)) == _RECORD.size:
-        opcode, length = _RECORD.unpack(head)
+    while len(head := file.read(RECORD.size)) == RECORD.size:
+        opcode, length = RECORD.unpack(head)
         body = file.read(min(length, max(size - file.tell(), 0)))
         yield opcode, body, len(body) == length
     if head:
         yield 0, b"", False
-
-
-def _decompressed(method: bytes, data: bytes) -> bytes:
-    """What can be decompressed of a chunk that may be cut off."""
-    if method == b"":
-        return data
-    if method == b"lz4":
-        return lz4.frame.LZ4FrameDecompressor().decompress(data)
-    if method == b"zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    raise ValueError(f"compression {method!r} is not known")

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import apply, compiled, inverse, pick
-from .integrator import advance, select, transition
-from .reference import look_ahead
+from .compiled import compiled, inverse, pick
+from .integrator import advance_into, select, transition
+from .reference import look
 from .types import Array
 
 Ints = NDArray[np.int64]
@@ -44,7 +44,8 @@ def predict_horizons(
         z[i], z[n + i] = com[axes[i]], com_vel[axes[i]]
     free = np.isnan(reference[0])
     velocity = np.zeros(3) if free else reference_vel
-    u = pick(force, axes)
+    u, u_end = pick(force, axes), np.empty(n)
+    z_end, moved, faster = np.empty(2 * n), np.empty(3), np.empty(3)  # once: making arrays is what takes the time here
     start, last_dt = 0.0, -1.0
     # Without a plan the reference moves linearly and any step is exact; equal ones share their transition.
     longest = _STEP if plan.shape[0] > 1 else horizons[0]
@@ -55,13 +56,13 @@ def predict_horizons(
             E, G_0, G_1 = transition(M_inv, K_n, D_n, dt)
             last_dt = dt
         for k in range(steps):
-            moved, faster = look_ahead(plan, plan_vel, plan_dt, velocity, start + (k + 1) * dt)
-            pulled, damped = apply(K, moved), apply(D, faster)
-            for i in range(3):
-                pulled[i] += force[i] + damped[i]
-            u_end = pick(pulled, axes)
-            z = advance(z, E, G_0, G_1, u, u_end)
-            u = u_end
+            look(plan, plan_vel, plan_dt, velocity, start + (k + 1) * dt, moved, faster)
+            for i in range(n):
+                u_end[i] = force[axes[i]]
+                for j in range(3):
+                    u_end[i] += K[axes[i], j] * moved[j] + D[axes[i], j] * faster[j]
+            advance_into(z_end, z, E, G_0, G_1, u, u_end)
+            z, z_end, u, u_end = z_end, z, u_end, u
         for i in range(3):
             out[h, i] = com[i] if free else reference[i] + moved[i]
         for i in range(n):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import apply, compiled, inverse, mul
+from .compiled import compiled, inverse, mul
 from .types import Array
 
 
@@ -97,10 +97,20 @@ def transition(M_inv: Array, K: Array, D: Array, dt: float) -> tuple[Array, Arra
 @compiled
 def advance(z: Array, E: Array, G_0: Array, G_1: Array, u_0: Array, u_1: Array) -> Array:
     """[x; x'] (2n,) after one step of `transition` under a force that goes linearly from u_0 to u_1 (n,)."""
-    out, pushed, pulled = apply(E, z), apply(G_0, u_0), apply(G_1, u_1)
-    for i in range(out.shape[0]):
-        out[i] += pushed[i] + pulled[i]
+    out = np.empty(z.shape[0])
+    advance_into(out, z, E, G_0, G_1, u_0, u_1)
     return out
+
+
+@compiled
+def advance_into(out: Array, z: Array, E: Array, G_0: Array, G_1: Array, u_0: Array, u_1: Array) -> None:
+    """`advance` into an array that there is already."""
+    for i in range(z.shape[0]):
+        out[i] = 0.0
+        for j in range(z.shape[0]):
+            out[i] += E[i, j] * z[j]
+        for j in range(u_0.shape[0]):
+            out[i] += G_0[i, j] * u_0[j] + G_1[i, j] * u_1[j]
 
 
 @compiled

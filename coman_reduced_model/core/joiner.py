@@ -18,7 +18,6 @@ longer.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 from typing import TYPE_CHECKING
@@ -26,6 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import RobotError
+from .compiled import compiled
 from .config import Config
 from .differentiate import Differentiator
 from .effects import active_effects
@@ -142,31 +142,38 @@ class Joiner:
         """What the ground exerts on a foot."""
         stream = self._wrenches[foot]
         stream.received += 1
-        wrench = np.concatenate((message.force, message.torque))
-        if not usable(wrench):
-            return self._reject_values(stream, wrench, f"force {message.force}, torque {message.torque}")
         to_sole = self._wrench_maps.get((foot, message.frame_id))
         if to_sole is None:
             to_sole = self._wrench_map(foot, message.frame_id)
         if isinstance(to_sole, RobotError):
+            good = usable(message.force) and usable(message.torque)
+        else:
+            wrench = np.empty(6)
+            good = _to_sole(to_sole, message.force, message.torque, wrench)
+        if not good:
+            values = np.concatenate((message.force, message.torque))
+            return self._reject_values(stream, values, f"force {message.force}, torque {message.torque}")
+        if isinstance(to_sole, RobotError):
             self._reject(stream, "frame", str(to_sole))
             return []
-        return self._add(stream, message.stamp_ns, to_sole.dot(wrench))
+        return self._add(stream, message.stamp_ns, wrench)
 
     def add_reference(self, message: Reference) -> list[Sample]:
         """A point of the planned motion."""
         self._reference.received += 1
-        vectors = (
+        values = (
             message.com,
             message.com_vel,
             message.com_acc,
             message.zmp,
             message.T_odom_left,
             message.T_odom_right,
+            message.preview_com,
+            message.preview_com_vel,
         )
-        for values in (*vectors, message.preview_com, message.preview_com_vel):
-            if not usable(values):
-                return self._reject_values(self._reference, values, f"a vector of it is {values[:3]}")
+        if not _all_usable(*values):
+            worst = next(each for each in values if not usable(each))
+            return self._reject_values(self._reference, worst, f"a vector of it is {worst[:3]}")
         return self._add(self._reference, message.stamp_ns, message)
 
     def add_imu(self, message: ImuMessage) -> list[Sample]:
@@ -263,8 +270,6 @@ class Joiner:
     def _ready(self) -> list[Sample]:
         samples: list[Sample] = []
         waiting = self._waiting
-        if not waiting:
-            return samples
         while waiting:
             stamp = waiting[0][0]
             overdue = self._joints.last - stamp > self._max_wait or len(waiting) > CAPACITY  # type: ignore[operator]
@@ -333,6 +338,21 @@ class Joiner:
         return _mixed(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), stamp)
 
 
+@compiled
+def _all_usable(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, h: Array) -> bool:
+    return usable(a) and usable(b) and usable(c) and usable(d) and usable(e) and usable(f) and usable(g) and usable(h)
+
+
+@compiled
+def _to_sole(matrix: Array, force: Array, torque: Array, out: Array) -> bool:
+    """Write a wrench (6,) by the matrix (6, 6) to its sole; whether it was usable."""
+    for i in range(6):
+        out[i] = 0.0
+        for j in range(3):
+            out[i] += matrix[i, j] * force[j] + matrix[i, 3 + j] * torque[j]
+    return usable(force) and usable(torque)
+
+
 def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Reference:
     """The plan between two of its points: vectors interpolated, feet and phase those of the nearer one.
 
@@ -342,11 +362,20 @@ def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Referen
     if old.preview_dt != new.preview_dt or old.preview_com.shape != new.preview_com.shape:
         return nearer
 
-    def mix(name: str) -> Array:
-        first: Array = getattr(old, name)
-        return first + weight * (getattr(new, name) - first)
+    def mix(first: Array, second: Array) -> Array:
+        return first + weight * (second - first)
 
-    mixed = dataclasses.replace(nearer, stamp_ns=stamp)
-    for name in ("com", "com_vel", "com_acc", "zmp", "preview_com", "preview_com_vel"):
-        setattr(mixed, name, mix(name))
-    return mixed
+    return Reference(
+        stamp,
+        mix(old.com, new.com),
+        mix(old.com_vel, new.com_vel),
+        mix(old.com_acc, new.com_acc),
+        mix(old.zmp, new.zmp),
+        nearer.T_odom_left,
+        nearer.T_odom_right,
+        nearer.phase,
+        nearer.step,
+        nearer.preview_dt,
+        mix(old.preview_com, new.preview_com),
+        mix(old.preview_com_vel, new.preview_com_vel),
+    )

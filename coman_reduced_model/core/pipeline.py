@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from .config import Config
@@ -71,8 +72,8 @@ class Pipeline:
             MOTORS: self.joiner.add_motor,
             REFERENCE: self.joiner.add_reference,
             IMU: self.joiner.add_imu,
-            WRENCHES[Foot.LEFT]: lambda message: self.joiner.add_wrench(Foot.LEFT, message),
-            WRENCHES[Foot.RIGHT]: lambda message: self.joiner.add_wrench(Foot.RIGHT, message),
+            WRENCHES[Foot.LEFT]: partial(self.joiner.add_wrench, Foot.LEFT),
+            WRENCHES[Foot.RIGHT]: partial(self.joiner.add_wrench, Foot.RIGHT),
         }
 
     @property

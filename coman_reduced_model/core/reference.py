@@ -54,21 +54,30 @@ def look_ahead(plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Arra
     With a plan (n, 3) from `plan_ahead` linearly between its points; beyond its end, or without one (n = 0), at the
     last velocity; `reference_vel` (3,) is the present one.
     """
+    moved, faster = np.empty(3), np.empty(3)
+    look(plan, plan_vel, plan_dt, reference_vel, t, moved, faster)
+    return moved, faster
+
+
+@compiled
+def look(
+    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float, moved: Array, faster: Array
+) -> None:
+    """`look_ahead` into arrays that there are already."""
     end = plan.shape[0] - 1
-    moved, faster = np.zeros(3), np.zeros(3)
     position = t / plan_dt if end > 0 else 0.0
     i = min(int(position), end - 1)
     w = position - i
     for axis in range(3):
         if end < 1:
             moved[axis] = t * reference_vel[axis]
+            faster[axis] = 0.0
         elif position < end:
             moved[axis] = (1.0 - w) * plan[i, axis] + w * plan[i + 1, axis]
             faster[axis] = (1.0 - w) * plan_vel[i, axis] + w * plan_vel[i + 1, axis]
         else:
             faster[axis] = plan_vel[end, axis]
             moved[axis] = plan[end, axis] + (t - end * plan_dt) * (reference_vel[axis] + faster[axis])
-    return moved, faster
 
 
 def motor_com(motor: Posture, foot: Foot) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import math
 from collections import Counter, deque
 from typing import Any
 
+from .compiled import compiled
 from .types import Array, Foot
 
 JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
@@ -25,9 +26,13 @@ LIMIT = 1e9
 Item = tuple[int, Any]
 
 
+@compiled
 def usable(array: Array) -> bool:
-    """Whether all values are finite and their norm below LIMIT, at a fifth of the cost of np.isfinite().all()."""
-    return math.hypot(*array.ravel().tolist()) < LIMIT
+    """Whether all values are finite and their norm below LIMIT."""
+    total = 0.0
+    for value in array.flat:
+        total += value * value
+    return total < LIMIT * LIMIT
 
 
 def fault(value: float) -> str:
@@ -168,15 +173,16 @@ class Stream:
         items = self.items
         while len(items) > 1 and items[1][0] <= stamp:
             items.popleft()
-        before = after = None
-        for item in items:
-            if item[0] <= stamp:
-                if stamp - item[0] <= self.max_age:
-                    before = item
-            else:
-                if item[0] - stamp <= min(reach, self.max_age):
-                    after = item
-                break
+        if not items:
+            return None, None
+        before: Item | None = items[0]
+        after = items[1] if len(items) > 1 else None
+        if items[0][0] > stamp:
+            before, after = None, items[0]
+        if before is not None and stamp - before[0] > self.max_age:
+            before = None
+        if after is not None and after[0] - stamp > min(reach, self.max_age):
+            after = None
         return before, after
 
     def nearest(self, stamp: int) -> Any | None:

