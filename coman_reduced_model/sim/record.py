@@ -109,6 +109,7 @@ def record(
     sag: float = 0.8,
     force: bool = False,
     progress: Progress | None = None,
+    planned: tuple[MotorMotion, WalkPlan] | None = None,
 ) -> Recording:
     """Plans a gait, walks the virtual robot through it, writes the bag `out` and the truth `out`.truth.npz.
 
@@ -125,6 +126,7 @@ def record(
         sag: see plan_motion.
         force: replace an existing bag.
         progress: called now and then.
+        planned: what `plan_recording` makes of the same walk and robot, if it is known already.
 
     Raises:
         ConfigError: the gait, the robot or an option is not possible.
@@ -138,16 +140,18 @@ def record(
         walk = robot_gait(robot, walk, duration_s, **(changes or {}))
     elif duration_s is not None or changes:
         raise ConfigError("duration, changes: only with a named gait; GaitParameters have all of it")
-    plan = plan_walk(walk)
     body = VirtualRobot(robot, sensors, disturbances, motors, seed)
     destination = _Destination(out, force)
     if progress:
         progress(0.0, "planning the motion")
-    if walk.steps:
-        motion, plan = plan_motion(robot, plan, sag)
-    else:
-        motion, plan = plan_motion(robot, sway(plan), sag, passes=0)
+    motion, plan = planned or plan_recording(walk, robot, sag)
     return _run(body, motion, plan, destination, plan.duration_s, progress)
+
+
+def plan_recording(walk: GaitParameters, robot: RobotTable, sag: float = 0.8) -> tuple[MotorMotion, WalkPlan]:
+    """Motion of the motors and plan of a gait; the figures of `record`."""
+    plan = plan_walk(walk)
+    return plan_motion(robot, plan, sag) if walk.steps else plan_motion(robot, sway(plan), sag, passes=0)
 
 
 def record_motion(

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Cases drawn by seed, and their bags: a robot, what is hidden in it, a training walk and two held-out ones.
+
+A seed gives the same case whatever range it is drawn in. Forty seeds from a multiple of forty on hold 12 clean robots,
+18 single effects, 5 pairs and 5 effects outside the catalogue; families and levels take turns.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import shutil
+from dataclasses import asdict, dataclass, field, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..core.gait import GaitParameters
+from ..errors import ConfigError
+from ..output import OutputFolder
+from ..sim.disturbances import Scatter, make
+from ..sim.record import plan_recording, record, robot_gait
+from ..sim.robot_table import ROBOTS, RobotTable
+from ..sim.sensors import SensorOptions
+from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, class_of
+
+KINDS = ("clean", "single", "pair", "unknown")
+BAGS = ("train", "hold1", "hold2")
+SECONDS = {"train": 13.0, "hold1": 10.0, "hold2": 10.0}
+GAITS: dict[str, tuple[str, dict[str, float]]] = {  # of the gait generator, with changes
+    **{name: (name, {}) for name in ("test1", "test2", "in_place", "backwards", "turn", "sideways", "wide")},
+    "slow": ("test1", {"single_support_s": 0.8}),
+    "between": ("test1", {"step_length_m": 0.045, "single_support_s": 0.55}),
+    "quick": ("test1", {"single_support_s": 0.4, "double_support_s": 0.15}),
+}
+ATTEMPTS = 4  # draws of place, gait and tolerances at a level before the next lower level is taken
+_BLOCK = [*["clean"] * 12, *["single"] * 18, *["pair"] * 5, *["unknown"] * 5]
+PAIRS = [
+    pair
+    for pair in combinations(CATALOGUED, 2)
+    if class_of(FAMILIES[pair[0]].effect) != class_of(FAMILIES[pair[1]].effect)
+]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is hidden and how it is recorded; everything follows from it."""
+
+    seed: int
+    kind: str
+    robot: str
+    families: tuple[str, ...] = ()
+    levels: tuple[str, ...] = ()
+    effects: tuple[dict[str, Any], ...] = ()  # name, where, parameters
+    gaits: dict[str, str] = field(default_factory=dict)  # by bag
+    motor_states: str = "measured"
+    attempt: int = 0  # draws before this one whose robot fell
+
+    @property
+    def name(self) -> str:
+        """Of its folder: tells nothing of what is in it, not even its place in the range of seeds."""
+        return hashlib.sha256(f"coman case {self.seed}".encode()).hexdigest()[:10]
+
+
+def _turn(seed: int) -> tuple[str, int]:
+    """Kind of a seed, and how many of that kind came before it."""
+    block, place = divmod(seed, len(_BLOCK))
+    order = np.random.default_rng([11, block]).permutation(len(_BLOCK))
+    kind = _BLOCK[order[place]]
+    before = sum(_BLOCK[i] == kind for i in order[:place])
+    return kind, block * _BLOCK.count(kind) + before
+
+
+def _dealt(choices: list[Any], number: int, salt: int) -> Any:
+    """The choices in a shuffled order, over and over, each round in an order of its own."""
+    round_, place = divmod(number, len(choices))
+    return choices[np.random.default_rng([salt, round_]).permutation(len(choices))[place]]
+
+
+def draw_case(
+    seed: int, attempt: int = 0, kind: str | None = None, families: tuple[str, ...] = (), level: str | None = None
+) -> Case:
+    """The case of a seed.
+
+    Args:
+        seed: not negative.
+        attempt: after a fall: the same families on another robot; every `ATTEMPTS` of them one level lower.
+        kind, families, level: fixed instead of drawn, for sets of examples.
+    """
+    drawn, number = _turn(seed)
+    kind = kind or drawn
+    rng = np.random.default_rng([17, seed, attempt])
+    levels: tuple[str, ...] = ()
+    if kind == "single":
+        family, one = _dealt([(f, v) for f in CATALOGUED for v in LEVELS], number, 12)
+        families, levels = families or (family,), (one,)
+    elif kind == "unknown":  # strong ones twice as often: those are what a target is set for
+        family, one = _dealt([(f, v) for f in OUTSIDE for v in (*LEVELS, "strong")], number, 13)
+        families, levels = families or (family,), (one,)
+    elif kind == "pair":
+        families = families or _dealt(PAIRS, number, 14)
+        levels = tuple(_dealt([("medium", "medium"), ("medium", "strong"), ("strong", "medium")], number, 15))
+    if level:
+        levels = (level,) * len(families)
+    lower = attempt // ATTEMPTS
+    levels = tuple(LEVELS[max(LEVELS.index(one) - lower, 0)] for one in levels)
+    robot = str(rng.choice(["coman", "coman", "tall", "small"]))
+    effects = []
+    for family, one in zip(families, levels, strict=True):
+        f = FAMILIES[family]
+        effects.append(make(f.effect, f.parameters(rng, LEVELS.index(one), ROBOTS[robot])).told())
+    train = str(rng.choice(["test1", "test2", str(rng.choice(list(GAITS)))]))
+    others = [name for name in GAITS if name != train]
+    held = [str(name) for name in rng.choice(others, 2, replace=False)]
+    gaits = dict(zip(BAGS, (train, *held), strict=True))
+    motor_states = "commanded" if rng.random() < 0.2 else "measured"
+    return Case(seed, kind, robot, tuple(families), levels, tuple(effects), gaits, motor_states, attempt)
+
+
+@functools.lru_cache(maxsize=64)
+def _planned(robot: str, gait_name: str, seconds: float) -> tuple[GaitParameters, Any]:
+    """A walk and its motor motion: the same in every case of a run that walks it."""
+    base, changes = GAITS[gait_name]
+    walk = robot_gait(ROBOTS[robot], base, **changes)
+    cycle = walk.single_support_s + walk.double_support_s
+    steps = int((seconds - walk.stand_before_s - walk.stand_after_s - walk.double_support_s + 1e-6) / cycle)
+    walk = replace(walk, steps=steps)
+    return walk, plan_recording(walk, ROBOTS[robot])
+
+
+def write_case(case: Case, folder: str | Path, force: bool = False) -> dict[str, Any] | None:
+    """Records the bags of a case and the configuration of its robot, as its data sheet has it.
+
+    Args:
+        case: see draw_case.
+        folder: gets `train`, `hold1`, `hold2` and `robot.yaml`, and nothing that tells what is hidden.
+        force: replace them.
+
+    Returns:
+        The answer; None: the robot fell, and nothing was written.
+    """
+    hidden = [Scatter(seed=case.seed + 100_000 * case.attempt)]
+    hidden += [
+        make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})}) for e in case.effects
+    ]
+    seeds = np.random.default_rng([18, case.seed]).integers(0, 2**31, len(BAGS))
+    with OutputFolder(folder, force) as temporary:
+        for bag, seed in zip(BAGS, seeds, strict=True):
+            walk, planned = _planned(case.robot, case.gaits[bag], SECONDS[bag])
+            sensors = SensorOptions(motor_source=case.motor_states)
+            result = record(
+                walk,
+                temporary / bag,
+                ROBOTS[case.robot],
+                sensors,
+                hidden,
+                seed=int(seed),
+                planned=planned,
+            )
+            result.truth.unlink()
+            if result.fallen_s is not None:
+                shutil.rmtree(temporary)
+                temporary.mkdir()
+                break
+        else:
+            (temporary / "robot.yaml").write_text(data_sheet(ROBOTS[case.robot]), encoding="utf-8")
+            return answer(case)
+    return None
+
+
+def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any) -> tuple[Case, dict[str, Any]]:
+    """Draws the case of a seed until its robot stays on its feet, and writes it into folder / case.name.
+
+    Raises:
+        ConfigError: it never does.
+    """
+    for attempt in range(ATTEMPTS * len(LEVELS)):
+        case = draw_case(seed, attempt, **fixed)
+        if found := write_case(case, Path(folder) / case.name, force):
+            return case, found
+    raise ConfigError(f"seed {seed}: {', '.join(case.families) or 'a clean robot'}: it falls at every level")
+
+
+def answer(case: Case) -> dict[str, Any]:
+    """What is true of a case, for the scorer alone."""
+    return {**asdict(case), "classes": sorted({class_of(effect["name"]) for effect in case.effects})}
+
+
+def data_sheet(table: RobotTable) -> str:
+    """The configuration file of a robot with nominal constants."""
+
+    def leg(side: str) -> dict[str, Any]:
+        joints = [joint for joint in table.joints() if joint.name[0] == side]
+        return {
+            "sole_frame": f"{side.lower()}_sole",
+            "joints": [joint.name for joint in joints],
+            "stiffness": [joint.stiffness for joint in joints],
+            "damping": [joint.damping for joint in joints],
+        }
+
+    robot = {
+        "name": table.name,
+        "base_frame": "base_link",
+        "left": leg("L"),
+        "right": leg("R"),
+        "foot_length": table.foot_back + table.foot_front,
+        "foot_width": table.foot_width,
+    }
+    return yaml.safe_dump({"/**": {"ros__parameters": {"robot": robot}}}, sort_keys=False)
