@@ -13,7 +13,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, Prediction
+from coman_reduced_model.core.types import Foot, Prediction, Sample
 
 TRUNK = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 
@@ -66,3 +66,10 @@ def same(results: list[Prediction], expected: list[Prediction], tolerance: float
         ahead = [[h.com for h in side.horizons] for side in (p, q)]
         np.testing.assert_allclose(*ahead, rtol=0, atol=tolerance)
     assert np.isfinite(values(results, "predicted_com")).all(axis=1).sum() > 100
+
+
+def on_one_leg(stamp_ns: int, q: np.ndarray, motor_q: np.ndarray, machine: Robot | None = None) -> Sample:
+    """Standing still on the left leg alone."""
+    weight = (machine or robot()).mass * 9.81
+    down, still = np.array([0, 0, weight, 0, 0, 0.0]), np.zeros(12)
+    return Sample(stamp_ns, q, still, motor_q=motor_q, motor_qd=still, left_wrench=down, right_wrench=np.zeros(6))

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,8 +40,10 @@ class Now:
 class Push:
     """What acts on the robot besides gravity and springs; effects add to it."""
 
-    force: Array  # (3,) at the COM, in the axes of the support sole [N]
+    force: Array  # (3,) at the COM of all links, in the axes of the support sole [N]
     moment: Array  # (3,) about the COM [Nm]; the point mass does not feel it
+    trunk: Array = field(default_factory=lambda: np.zeros(6))  # force [N] on the trunk, moment [Nm] about the base
+    # frame's origin, in its axes
 
 
 class Dynamics(ABC):

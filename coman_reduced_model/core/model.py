@@ -69,7 +69,13 @@ class Model:
         self._after = self._scaled(c.share_x_after, c.share_z_after)
 
     def leg_stiffness(
-        self, posture: Posture, foot: Foot, load: float, deflection: Array | None = None, rate: Array | None = None
+        self,
+        posture: Posture,
+        foot: Foot,
+        load: float,
+        deflection: Array | None = None,
+        rate: Array | None = None,
+        motor_rate: Array | None = None,
     ) -> tuple[Array, Array, Array, bool]:
         """K, D (3, 3) of one leg in the axes of its sole, untuned: the linear blocks of (12), (13).
 
@@ -79,6 +85,7 @@ class Model:
             load: weight that the leg carries [N], for effects of gravity.
             deflection, rate: (n,) of its joints [rad], [rad/s], for springs that are not linear; default: what the
                 load does to them, and zero.
+            motor_rate: (n,) of its motors [rad/s], for friction; default: zero.
 
         Returns:
             K [N/m], D [Ns/m], force (3,) [N] of springs that pull without a deflection of the COM, whether the posture
@@ -87,7 +94,10 @@ class Model:
         J = posture.leg_jacobian(foot)
         if deflection is None:
             deflection = -load * J[2] / self.springs.stiffness[foot]
-        leg = self.springs.leg(foot, J, load, deflection, np.zeros(J.shape[1]) if rate is None else rate)
+        still = np.zeros(J.shape[1])
+        leg = self.springs.leg(
+            foot, J, load, deflection, still if rate is None else rate, still if motor_rate is None else motor_rate
+        )
         r = posture.com - posture.p[foot]
         length = float(r @ r) ** 0.5
         limit = self.config.model.singular_limit
@@ -103,7 +113,7 @@ class Model:
         support: SupportState,
         references: dict[Foot, tuple[Array, Array]],
         landed: bool,
-        deflections: dict[Foot, tuple[Array, Array]] | None = None,
+        deflections: dict[Foot, tuple[Array | None, Array | None, Array]] | None = None,
     ) -> Terms:
         """The equation of motion for one sample.
 
@@ -114,7 +124,7 @@ class Model:
                 of the *support* sole.
             landed: in double support: the support foot is the one that has just landed in front, before its own
                 single support; else it is the one behind, after it (22), (23).
-            deflections: of the joints of each loaded leg and their rates, where they are known.
+            deflections: of the joints of each loaded leg, their rates, and those of the motors, where they are known.
 
         Returns:
             Terms in the frame of the support sole.

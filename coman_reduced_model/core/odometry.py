@@ -73,6 +73,13 @@ class FootOdometry:
         self._foot = support_foot
         return self._T_odom_sole
 
+    def slide(self, distance: float) -> Array:
+        """The support foot has slid along its x axis [m]; returns T_odom_sole (4, 4)."""
+        if distance != 0.0:  # NaN before there has been a support foot
+            self._T_odom_sole = self._T_odom_sole.copy()
+            self._T_odom_sole[:3, 3] += distance * self._T_odom_sole[:3, 0]
+        return self._T_odom_sole
+
 
 def base_in_odom(T_odom_sole: Array, R_base_sole: Array, p_base_sole: Array) -> Array:
     """Pose of the base in odom (4, 4), from that of the support sole in odom and in the base frame."""

@@ -42,7 +42,7 @@ class PointMass(Dynamics):
 
     def prepare(self, now: Now) -> bool:
         sample, support, foot = now.sample, now.support, now.foot
-        deflections: dict[Foot, tuple[Array, Array]] = {}
+        deflections: dict[Foot, tuple[Array | None, Array | None, Array]] = {}
         self.reference = self.reference_vel = _NAN3
         if self._source == "motor":
             if sample.motor_q is None or sample.motor_qd is None:
@@ -56,21 +56,26 @@ class PointMass(Dynamics):
                 references[foot.other] = (R @ p_r + p, R @ v_r)
             for side in references:
                 leg = self._legs[side]
-                deflections[side] = (sample.q[leg] - sample.motor_q[leg], sample.qd[leg] - sample.motor_qd[leg])
+                motor_rate = sample.motor_qd[leg]
+                deflections[side] = (sample.q[leg] - sample.motor_q[leg], sample.qd[leg] - motor_rate, motor_rate)
         else:
             if sample.reference is None:
                 return False
             posture = now.link
             references = dict.fromkeys((foot, foot.other), planned_com(sample.reference, foot))
+            deflections = {side: (None, None, sample.qd[self._legs[side]]) for side in references}
         self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
+        self._push(terms, now)
+        self._pull = self.reference, self.reference_vel = references[foot]
+        self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK
+        return True
+
+    def _push(self, terms: Terms, now: Now) -> None:
         if self._pushing:
             push = Push(np.zeros(3), np.zeros(3))
             for effect in self._pushing:
                 effect.push(push, now)
-            terms.force += push.force
-        self._pull = self.reference, self.reference_vel = references[foot]
-        self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK
-        return True
+            terms.force += push.force + now.link.R[now.foot].T @ push.trunk[:3]
 
     def stop(self) -> None:
         self.state = self._moment = None
@@ -143,6 +148,7 @@ class Pendulum(PointMass):
         if now.zmp is None:
             return False
         self._terms = self.model.pendulum(now.com[2], now.zmp)
+        self._push(self._terms, now)
         self._pull = now.zmp, np.zeros(3)
         return True
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from .config import Config
 from .dynamics import Dynamics, Now
-from .effects import loaded
+from .effects import Effect, loaded
 from .horizon import HorizonJudge, predict_baselines
 from .model import Model
 from .odometry import FootOdometry, pose
@@ -46,6 +46,7 @@ class Predictor:
         self._horizons = np.array(self.judge.horizons)
         self._nothing = np.full((len(self._horizons), 3), np.nan)
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
+        self._sliding = [e for e in self.model.effects if type(e).slide is not Effect.slide]
         self._needs_zmp = config.prediction.reference == "none" or len(self._horizons) > 0
         self.reset()
 
@@ -90,6 +91,8 @@ class Predictor:
         self.link.update(sample.q, sample.qd)
         foot, R, p = support.support_foot, self.link.R, self.link.p
         T_odom_sole = self.odometry.update(foot, R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT])
+        for effect in self._sliding:
+            T_odom_sole = self.odometry.slide(effect.slide(sample.stamp_ns, support))
         if foot == Foot.NONE:
             return self._finish(sample, support, T_odom_sole, flags | Flags.NO_SUPPORT | Flags.NOT_INITIALISED)
         com, com_vel = self.link.com_in_sole(foot)

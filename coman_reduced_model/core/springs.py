@@ -35,6 +35,7 @@ class LegSprings:
     load: float  # [N] weight that the leg carries
     deflection: Array  # (n,) [rad] link minus motor now: of the free run where it has one, else measured
     rate: Array  # (n,) [rad/s]
+    motor_rate: Array  # (n,) [rad/s] speed of the motors after the reduction; the links turn at motor_rate + rate
 
     def height_hessian(self) -> Array:
         """(n, n) second derivative of the COM height by the joint angles [m/rad^2]."""
@@ -57,10 +58,12 @@ class Springs:
             for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right))
         }
 
-    def leg(self, foot: Foot, J: Array, load: float, deflection: Array, rate: Array) -> LegSprings:
+    def leg(self, foot: Foot, J: Array, load: float, deflection: Array, rate: Array, motor_rate: Array) -> LegSprings:
         """The springs of a leg; arguments as in `LegSprings`."""
         joints, K_q, D_q = self._legs[foot]
-        leg = LegSprings(foot, joints, J, K_q.copy(), D_q.copy(), np.zeros(len(joints)), load, deflection, rate)
+        leg = LegSprings(
+            foot, joints, J, K_q.copy(), D_q.copy(), np.zeros(len(joints)), load, deflection, rate, motor_rate
+        )
         for effect in self._effects:
             effect.springs(leg)
         return leg

@@ -203,19 +203,19 @@ class TrunkModel(Dynamics):
             push = Push(np.zeros(3), np.zeros(3))
             for effect in self._pushing:
                 effect.push(push, now)
-            u_still += push.force @ J[:3] + push.moment @ J[3:]
+            u_still += push.force @ J[:3] + push.moment @ J[3:] + push.trunk @ V
         u = u_still - torque
         if not self._swing:
             u -= self.model.mass * self._reference_acceleration(now) @ J[:3]
         state = self._filtered if self._free is None else self._free
         assert state is not None
         n = len(state) // 2
-        here = self._springs(foot, J, share, state[:n], state[n:])
+        here = self._springs(foot, J, share, state[:n], state[n:], theta_rate)
         K, D = here.K_q, here.D_q
         pull = here.torque
         if double:
             d, rate = d_other + B @ state[:n], d_other_rate + B @ state[n:]
-            there = self._springs(other, J_other, 1.0 - share, d, rate)
+            there = self._springs(other, J_other, 1.0 - share, d, rate, theta_rate)
             w, w_o = min(1.0, share / self._full_share), min(1.0, (1.0 - share) / self._full_share)
             K_o, D_o = w_o * mul(B.T, there.K_q), w_o * mul(B.T, there.D_q)
             K, D = w * K + mul(K_o, B), w * D + mul(D_o, B)
@@ -223,8 +223,11 @@ class TrunkModel(Dynamics):
             u -= apply(D_o, d_other_rate)
         return LinearTerms(inverse(M), D, K, u - pull, u_still - pull, J, B, d_other, d_other_rate)
 
-    def _springs(self, foot: Foot, J: Array, share: float, deflection: Array, rate: Array) -> LegSprings:
-        return self.model.springs.leg(foot, J, share * self.model.mass * self.model.gravity, deflection, rate)
+    def _springs(
+        self, foot: Foot, J: Array, share: float, deflection: Array, rate: Array, motor_rate: Array
+    ) -> LegSprings:
+        load, motor_rate = share * self.model.mass * self.model.gravity, motor_rate[self.robot.legs[foot]]
+        return self.model.springs.leg(foot, J, load, deflection, rate, motor_rate)
 
     def _reference_torques(self, now: Now, twists: dict[Foot, Array]) -> Array:
         """Generalised forces (nv,) of the motors' motion by inverse dynamics, without gravity, on the support sole."""

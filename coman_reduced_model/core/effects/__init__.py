@@ -11,15 +11,25 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ...errors import ConfigError
+from .backlash import Backlash
 from .base import Effect
 from .com_offset import ComOffset
 from .encoder_bias import EncoderBias
 from .encoder_delay import EncoderDelay
+from .external_force import ExternalForce
+from .foot_slip import FootSlip
 from .gravity_stiffness import GravityStiffness
+from .ground_slope import GroundSlope
+from .joint_damping import JointDamping
+from .joint_friction import JointFriction
+from .joint_stiffness import JointStiffness
 from .lateral_compliance import LateralCompliance
+from .motor_compliance import MotorCompliance
 from .motor_lag import MotorLag
 from .payload import Payload
+from .spring_nonlinearity import SpringNonlinearity
 from .swing_momentum import SwingMomentum
+from .touchdown_impact import TouchdownImpact
 from .transport_delay import TransportDelay
 from .trunk_rotation import TrunkRotation
 from .wrench_bias import WrenchBias
@@ -30,8 +40,8 @@ if TYPE_CHECKING:
     from ..config import EffectConfig
     from ..robot import Robot
 
-# In the order in which they act, whatever the order in a configuration. Sensors come first: the rest needs what they
-# say (scale * truth + bias).
+# In the order in which they act, whatever the order in a configuration. Sensors come first (they say scale * truth +
+# bias), then loads, then springs from the inside out: after the spring what is in series with it, then what is beside.
 CATALOGUE: dict[str, type[Effect]] = {
     effect.name: effect
     for effect in (
@@ -44,10 +54,20 @@ CATALOGUE: dict[str, type[Effect]] = {
         MotorLag,
         Payload,
         ComOffset,
+        FootSlip,
+        JointStiffness,
+        JointDamping,
+        SpringNonlinearity,
+        Backlash,
+        MotorCompliance,
+        JointFriction,
         GravityStiffness,
         TrunkRotation,
         SwingMomentum,
         LateralCompliance,
+        GroundSlope,
+        ExternalForce,
+        TouchdownImpact,
     )
 }
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..dynamics import Now, Push
     from ..robot import Robot
     from ..springs import LegSprings
-    from ..types import Array, Sample
+    from ..types import Array, Sample, SupportState
 
 PLACES = {
     "robot": ("",),
@@ -100,6 +100,10 @@ class Effect:
         """The wrenches (6,) of a sample at the feet of this effect that are there, to be changed in place."""
         sides = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         return [wrench for foot in self.feet if (wrench := sides[foot]) is not None]
+
+    def slide(self, stamp_ns: int, support: SupportState) -> float:
+        """How far the support foot has slid along its x axis since the last sample [m]."""
+        return 0.0
 
     def springs(self, leg: LegSprings) -> None:
         """Change the joint-space springs of a leg, in place."""

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Something pulls at the trunk: a cable, wind, a hand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..parameter import Parameter
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..dynamics import Now, Push
+    from ..robot import Robot
+
+
+class ExternalForce(Effect):
+    """A constant force at the COM of the trunk, along the axes of `odom`."""
+
+    name: ClassVar[str] = "external_force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("x", "float", 0.0, "N", "force along x of odom", -1e3, 1e3),
+        Parameter("y", "float", 0.0, "N", "force along y of odom", -1e3, 1e3),
+    )
+
+    def bind(self, robot: Robot) -> None:
+        super().bind(robot)
+        self._force = np.array([self.values["x"], self.values["y"], 0.0])
+        frame = robot.model.frames[robot.base_id]
+        self._point = robot.model.inertias[frame.parentJoint].lever.copy()
+
+    def push(self, push: Push, now: Now) -> None:
+        force = now.link.R[now.foot] @ now.T_odom_sole[:3, :3].T @ self._force
+        push.trunk[:3] += force
+        push.trunk[3:] += np.cross(self._point, force)

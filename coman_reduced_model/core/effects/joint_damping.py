@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dampers that are weaker or stronger than the data sheet says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from ..parameter import Parameter
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..springs import LegSprings
+
+
+class JointDamping(Effect):
+    """Scales the damping of a joint, of a leg's joints or of all."""
+
+    name: ClassVar[str] = "joint_damping"
+    place: ClassVar[str] = "joint"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("scale", "float", 1.0, "1", "real damping over that of the configuration", 0.0, 20.0),
+    )
+
+    def springs(self, leg: LegSprings) -> None:
+        for i in self.leg_joints.get(leg.foot, ()):
+            leg.D_q[i, i] *= self.values["scale"]

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Springs that harden or soften as they are deflected."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from ..parameter import Parameter
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..springs import LegSprings
+
+_SOFTEST = 0.2  # a softening spring goes on straight where its tangent has fallen to this share: it stays a spring
+
+
+class SpringNonlinearity(Effect):
+    """Torque k d (1 + cubic d^2), as its tangent at the deflection d that the free run has."""
+
+    name: ClassVar[str] = "spring_nonlinearity"
+    place: ClassVar[str] = "joint"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("cubic", "float", 0.0, "1/rad^2", "hardening (> 0) or softening (< 0) of the spring", -1e6, 1e6),
+    )
+
+    def springs(self, leg: LegSprings) -> None:
+        cubic = self.values["cubic"]
+        straight_from = ((1.0 - _SOFTEST) / (-3.0 * cubic)) ** 0.5 if cubic < 0.0 else 1.0  # [rad]
+        for i in self.leg_joints.get(leg.foot, ()):
+            k = leg.K_q[i, i]
+            d = min(straight_from, max(-straight_from, leg.deflection[i]))
+            leg.K_q[i, i] = k * (1.0 + 3.0 * cubic * d * d)
+            leg.torque[i] -= 2.0 * k * cubic * d**3

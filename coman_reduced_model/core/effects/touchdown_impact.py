@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A foot that lands hard: the ground gives the robot a blow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi, sin
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..parameter import Parameter
+from ..types import Foot, Phase
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..dynamics import Now, Push
+    from ..robot import Robot
+
+_DURATION = 0.02  # [s] of the blow, or four samples if those take longer
+
+
+class TouchdownImpact(Effect):
+    """An impulse of the ground on the foot that lands, which its leg passes on to the trunk at the hip.
+
+    It begins at the sample that tells the landing: there the free run starts anew, from a velocity that knows nothing
+    of the blow yet.
+    """
+
+    name: ClassVar[str] = "touchdown_impact"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("impulse", "float", 0.0, "Ns", "of the ground on a landing foot, along its leg", 0.0, 50.0),
+    )
+
+    def __init__(self, where: str, values: Mapping[str, float]) -> None:
+        super().__init__(where, values)
+        self._phase = Phase.FLIGHT
+        self._landed = Foot.NONE
+        self._since = 0.0  # [s] time since the landing
+        self._duration = _DURATION
+
+    def bind(self, robot: Robot) -> None:
+        super().bind(robot)
+        first = {foot: robot.joint_names[legs[0]] for foot, legs in robot.legs.items()}
+        self._hips = {foot: robot.model.getJointId(name) for foot, name in first.items()}
+
+    def push(self, push: Push, now: Now) -> None:
+        before, self._phase = self._phase, now.support.phase
+        self._since += now.dt
+        if before in (Phase.LEFT, Phase.RIGHT) and self._phase == Phase.DOUBLE:
+            self._landed = Foot.RIGHT if before == Phase.LEFT else Foot.LEFT
+            self._since, self._duration = 0.0, max(_DURATION, 4.0 * now.dt)
+        if self._landed == Foot.NONE or not self._since < self._duration:
+            return
+        hip = now.link.data.oMi[self._hips[self._landed]].translation
+        leg = hip - now.link.p[self._landed]
+        size = 2.0 * self.values["impulse"] / self._duration * sin(pi * self._since / self._duration) ** 2
+        force = size / np.linalg.norm(leg) * leg
+        push.trunk[:3] += force
+        push.trunk[3:] += np.cross(hip, force)
