@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.config import load_config
 from coman_reduced_model.errors import ConfigError, OutputError
-from coman_reduced_model.judge import cases, families
+from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, LEVELS
 from coman_reduced_model.judge.run import Layout, parse_seeds, run
@@ -359,3 +359,32 @@ def test_the_command_prints_figures_and_keeps_them(judged, spy, capsys):
     assert json.loads(capsys.readouterr().out) == json.loads((layout.out / "score.json").read_text())
     assert coman([*arguments, "--only", "dirty"]) == 2
     assert "allowed: clean, single, pair, unknown" in capsys.readouterr().err
+
+
+# --- simpler methods ---
+
+
+def synthetic(effect: float) -> baselines.Features:
+    """Residuals of white noise, and of a payload; features of two effects that have nothing in common."""
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((4000, 3))
+    terms = (
+        baselines.Term("payload", "", ("mass", "x"), np.array([0, 1])),
+        baselines.Term("backlash", "LKneeSag", ("width",), np.array([2])),
+    )
+    y = A[:, :2] @ [effect, -effect] + rng.standard_normal(4000)
+    return baselines.Features(y / y.std(), A / y.std(), np.ones(3), terms)
+
+
+def test_the_naive_criterion_names_what_is_there_and_nothing_in_white_noise():
+    verdict = baselines.white_bic(synthetic(0.5))
+    assert [(e["name"], e["where"]) for e in verdict["effects"]] == [("payload", "")]
+    found = verdict["effects"][0]["parameters"]
+    assert (found["mass"]["value"], found["x"]["value"]) == pytest.approx((0.5, -0.5), abs=0.05)
+    assert baselines.white_bic(synthetic(0.0))["verdict"] == "none"
+
+
+def test_sparse_regression_names_what_explains_most():
+    pytest.importorskip("pysindy")
+    assert baselines.pysindy(synthetic(0.5))["effects"][0]["name"] == "payload"
+    assert baselines.pysindy(synthetic(0.0))["verdict"] == "none"

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What simpler methods say of the same bag, from the same residuals and features as the workflow.
+
+    python -m coman_reduced_model.judge.baselines BAG --config ROBOT.yaml
+
+prints {"white_bic": verdict, "pysindy": verdict}, in the form of diagnosis.json as far as the scorer reads it:
+
+- white_bic: each effect alone by least squares, the noise taken as white, the least Bayesian information criterion wins
+  (no effect included).
+- pysindy: sparse regression (STLSQ at its default threshold) of the residuals on all features, scaled so that
+  1 is a large effect; the term that explains most is named. Left out where pysindy is not installed
+  (`pip install -r bench/requirements.txt`).
+
+Neither knows that healthy robots scatter.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.types import Array
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect at one place: the columns of its figures."""
+
+    name: str
+    where: str
+    parameters: tuple[str, ...]
+    columns: Array  # (k,) indices
+
+
+@dataclass(frozen=True)
+class Features:
+    """Residuals y (n,), each channel in units of its standard deviation, and their derivatives A (n, P) by figures."""
+
+    y: Array
+    A: Array
+    reach: Array  # (P,) how large each figure may well be
+    terms: tuple[Term, ...]
+
+
+def features(bag: Path, config: Path | None) -> Features:
+    """Of a recording, as the workflow computes them.
+
+    Raises:
+        ComanError: the bag or the configuration cannot be used.
+    """
+    from ..cli.common import read_config
+    from ..diagnose.balance import World, evaluate, masks
+    from ..diagnose.evidence import assemble
+    from ..diagnose.hypotheses import candidates, figures
+    from ..diagnose.recording import load
+
+    settings = read_config(config)
+    recording, robot = load(bag, settings)
+    world = World.nominal(robot, settings)
+    where = masks(recording, world)
+    known = figures(recording, world)
+    problem = assemble(evaluate(recording, world, where), where, known)
+    scale = {key: max(float(np.std(row)), 1e-12) for key, row in problem.rows.items()}
+    y = np.concatenate([row / scale[key] for key, row in problem.rows.items()])
+    A = np.concatenate([problem.columns[key] / scale[key] for key in problem.rows])
+    terms = tuple(
+        Term(c.effect, c.where, tuple(known[i].key for i in c.figures), np.array(c.figures)) for c in candidates(known)
+    )
+    return Features(y, A, np.array([figure.reach for figure in known]), terms)
+
+
+def white_bic(f: Features) -> dict[str, Any]:
+    """The verdict of the least n log(RSS / n) + k log(n)."""
+    n, energy = len(f.y), float(f.y @ f.y)
+    best, winner, values = n * np.log(energy / n), None, np.empty(0)
+    for term in f.terms:
+        A = f.A[:, term.columns]
+        x, *_ = np.linalg.lstsq(A, f.y, rcond=None)
+        left = f.y - A @ x
+        bic = n * np.log(float(left @ left) / n) + len(x) * np.log(n)
+        if bic < best:
+            best, winner, values = bic, term, x
+    return _verdict(winner, values)
+
+
+def pysindy(f: Features) -> dict[str, Any]:
+    """The verdict of sparse regression on all features at once."""
+    import pysindy as ps
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns when it drops every term
+        model = ps.SINDy(optimizer=ps.STLSQ(), feature_library=ps.IdentityLibrary())
+        model.fit(f.A * f.reach, t=1.0, x_dot=f.y[:, None])
+    x = model.coefficients()[0] * f.reach
+    explained = [float(np.sum((f.A[:, term.columns] @ x[term.columns]) ** 2)) for term in f.terms]
+    k = int(np.argmax(explained))
+    return _verdict(f.terms[k] if explained[k] > 0.0 else None, x[f.terms[k].columns])
+
+
+def _verdict(term: Term | None, values: Array) -> dict[str, Any]:
+    if term is None:
+        return {"verdict": "none", "effects": []}
+    parameters = {name: {"value": float(value)} for name, value in zip(term.parameters, values, strict=True)}
+    return {"verdict": "effect", "effects": [{"name": term.name, "where": term.where, "parameters": parameters}]}
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Prints the verdicts of a bag."""
+    from ..offline import to_json
+
+    found = features(Path(arguments[0]), Path(arguments[2]) if len(arguments) == 3 else None)
+    verdicts = {"white_bic": white_bic(found)}
+    if importlib.util.find_spec("pysindy"):
+        verdicts["pysindy"] = pysindy(found)
+    print(to_json(verdicts))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
