@@ -18,7 +18,7 @@ from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make, parse
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait
-from coman_reduced_model.sim.robot_table import COMAN
+from coman_reduced_model.sim.robot_table import COMAN, ROBOTS
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 
@@ -219,6 +219,15 @@ def test_a_scattered_robot_is_the_same_one_each_time_and_a_few_percent_off():
     assert 0.02 < ratio.std() < 0.04
     shift = np.array([robot.model.body_ipos[1:] - clean.body_ipos[1:] for robot in built[1:]])
     assert 0.0015 < shift.std() < 0.0025
+
+
+@pytest.mark.parametrize("table", ROBOTS.values(), ids=list(ROBOTS))
+def test_every_effect_can_be_built_into_every_scattered_robot(table):
+    for name, kind in DISTURBANCES.items():
+        values = {"where": "left"} if "where" in {f.name for f in fields(kind)} else {}
+        values |= {"sloshing_load": {"mass": 0.5}, "swinging_arms": {"mass": 0.2}}.get(name, {})
+        for seed in range(3):
+            VirtualRobot(table, disturbances=[parse(f"scatter:seed={seed}"), make(name, values)])
 
 
 # --- floor ---

@@ -42,7 +42,8 @@ def _plate(spec: mujoco.MjSpec, table: RobotTable, foot: int) -> mujoco.MjsBody:
     plate = body.add_body(name=name, pos=sole)
     (length, width, height), centre = foot_box(table)
     plate.explicitinertial, plate.mass, plate.ipos = True, mass, [0.0, 0.0, 0.0]
-    plate.inertia = mass / 12.0 * np.array([width**2, length**2, length**2 + width**2])
+    # Not quite flat: where one inertia is exactly the sum of the others, rounding may make it impossible.
+    plate.inertia = mass / 12.0 * np.array([width**2, length**2, 0.999 * (length**2 + width**2)])
     rigid = next(g for g in body.geoms if g.name == foot_body(foot))
     geom = plate.add_geom(
         name=name,
