@@ -87,7 +87,7 @@ def written(tmp_path_factory) -> tuple[Path, cases.Case, dict]:
     folder = tmp_path_factory.mktemp("bags")
     case = draw_case(3, kind="pair", families=("backlash", "wrench_scale"), level="medium")
     before = dict(cases.SECONDS)
-    cases.SECONDS.update(dict.fromkeys(BAGS, 4.5))
+    cases.SECONDS.update(dict.fromkeys(BAGS, 3.6))
     try:
         found = write_case(case, folder / case.name)
     finally:
@@ -219,14 +219,13 @@ def test_a_verdict_changed_after_sealing_is_refused(judged):
         score_run(layout.out, names)
 
 
-def test_a_workflow_that_breaks_counts_as_failed(tmp_path, judged):
+def test_a_workflow_that_breaks_counts_as_failed_and_the_round_is_counted(judged):
     layout, names, seeds = judged
-    for name in names:
-        for path in layout.verdict(name).iterdir():
-            path.unlink()
-    (layout.out / "verdicts.sha256").unlink()
-    run(layout.out, seeds, command=[sys.executable, "-c", "import sys; sys.exit('no such luck')"], baselines=())
+    assert score_run(layout.out, names)["round"] == 1
+    broken = [sys.executable, "-c", "import sys; sys.exit('no such luck')"]
+    run(layout.out, seeds, command=broken, baselines=(), again=True)
     result = score_run(layout.out, names)
+    assert result["round"] == 2
     assert result["workflow"]["failed"]["hits"] == 3
     assert json.loads((layout.verdict(names[0]) / "run.json").read_text())["said"] == "no such luck"
 

@@ -45,6 +45,9 @@ def judge(
     no_oracle: Annotated[
         bool, typer.Option("--no-oracle", help="Leave out the diagnoses that are told the effect.")
     ] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="Judge anew on the bags of an earlier run; the score counts the rounds.")
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Judge `coman diagnose` on robots with hidden effects, whose answers it cannot see."""
@@ -66,6 +69,7 @@ def judge(
             shlex.split(workflow) or DIAGNOSE,
             () if no_baselines else BASELINES,
             not no_oracle,
+            again,
             report,
         )
         result = score_run(out, names)
@@ -88,6 +92,10 @@ def _show(result: dict[str, Any], out: Path) -> None:
         [truth, ", ".join(f"{said} {n}" for said, n in counts.items())] for truth, counts in result["confusion"].items()
     ]
     print_table("what was hidden, and what was said of it", ["hidden", "said"], rows)
+    bad = [row for row in result["rows"] if row["result"] in ("wrong", "failed") or _alarm(row)]
+    listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
+    if listed:
+        print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "said"], listed)
     levels = ", ".join(f"{level} {_share(value)}" for level, value in result["by_level"].items())
     print(f"right by level: {levels}; right place: {_share(result['right_place'])}")
     gap, time = result["gap_reduction"], result["seconds"]
@@ -95,8 +103,20 @@ def _show(result: dict[str, Any], out: Path) -> None:
         f"held-out gap reduction, share of the oracle's: median {_number(gap['median_share_of_oracle'])} (target 0.8)"
     )
     print(f"one diagnosis: median {_number(time['median'])} s, longest {_number(time['largest'])} s (target 60 s)")
+    if result["round"] > 1:
+        print(f"round {result['round']}: the answers to these bags have been opened before")
     print(
         f"verdicts sealed as {result['verdicts_sha256'][:16]} before the answers were opened; all in {out}/score.json"
+    )
+
+
+def _alarm(row: dict[str, Any]) -> bool:
+    return row["kind"] == "clean" and row["result"] not in ("none", "not_excited")
+
+
+def _truth(row: dict[str, Any]) -> str:
+    return (
+        " + ".join(f"{level} {family}" for family, level in zip(row["families"], row["levels"], strict=True)) or "clean"
     )
 
 

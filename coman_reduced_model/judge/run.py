@@ -5,6 +5,7 @@
     OUT/verdicts/CASE/  diagnosis.json, baselines.json, run.json (exit code, time)
     OUT/verdicts.sha256 of all verdicts, written before any answer is read
     OUT/oracle/CASE/    diagnosis.json of a diagnosis that was told name and place
+    OUT/rounds.txt      hashes of earlier verdicts on the same bags (--again): how often these answers have been opened
     OUT/score.json
     OUT.sealed/         CASE.json: what is true; beside OUT, so that no folder that a diagnosis sees leads to it
 
@@ -48,6 +49,16 @@ class Layout:
         """The answers."""
         return self.out.with_name(f"{self.out.name}.sealed")
 
+    @property
+    def hashes(self) -> Path:
+        """Of the verdicts."""
+        return self.out / "verdicts.sha256"
+
+    @property
+    def rounds(self) -> Path:
+        """Of earlier verdicts on the same bags."""
+        return self.out / "rounds.txt"
+
     def bags(self, case: str) -> Path:
         return self.out / "bags" / case
 
@@ -87,6 +98,7 @@ def run(
     command: Sequence[str] = DIAGNOSE,
     baselines: Sequence[str] = BASELINES,
     oracle: bool = True,
+    again: bool = False,
     progress: Progress | None = None,
 ) -> list[str]:
     """Everything but the score: `score.score_run` opens the answers.
@@ -99,6 +111,7 @@ def run(
         command: the workflow, to which bags and options are appended.
         baselines: the same for the simpler methods; empty: none.
         oracle: also run diagnoses that are told name and place.
+        again: keep the bags and judge a changed workflow on them; the round is counted in the score.
         progress: called now and then.
 
     Returns:
@@ -118,11 +131,25 @@ def run(
         layout.sealed.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    if again:
+        _forget(layout)
     _all(_case, [(layout, s, tuple(command), tuple(baselines)) for s in chosen], jobs, progress, "cases", 0.0)
     seal(layout, names)
     if oracle:
         _all(_oracle, [(layout, name, tuple(command)) for name in names], jobs, progress, "oracles", 0.85)
     return names
+
+
+def _forget(layout: Layout) -> None:
+    """Drops all verdicts, but not the memory that there were some."""
+    if layout.hashes.is_file():
+        digest = hashlib.sha256(layout.hashes.read_bytes()).hexdigest()
+        with layout.rounds.open("a", encoding="utf-8") as file:
+            file.write(f"{digest}\n")
+        layout.hashes.unlink()
+    for folder in ("verdicts", "oracle"):
+        shutil.rmtree(layout.out / folder, ignore_errors=True)
+        (layout.out / folder).mkdir()
 
 
 def _all(
@@ -233,11 +260,11 @@ def seal(layout: Layout, names: Sequence[str]) -> str:
         parts = [layout.verdict(name) / file for file in ("diagnosis.json", "run.json")]
         digest = hashlib.sha256(b"".join(part.read_bytes() for part in parts if part.is_file())).hexdigest()
         lines.append(f"{digest}  {name}")
-    path = layout.out / "verdicts.sha256"
+    path = layout.hashes
     known = dict(reversed(line.split()) for line in path.read_text().splitlines()) if path.is_file() else {}
     for line in lines:
         digest, name = line.split()
         if known.setdefault(name, digest) != digest:
-            raise OutputError(f"{layout.verdict(name)}: changed since the answers were opened; delete {layout.out}")
+            raise OutputError(f"{layout.verdict(name)}: changed since the answers were opened; --again judges anew")
     path.write_text("".join(f"{digest}  {name}\n" for name, digest in sorted(known.items())), encoding="utf-8")
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

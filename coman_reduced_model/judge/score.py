@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from .. import __version__
 from .families import CLASSES, class_of
 from .run import TUNING_SEEDS, Layout, seal
 
@@ -214,7 +215,8 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
                 "oracle": _json(layout.oracle(name) / "diagnosis.json"),
             }
         )
-    result = {"verdicts_sha256": digest, **score(cases)}
+    rounds = len(layout.rounds.read_text(encoding="utf-8").splitlines()) if layout.rounds.is_file() else 0
+    result = {"version": __version__, "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
     (layout.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
     return result
 

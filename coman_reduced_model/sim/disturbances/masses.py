@@ -53,7 +53,8 @@ class ComOffset(Disturbance):
 class Scatter(Disturbance):
     """A clean robot as it is built: each spring, damper and link a few percent off its data sheet, COMs a few mm.
 
-    Normal, cut off at 2.5 standard deviations; drawn by a seed of its own, so that it is the same robot in every bag.
+    Normal, cut off at two standard deviations: nothing is as far off as a weak hidden effect. Drawn by a seed of its own,
+    so that it is the same robot in every bag.
     """
 
     name: ClassVar[str] = "scatter"
@@ -67,7 +68,7 @@ class Scatter(Disturbance):
         rng = np.random.default_rng(self.seed)
 
         def draw(n: int) -> np.ndarray:
-            return np.clip(rng.standard_normal(n), -2.5, 2.5)
+            return np.clip(rng.standard_normal(n), -2.0, 2.0)
 
         for joint in table.joints():
             spring = spec.actuator(joint.name)
