@@ -21,6 +21,7 @@ from ..errors import ComanError
 from .config import config
 from .demo import demo
 from .judge import judge
+from .identify import identify
 from .live import live
 from .predict import predict
 from .record import record
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (predict, record, replay, report, judge, demo, live, config):
+for command in (predict, record, replay, report, identify, judge, demo, live, config):
     app.command()(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.

@@ -17,13 +17,14 @@ def record(
         Path, typer.Option("--out", metavar="DIR", help="Folder of the new bag; DIR.truth.npz is the truth.")
     ],
     gait: Annotated[
-        str, typer.Option("--gait", metavar="NAME", help="test1, test2, stand, ...; default: gait.name.")
+        str, typer.Option("--gait", metavar="NAME", help="test1, test2, stand, ..., load, decay; default: gait.name.")
     ] = "",
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="About how long to walk [s].")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of noise, bias, jitter and drops.")] = 0,
     robot: Annotated[str, typer.Option("--robot", metavar="NAME", help="Which virtual robot.")] = "coman",
+    joint: Annotated[str, typer.Option("--joint", metavar="NAME", help="Of --gait decay: the soft joint.")] = "",
     rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Rate of the sensors [Hz].")] = 200.0,
     hide: Annotated[
         list[str] | None,
@@ -51,6 +52,7 @@ def record(
     settings = read_config(config, changes, "trajectory").gait
     from ..errors import ConfigError
     from ..sim.disturbances import Scatter, parse
+    from ..sim.experiments import EXPERIMENTS, record_experiment
     from ..sim.record import ROBOTS, SensorOptions
     from ..sim.record import record as record_walk
 
@@ -64,19 +66,14 @@ def record(
         hidden += [parse(text) for text in hide or ()]
     except ConfigError as error:
         raise ConfigError(f"--hide: {error}") from None
+    if joint and name != "decay":
+        raise ConfigError("--joint: only with --gait decay")
+    common = {"robot": robot, "sensors": sensors, "disturbances": hidden, "seed": seed, "duration_s": duration}
     with progress("recording") as report:
-        result = record_walk(
-            name,
-            out,
-            robot=robot,
-            sensors=sensors,
-            disturbances=hidden,
-            seed=seed,
-            duration_s=duration,
-            changes=settings.changes(),
-            force=force,
-            progress=report,
-        )
+        if name in EXPERIMENTS:
+            result = record_experiment(name, out, joint, **common, force=force, progress=report)
+        else:
+            result = record_walk(name, out, **common, changes=settings.changes(), force=force, progress=report)
     if result.fallen_s is not None:
         warn([f"the robot fell at {result.fallen_s:.2f} s"])
     if json:

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Constants from recordings: springs from experiments (`identify`), coefficients from walks (`tune`, `validate`)."""
