@@ -163,9 +163,9 @@ def _damping(recording: Recording, foot: Foot, joints: dict[str, Joint]) -> Join
     """Decay of the pendulum I q'' + d q' + (k + G) q = 0 about the joint of the support leg that swings most.
 
     I and G (inertia and the stiffness of gravity, negative for an inverted pendulum) come from the URDF. The floor
-    and the other joints yield a little, so that the pendulum swings as if I were smaller: where the stiffness is known
-    from a load bag, the frequency tells by how much. The interval is that of the mean over the pushes, wider by all
-    of this correction.
+    and the other joints yield a little, so that the spring seems softer than a load bag says, by a factor c. If what
+    yields carries the inertia, d seems smaller by c; if it is in series with the spring (k + i omega d), by c^2. The
+    value is midway, and the interval of the mean over the pushes is widened to both.
     """
     robot = recording.robot
     leg = [robot.joint_names[i] for i in robot.legs[foot]]
@@ -181,12 +181,13 @@ def _damping(recording: Recording, foot: Foot, joints: dict[str, Joint]) -> Join
     known, correction = joints[name].stiffness, 1.0
     if known is not None:
         correction = known.value / float(np.mean(stiffness))
-    value = correction * float(np.mean(damping))
-    half = quantile(len(damping) - 1) * correction * float(np.std(damping, ddof=1)) / np.sqrt(len(damping))
-    half = float(np.hypot(half, abs(correction - 1.0) * value))
+    scale = correction**1.5
+    value = scale * float(np.mean(damping))
+    half = scale * quantile(len(damping) - 1) * float(np.std(damping, ddof=1)) / np.sqrt(len(damping))
+    half = float(np.hypot(half, abs(np.sqrt(correction) - 1.0) * value))
     estimate = Estimate(value, value - half, value + half)
     note = f"damping from {len(decays)} oscillations, "
-    note += f"inertia corrected by {100.0 * (correction - 1.0):+.1f} %" if known else "inertia of the URDF"
+    note += f"{100.0 * (scale - 1.0):+.1f} % for floor and other joints" if known else "inertia of the URDF"
     if estimate.loose:
         return replace(joints[name], note=f"damping not excited: {estimate.low:.2f} to {estimate.high:.2f} Nms/rad")
     return replace(joints[name], damping=estimate, note=note)
