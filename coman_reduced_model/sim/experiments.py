@@ -9,7 +9,6 @@ small pushes and swings free as an inverted pendulum about that joint.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -26,17 +25,20 @@ from .virtual_robot import VirtualRobot
 
 EXPERIMENTS = ("load", "decay")
 SOFT = ("LKneeSag", "LAnkSag", "RKneeSag", "RAnkSag")  # springs that the decay is measured of
-_KICK, _KICK_S, _EVERY = 0.08, 0.1, 4.0  # impulse [m/s] of the whole mass, its length [s], how often [s]
+_KICK, _KICK_S = 0.08, 0.1  # impulse [m/s] of the whole mass, its length [s]
+_EVERY, _PUSHES = 10.5, 10  # time from push to push [s] for every metre of COM height; how many
 
 
-@dataclass
 class Clamps(Disturbance):
     """Joints that are locked at an angle [rad], by joint name.
 
     Constraints rather than stiffer springs: those make the contacts of the foot chatter.
     """
 
-    angles: Mapping[str, float]
+    name = "clamps"
+
+    def __init__(self, angles: Mapping[str, float]) -> None:
+        self.angles = angles
 
     def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
         """See Disturbance."""
@@ -51,12 +53,14 @@ class Clamps(Disturbance):
             clamp.data[:5] = [angle, 0.0, 0.0, 0.0, 0.0]
 
 
-@dataclass
 class Kicks(Disturbance):
     """Short pushes at the trunk, forward and backward in turn, none as hard as another."""
 
-    impulse: float  # [Ns] about
-    first: float = 1.0  # [s]
+    name = "kicks"
+
+    def __init__(self, impulse: float, every: float) -> None:
+        """Args: about how hard [Ns]; how often [s]."""
+        self.impulse, self.every = impulse, every
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
@@ -65,7 +69,7 @@ class Kicks(Disturbance):
 
     def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """See Disturbance."""
-        count, after = divmod(t - self.first, _EVERY)
+        count, after = divmod(t - 1.0, self.every)
         if 0.0 <= count < len(self._impulses) and after < _KICK_S:
             shape = 0.5 * np.pi / _KICK_S * np.sin(np.pi * after / _KICK_S)
             data.xfrc_applied[self._trunk, 0] += self._impulses[int(count)] * shape
@@ -104,7 +108,7 @@ def load_motion(table: RobotTable, duration_s: float = 60.0) -> MotorMotion:
     return MotorMotion(t, theta, Posture(posture.q[:1], posture.base[:1], posture.yaw[:1]))
 
 
-def decay_motion(table: RobotTable, soft: str, duration_s: float = 42.0) -> MotorMotion:
+def decay_motion(table: RobotTable, soft: str, duration_s: float) -> MotorMotion:
     """Motors that hold the robot on the leg of a joint, the COM over its foot, the other foot in the air."""
     legs = LegKinematics(table)
     side = 1.0 if soft.startswith("L") else -1.0
@@ -146,7 +150,7 @@ def record_experiment(
         sensors: default: SensorOptions().
         disturbances: hidden effects, such as Scatter: springs to be found.
         seed: of the sensors' noise and of the pushes.
-        duration_s: default: 60 s of load, 42 s of decay (ten pushes).
+        duration_s: default: 60 s of load, ten pushes of decay.
         force: replace an existing bag.
         progress: called now and then.
 
@@ -164,9 +168,10 @@ def record_experiment(
     elif name == "decay":
         if joint not in SOFT:
             raise ConfigError(f"joint: {joint!r} is not allowed (allowed: {', '.join(SOFT)})")
-        motion = decay_motion(robot, joint, duration_s or 42.0)
+        every = _EVERY * robot.gait["com_height_m"]
+        motion = decay_motion(robot, joint, duration_s or _PUSHES * every + 2.0)
         held = dict(zip(robot.joint_names, motion(np.zeros(1))[0][0].tolist(), strict=True))
-        hidden += [Clamps({n: held[n] for n in SOFT if n != joint}), Kicks(_KICK * robot.mass)]
+        hidden += [Clamps({n: held[n] for n in SOFT if n != joint}), Kicks(_KICK * robot.mass, every)]
     else:
         raise ConfigError(f"experiment: {name!r} is not allowed (allowed: {', '.join(EXPERIMENTS)})")
     body = VirtualRobot(robot, sensors, hidden, seed=seed)

@@ -26,6 +26,7 @@ from .statistics import hac_covariance, quantile
 _BLOCK = 0.1  # [s] means over it: quantisation and noise average out, quasi-static loads do not change
 _LOOSE = 0.2  # an interval wider than this share of its value to either side says: not excited
 _COUNTS = 20  # a link encoder that passes fewer counts shows its steps, not the spring
+_QUIET = 0.15
 _STANDING = 0.9  # of the time on one foot makes a bag a decay bag
 
 
@@ -184,7 +185,7 @@ def _damping(recording: Recording, foot: Foot, joints: dict[str, Joint]) -> Join
     scale = correction**1.5
     value = scale * float(np.mean(damping))
     half = scale * quantile(len(damping) - 1) * float(np.std(damping, ddof=1)) / np.sqrt(len(damping))
-    half = float(np.hypot(half, abs(np.sqrt(correction) - 1.0) * value))
+    half += abs(np.sqrt(correction) - 1.0) * value
     estimate = Estimate(value, value - half, value + half)
     note = f"damping from {len(decays)} oscillations, "
     note += f"{100.0 * (scale - 1.0):+.1f} % for floor and other joints" if known else "inertia of the URDF"
@@ -207,8 +208,8 @@ def free_oscillations(t: Array, x: Array) -> list[tuple[Array, Array]]:
     n = max(int(period / dt), 2)
     envelope = np.array([np.abs(x[max(0, i - n // 2) : i + n // 2 + 1]).max() for i in range(len(x))])
     level = 0.35 * np.percentile(envelope, 99.0)
-    # A push: the largest value within four periods before and after that stands out.
-    reach = 4 * n
+    # A push: the largest value within two periods before and after that stands out.
+    reach = 2 * n
     peaks = [
         i
         for i in range(len(x))
@@ -219,7 +220,7 @@ def free_oscillations(t: Array, x: Array) -> list[tuple[Array, Array]]:
     for k, peak in enumerate(peaks):
         first = peak + n // 2
         last = (peaks[k + 1] if k + 1 < len(peaks) else len(x) + n) - n
-        quiet = np.flatnonzero(envelope[first:last] < 0.04 * abs(x[peak]))
+        quiet = np.flatnonzero(envelope[first:last] < _QUIET * abs(x[peak]))
         if len(quiet):
             last = first + max(int(quiet[0]), 2 * n)
         if last - first >= 2 * n and envelope[min(last, len(x)) - 1] < 0.5 * envelope[first]:
