@@ -27,6 +27,7 @@ from .predict import predict
 from .record import record
 from .replay import replay
 from .report import report
+from .tune import tune
 
 app = typer.Typer(
     name="coman",
@@ -35,7 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (predict, record, replay, report, identify, judge, demo, live, config):
+for command in (predict, record, replay, report, identify, tune, judge, demo, live, config):
     app.command()(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.
