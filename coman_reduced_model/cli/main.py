@@ -20,8 +20,8 @@ from .. import __version__
 from ..errors import ComanError
 from .config import config
 from .demo import demo
-from .judge import judge
 from .identify import identify
+from .judge import judge
 from .live import live
 from .predict import predict
 from .record import record
