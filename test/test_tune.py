@@ -72,8 +72,10 @@ def test_a_given_coordinate_is_taken_from_the_data(walk):
     whole = free.run(np.ones(8))
     alone = free.run(np.ones(8), given=2, data=whole)
     known = np.isfinite(whole).all(axis=1)
-    # x beside the simulated z is what both together give, up to how z goes between two samples.
-    assert np.abs(alone - whole)[known, 0].max() < 2e-5
+    # x beside the simulated z is what both give, up to how z goes between two samples; beside another z it is not.
+    rigid = free.run(np.ones(8), given=2, data=free.reference)
+    off = [np.sqrt(np.mean((other - whole)[known, 0] ** 2)) for other in (alone, rigid)]
+    assert off[0] < 5e-5 and off[0] < 0.05 * off[1]
     assert np.array_equal(alone[known, 2], whole[known, 2])
 
 
@@ -96,7 +98,7 @@ def test_coefficients_are_found_again_and_told_with_intervals(walk, monkeypatch)
     assert len(wide) <= 3
     for axis in "xz":
         assert tuned.after.all[axis] < 0.1 * tuned.before.all[axis]
-    assert len(tuned.stages) == 4
+    assert len(tuned.stages) == 5
 
 
 def test_parameters_that_do_nothing_or_the_same_are_said():
@@ -128,6 +130,8 @@ def test_shares_add_up_and_are_those_of_the_wrenches(walk):
     )
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_joint_springs_are_found_again_through_the_whole_model(walk):
     config = CONFIG.replaced({"effects.active": WHOLE})
     chosen_knobs = knobs(config, ["joint_stiffness"])

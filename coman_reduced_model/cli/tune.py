@@ -48,6 +48,9 @@ def tune(
         bool,
         typer.Option("--steps", help="Fit over three consecutive steps of each bag, as in the paper; else over all."),
     ] = False,
+    stages: Annotated[
+        bool, typer.Option("--stages", help="End with the paper's stages, without a fit of all coefficients together.")
+    ] = False,
     urdf: UrdfOption = None,
     namespace: NamespaceOption = "",
     remap: RemapOption = None,
@@ -73,7 +76,9 @@ def tune(
         if names:
             tuned = tune_parameters(recordings, shared, names, steps, progress=lambda f, w: report(0.2 + 0.8 * f, w))
         else:
-            tuned = tuning.tune_coefficients(recordings, shared, steps, lambda f, w: report(0.2 + 0.8 * f, w))
+            tuned = tuning.tune_coefficients(
+                recordings, shared, steps, not stages, lambda f, w: report(0.2 + 0.8 * f, w)
+            )
     warn([f"{recording.bag}: {line}" for recording in recordings for line in recording.warnings])
     final = tuned.config.replaced({"prediction.horizons": settings.prediction.horizons})
     write_config(out, final, f"tuned on {', '.join(bag.name for bag in bags)}", force)

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+
+import numpy as np
 
 from ..bag.reader import Bag
 from ..core.config import Config, config_to_yaml
@@ -35,7 +37,15 @@ class Recording:
     def predict(self, config: Config) -> list[Prediction]:
         """What the predictor says with another configuration: the same code on the same samples."""
         predictor = Predictor(self.robot, config)
-        return [predictor.update(sample) for sample in (deepcopy(self.samples) if config.effects else self.samples)]
+        return [predictor.update(sample) for sample in self.copies()]
+
+    def copies(self) -> Iterator[Sample]:
+        """The samples for a predictor, whose effects may correct them in place."""
+        for sample in self.samples:
+            arrays = {
+                f.name: value.copy() for f in fields(sample) if isinstance(value := getattr(sample, f.name), np.ndarray)
+            }
+            yield replace(sample, **arrays)
 
 
 def read_recording(

@@ -3,6 +3,7 @@
 
 (i) decoupled: z from data into the x equation fits a1, b1; x from data into the z equation fits a2, b2; (ii) one-way:
 simulated x into the z equation fits c2, e2; (iii) two-way: both simulated, fits c1, e1 (on x and z, for x acts on z).
+Each stage believes the coefficients that are not its own; a last one, which the paper does not have, fits all together.
 """
 
 from __future__ import annotations
@@ -59,7 +60,11 @@ class Tuned:
 
 
 def tune_coefficients(
-    recordings: Sequence[Recording], config: Config, steps_only: bool = False, progress: Progress | None = None
+    recordings: Sequence[Recording],
+    config: Config,
+    steps_only: bool = False,
+    together: bool = True,
+    progress: Progress | None = None,
 ) -> Tuned:
     """The four stages, from the coefficients of the configuration.
 
@@ -67,6 +72,7 @@ def tune_coefficients(
         recordings: bags of one robot.
         config: whose model is tuned.
         steps_only: fit over three consecutive steps of each bag, as in the paper; else over everything.
+        together: end with all coefficients together; else with the paper's stages.
         progress: called now and then.
 
     Raises:
@@ -85,7 +91,7 @@ def tune_coefficients(
     c, words = start.copy(), []
 
     def stage(names: str, axes: tuple[int, ...], simulate: Callable[[FreeRun, Array, int], Array], title: str) -> None:
-        """Fit two coefficients on the errors along some axes, in place."""
+        """Fit some coefficients on the errors along some axes, in place."""
         which = [COEFFICIENTS.index(name) for name in names.split()]
 
         def residual(values: Array) -> Array:
@@ -99,8 +105,8 @@ def tune_coefficients(
             )
 
         first = np.clip(c[which], bounds[0, which] + 1e-6, bounds[1, which] - 1e-6)
-        tell(0.5 + 0.1 * len(words), title)
-        found = least_squares(residual, first, bounds=bounds[:, which], x_scale=(1.0, 1.0), xtol=1e-6, ftol=1e-6)
+        tell(0.5 + 0.08 * len(words), title)
+        found = least_squares(residual, first, bounds=bounds[:, which], x_scale=1.0, xtol=1e-4, ftol=1e-4, max_nfev=30)
         before = float(np.mean(residual(c[which]) ** 2))
         c[which] = found.x
         told = ", ".join(f"{name} = {value:.3f}" for name, value in zip(names.split(), found.x, strict=True))
@@ -111,7 +117,9 @@ def tune_coefficients(
     alone = [np.where(np.isfinite(x := run.run(c, given=2)), x, run.measured) for run in runs]
     stage("c2 e2", (2,), lambda run, trial, i: run.run(trial, given=0, data=alone[i]), "z with the simulated x")
     stage("c1 e1", (0, 2), lambda run, trial, i: run.run(trial), "both simulated")
-    tell(0.9, "intervals")
+    if together:
+        stage(" ".join(COEFFICIENTS), (0, 2), lambda run, trial, i: run.run(trial), "all together")
+    tell(0.95, "intervals")
 
     def both(values: Array) -> Array:
         return np.concatenate(
