@@ -53,8 +53,8 @@ class ComOffset(Disturbance):
 class Scatter(Disturbance):
     """A clean robot as it is built: each spring, damper and link a few percent off its data sheet, COMs a few mm.
 
-    Normal, cut off at two standard deviations: nothing is as far off as a weak hidden effect. Drawn by a seed of its own,
-    so that it is the same robot in every bag.
+    Normal, cut off at two standard deviations: nothing is as far off as a weak hidden effect. Drawn by a seed of its
+    own, so that it is the same robot in every bag.
     """
 
     name: ClassVar[str] = "scatter"
