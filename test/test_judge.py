@@ -230,6 +230,17 @@ def test_a_workflow_that_breaks_counts_as_failed_and_the_round_is_counted(judged
     assert json.loads((layout.verdict(names[0]) / "run.json").read_text())["said"] == "no such luck"
 
 
+@pytest.mark.slow
+def test_a_run_from_the_first_draw_to_the_score(tmp_path, spy, monkeypatch):
+    monkeypatch.setattr(cases, "SECONDS", dict.fromkeys(BAGS, 3.6))
+    seeds = [next(s for s in REPORTED if draw_case(s).kind == kind) for kind in ("clean", "single")]
+    names = run(tmp_path / "judged", seeds, jobs=2, command=[sys.executable, str(spy)], baselines=())
+    result = score_run(tmp_path / "judged", names)
+    assert result["cases"] == {"clean": 1, "single": 1} and result["workflow"]["failed"]["hits"] == 0
+    assert {row["truth"][0] for row in result["rows"] if row["truth"]} == {draw_case(seeds[1]).effects[0]["name"]}
+    assert all(oct(path.stat().st_mode)[-3:] == "600" for path in Layout(tmp_path / "judged").sealed.iterdir())
+
+
 # --- the score, on verdicts that are known ---
 
 
@@ -243,6 +254,7 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
         "seed": 1000,
         "kind": kind,
         "robot": "coman",
+        "attempt": 0,
         "families": [name for name, _ in effects],
         "levels": [level] * len(effects),
         "effects": [{"name": n, "where": w, "parameters": values} for n, w in effects],
@@ -326,7 +338,7 @@ def test_the_figures_of_known_verdicts():
     assert result["confusion"]["clean"] == {"none": 2, "unknown": 1, "payload": 1}
     assert result["confusion"]["payload"] == {"com_offset": 1}
     assert result["confusion"]["pair"] == {"right": 1, "partly": 1}
-    assert result["seeds"]["purpose"] == "reporting"
+    assert result["seeds"]["purpose"] == "reporting" and result["redrawn"] == {"cases": 0, "lowered": 0}
     assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
 
 

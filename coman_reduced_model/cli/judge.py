@@ -82,7 +82,7 @@ def judge(
 def _show(result: dict[str, Any], out: Path) -> None:
     methods = {"workflow": result["workflow"], **result["baselines"]}
     count = ", ".join(f"{number} {kind}" for kind, number in result["cases"].items())
-    seeds = result["seeds"]
+    seeds, redrawn = result["seeds"], result["redrawn"]
     print_table(
         f"seeds {seeds['first']} to {seeds['last']}, for {seeds['purpose']}: {count}",
         ["", "target", *methods],
@@ -103,6 +103,10 @@ def _show(result: dict[str, Any], out: Path) -> None:
         f"held-out gap reduction, share of the oracle's: median {_number(gap['median_share_of_oracle'])} (target 0.8)"
     )
     print(f"one diagnosis: median {_number(time['median'])} s, longest {_number(time['largest'])} s (target 60 s)")
+    if redrawn["cases"]:
+        print(
+            f"{redrawn['cases']} cases were drawn again because the robot fell, {redrawn['lowered']} at a lower level"
+        )
     if result["round"] > 1:
         print(f"round {result['round']}: the answers to these bags have been opened before")
     print(

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from .. import __version__
+from .cases import ATTEMPTS
 from .families import CLASSES, class_of
 from .run import TUNING_SEEDS, Layout, seal
 
@@ -100,7 +101,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         found = outcome(case["answer"], case["verdict"])
         found |= {
             "case": case["name"],
-            **{k: case["answer"][k] for k in ("seed", "kind", "families", "levels", "robot")},
+            **{k: case["answer"][k] for k in ("seed", "kind", "families", "levels", "robot", "attempt")},
         }
         found["truth"] = [effect["name"] for effect in case["answer"]["effects"]]
         found["seconds"] = (case.get("run") or {}).get("seconds")
@@ -123,6 +124,10 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "purpose": _purpose(rows),
         },
         "cases": dict(Counter(row["kind"] for row in rows)),
+        "redrawn": {  # because the robot fell: on another robot or at another place, and, after that, one level lower
+            "cases": sum(row["attempt"] > 0 for row in rows),
+            "lowered": sum(row["attempt"] >= ATTEMPTS for row in rows),
+        },
         "workflow": _figures(rows, lambda row: row["result"]),
         "baselines": {m: _figures(rows, lambda row, m=m: row["baselines"].get(m, "failed")) for m in methods},
         "by_level": {
