@@ -197,7 +197,8 @@ class _Copy:
             (shutil.copytree if source.is_dir() else shutil.copy2)(source, self._folder / name)
         # Nothing inherited names the run: neither the working directory nor the command line that started the judge.
         hidden = str(self._bags.parents[1])
-        environment = {k: v for k, v in os.environ.items() if hidden not in v and k not in ("OLDPWD", "PWD", "_")}
+        needed, telling = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME"), ("OLDPWD", "PWD", "_")
+        environment = {k: v for k, v in os.environ.items() if k in needed or (hidden not in v and k not in telling)}
         return self._folder, environment
 
     def __exit__(self, *_: object) -> None:
