@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.config import load_config
+from coman_reduced_model.core.effects import CATALOGUE
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
@@ -399,3 +401,14 @@ def test_sparse_regression_names_what_explains_most():
     pytest.importorskip("pysindy")
     assert baselines.pysindy(synthetic(0.5))["effects"][0]["name"] == "payload"
     assert baselines.pysindy(synthetic(0.0))["verdict"] == "none"
+
+
+@pytest.mark.slow
+def test_the_simpler_methods_read_bags_as_the_workflow_does(capsys):
+    pytest.importorskip("coman_reduced_model.diagnose.evidence")
+    baselines.main([str(ROOT / "bags" / "test1"), "--config", str(ROOT / "config" / "coman.yaml")])
+    verdicts = json.loads(capsys.readouterr().out)
+    # A clean robot, and perfectly nominal: what they name nevertheless is why they are no more than baselines.
+    assert verdicts["white_bic"]["verdict"] in ("effect", "none")
+    for verdict in verdicts.values():
+        assert all(effect["name"] in CATALOGUE for effect in verdict["effects"])
