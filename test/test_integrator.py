@@ -105,11 +105,11 @@ def test_one_long_step_is_many_short_ones(seed, dt, parts):
     M, K, D = random_system(seed)
     rng = np.random.default_rng(seed)
     axes = np.array([0, 2])
-    state, p, v = rng.normal(size=6), rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
+    state, p, v = rng.normal(size=6), rng.normal(size=3), rng.normal(size=3)
 
     def moment(w):
-        p_w, v_w = (1 - w) * p[0] + w * p[1], (1 - w) * v[0] + w * v[1]
-        return K, D, K @ p_w + D @ v_w + [0.0, 0.0, -100.0], p_w, v_w
+        p_w = p + w * dt * v
+        return K, D, K @ p_w + D @ v + [0.0, 0.0, -100.0 * w], p_w, v
 
     once = step(state, M, axes, moment(0.0), moment(1.0), dt)
     many = state
@@ -186,3 +186,28 @@ def test_what_is_not_integrated_is_neither_moved_nor_felt():
     a, b = (step(s, M, axes, moment, moment, 0.01) for s in (state, other))
     np.testing.assert_array_equal(a[[1, 4]], [5.0, -3.0])
     np.testing.assert_array_equal(a[[0, 2, 3, 5]], b[[0, 2, 3, 5]])
+
+
+@given(seeds, st.floats(0.005, 0.02))
+def test_a_reference_that_bends_between_two_samples_pulls_with_its_mean(seed, dt):
+    """One step between the ends of a cubic against a hundred along it: slow masses feel the same impulse."""
+    rng = np.random.default_rng(seed)
+    M, K, D = random_system(seed, fastest=1.0)
+    ends = rng.normal(size=(4, 3)) * np.array([[0.01], [0.01], [0.1], [0.1]])
+
+    def moment(s):
+        p_0, p_1, v_0, v_1 = ends
+        way = np.array([2 * s**3 - 3 * s**2 + 1, 3 * s**2 - 2 * s**3])
+        rate = np.array([s**3 - 2 * s**2 + s, s**3 - s**2]) * dt
+        p = way @ [p_0, p_1] + rate @ [v_0, v_1]
+        v = 6 * (s - s**2) / dt * (p_1 - p_0) + np.array([3 * s**2 - 4 * s + 1, 3 * s**2 - 2 * s]) @ [v_0, v_1]
+        return K, D, K @ p + D @ v, p, v
+
+    at_rest = np.zeros(6)
+    once = step(at_rest, M, np.arange(3), moment(0.0), moment(1.0), dt)
+    many = at_rest
+    for part in range(100):
+        many = step(many, M, np.arange(3), moment(part / 100), moment((part + 1) / 100), dt / 100)
+    straight = [(K, D, K @ p + D @ v, np.zeros(3), np.zeros(3)) for p, v in zip(ends[:2], ends[2:], strict=True)]
+    linear = step(at_rest, M, np.arange(3), *straight, dt)
+    assert np.abs(once - many)[3:].max() < 0.05 * np.abs(linear - many)[3:].max()

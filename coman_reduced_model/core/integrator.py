@@ -131,7 +131,9 @@ Moment = tuple[Array, Array, Array, Array, Array]
 def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: float) -> Array:
     """One step over dt [s] of M x'' = f + K (p - x) + D (p' - x'), where f, K, D, p and p' go from start to end.
 
-    Exact where K and D stay; else they count with their mean, which is of second order in dt.
+    Exact where K and D stay and p' is constant. Changing K and D count with their mean, which is of second order in dt.
+    Where p bends, the force is linear in time with the mean that the cubic p(t) through both ends gives it: p' linear
+    between noisy or distant samples would not add up to the way that p has gone.
 
     Args:
         state: (2d,) all coordinates and their velocities; those not in `axes` are returned as they are.
@@ -148,6 +150,12 @@ def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: fl
     d, n = M.shape[0], axes.shape[0]
     K, D, u_0, u_1 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
     z = np.empty(2 * n)
+    # Mean of the cubic less that of the straight line, for p and for p'.
+    bend, lag = np.zeros(d), np.zeros(d)
+    if dt > 0.0:
+        for j in range(d):
+            bend[j] = dt / 12.0 * (v_0[j] - v_1[j])
+            lag[j] = (p_1[j] - p_0[j]) / dt - 0.5 * (v_0[j] + v_1[j])
     for i in range(n):
         a = axes[i]
         z[i], z[n + i] = state[a], state[d + a]
@@ -157,6 +165,9 @@ def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: fl
             dK, dD = 0.5 * (K_1[a, j] - K_0[a, j]), 0.5 * (D_1[a, j] - D_0[a, j])
             u_0[i] += dK * p_0[j] + dD * v_0[j]
             u_1[i] -= dK * p_1[j] + dD * v_1[j]
+            more = 0.5 * (K_0[a, j] + K_1[a, j]) * bend[j] + 0.5 * (D_0[a, j] + D_1[a, j]) * lag[j]
+            u_0[i] += more
+            u_1[i] += more
         for j in range(n):
             K[i, j], D[i, j] = 0.5 * (K_0[a, axes[j]] + K_1[a, axes[j]]), 0.5 * (D_0[a, axes[j]] + D_1[a, axes[j]])
     E, G_0, G_1 = transition(inverse(select(M, axes)), K, D, dt)
