@@ -98,5 +98,5 @@ $(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
 # Numba's compilations, once and by one process: several nodes that start together would all compile at the same time.
 $(STAMP)/compiled: $(wildcard coman_reduced_model/core/*.py coman_reduced_model/core/effects/*.py) $(STAMP)/package
 	@echo "compiling the model"
-	@$(BIN)/python -m coman_reduced_model.ros.warm_up
+	@$(BIN)/python -m coman_reduced_model.warm_up
 	@touch $@

@@ -29,7 +29,6 @@ from .core.types import Array, Prediction, Sample, SupportState
 from .errors import BagError, ConfigError
 from .messages import INPUT_TYPES, STRING
 from .output import OutputFolder
-from .ros.warm_up import warm_up
 from .topics import (
     DESCRIPTION,
     INPUT_TOPICS,
@@ -41,6 +40,7 @@ from .topics import (
     SUPPORT,
     TopicNames,
 )
+from .warm_up import warm_up
 
 Progress = Callable[[float, str], None]  # fraction done, what is being done
 _BATCH = 200  # samples joined before they are predicted: switching for each would cost a fifth of the time

@@ -37,7 +37,6 @@ from coman_reduced_model.messages import (
     wrench_to,
 )
 from coman_reduced_model.ros import qos
-from coman_reduced_model.ros.warm_up import warm_up
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait
@@ -45,6 +44,7 @@ from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 from coman_reduced_model.topics import DESCRIPTION, INPUT_TOPICS
+from coman_reduced_model.warm_up import warm_up
 
 WEIGHT = COMAN.mass * 9.81
 NAMES = COMAN.joint_names

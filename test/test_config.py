@@ -228,6 +228,12 @@ def test_the_section_of_a_node_overrides_that_of_all(tmp_path):
     assert load_config(path, node="trajectory").model.a1 == 2.0
 
 
+def test_a_metre_backwards_is_a_step_that_can_be_asked_for():
+    assert Config().gait.changes() == {}
+    for length in (-1.0, -0.03, 0.0, 1.0):
+        assert Config().replaced({"gait.step_length": length}).gait.changes() == {"step_length_m": length}
+
+
 def test_a_mistake_in_another_nodes_section_is_found_now(tmp_path):
     path = write(tmp_path, "trajectory:\n  ros__parameters:\n    gait.stepps: 3\n")
     with pytest.raises(ConfigError, match=r"trajectory: gait.stepps: unknown key; did you mean 'gait.steps'"):

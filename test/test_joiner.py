@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from synthetic import LEFT, RIGHT, T0, description, loads, names, posture, robot, robot_with_arm, walk
 
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.differentiate import Differentiator
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
@@ -415,57 +414,7 @@ def test_bad_wrenches_are_rejected_and_counted(frame, fz, reason):
     assert all(sample.left_wrench[2] == 100.0 for sample in samples)
 
 
-def warnings_of(change):
-    pipeline = Pipeline(robot(), config())
-    for stream, message in walk(6.0):
-        stream, message = change(stream, message)
-        pipeline.feed(stream, message, lambda message: message)
-    pipeline.flush()
-    return pipeline.status().warnings
-
-
-def test_wrong_sign_is_told():
-    def flipped(stream, message):
-        return (stream, replace(message, force=-message.force)) if stream == LEFT else (stream, message)
-
-    assert warnings_of(lambda *item: item) == ()
-    (line,) = warnings_of(flipped)
-    assert line.startswith(LEFT) and "sign" in line
-
-
-def test_swapped_feet_are_told():
-    def swapped(stream, message):
-        if stream in (LEFT, RIGHT):
-            stream, frame = (RIGHT, "r_sole") if stream == LEFT else (LEFT, "l_sole")
-            message = replace(message, frame_id=frame)
-        return stream, message
-
-    (line,) = warnings_of(swapped)
-    assert "swapped" in line
-
-
 # --- velocities ---
-
-
-@given(st.lists(st.floats(0.0005, 0.03), min_size=5, max_size=60), st.floats(-10.0, 10.0), st.floats(0.002, 0.5))
-def test_a_steady_velocity_is_found_exactly_whatever_the_stamps(intervals, speed, window):
-    differentiator = Differentiator(window, 0.25, 2)
-    stamp = T0
-    assert differentiator.update(stamp, np.array([0.0, 3.0])) is None
-    for interval in intervals:
-        stamp += round(interval * 1e9)
-        t = (stamp - T0) * 1e-9
-        found = differentiator.update(stamp, np.array([speed * t, 3.0]))
-        assert found == pytest.approx([speed, 0.0], abs=1e-6)
-
-
-def test_differentiation_is_half_a_window_late_and_starts_afresh_after_a_gap():
-    differentiator = Differentiator(0.04, 0.25, 1)
-    for k in range(2000):
-        found = differentiator.update(T0 + k * MS, np.array([0.5 * (k * 1e-3) ** 2]))
-    assert found == pytest.approx([1.999 - 0.02], abs=1e-9)
-    assert differentiator.update(T0 + 3000 * MS, np.zeros(1)) is None
-    assert differentiator.update(T0 + 2990 * MS, np.zeros(1)) is None
 
 
 def test_missing_velocities_are_differentiated_and_never_zero():

@@ -166,7 +166,7 @@ class GaitConfig:
     """The walk that the trajectory node plans; names and bounds as in core/gait.py."""
 
     name: str = par("test1", "", "named gait whose figures the values below replace")
-    step_length: float = par(-1.0, "m", "advance of one step; -1: that of the named gait", -1.0, 1.0)
+    step_length: float = par(-2.0, "m", "advance of one step; -2: that of the named gait", -2.0, 1.0)
     single_support: float = par(-1.0, "s", "duration of single support; -1: that of the named gait", -1.0, 10.0)
     double_support: float = par(-1.0, "s", "duration of double support; -1: that of the named gait", -1.0, 10.0)
     steps: int = par(-1, "steps", "number of steps; -1: that of the named gait", -1, 100000)
@@ -191,7 +191,8 @@ class GaitConfig:
             "com_height_m": self.com_height,
             "zmp_offset_x_m": self.zmp_offset_x,
         }
-        return {key: value for key, value in given.items() if value != -1}
+        # One metre backwards is a step that can be asked for; for the others -1 makes no sense.
+        return {key: value for key, value in given.items() if value != (-2.0 if key == "step_length_m" else -1)}
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mistakes of wiring that no single message shows: wrenches of the wrong sign, feet that are swapped.
+"""Faults that no single message shows: wrenches of the wrong sign, feet that are swapped, forces that never end.
 
 They are told, never corrected: what is wrong is for a person to decide.
 """
@@ -19,6 +19,7 @@ _INTERVAL_NS = 20_000_000  # looking every 20 ms is enough, and costs nothing
 _ENOUGH = 50  # looks before a verdict: 1 s
 _CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
 _NEGATIVE = 0.02  # share of the weight: a mean force below minus this is no bias of a sensor
+_STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
 _CARRIES = 0.8  # share of the total force on the one foot of a single support
 
 
@@ -27,7 +28,8 @@ class Plausibility:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self._robot = robot
-        self._weight = robot.mass * config.robot.gravity
+        self._weight = config.support.weight or robot.mass * config.robot.gravity
+        self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more never lifts
         self._posture = robot.posture()
         self.reset()
 
@@ -38,6 +40,8 @@ class Plausibility:
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._looks = 0
         self._lower_carries = self._higher_carries = 0
+        self._air = {Foot.LEFT: 0, Foot.RIGHT: 0}  # looks at the foot in the air by the joints
+        self._air_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
 
     def update(self, sample: Sample) -> None:
         """Take one sample; stamps must increase between resets."""
@@ -51,17 +55,21 @@ class Plausibility:
             self._force[foot] += force
             self._negative[foot] += force < -_NEGATIVE * self._weight
         self._looks += 1
+        self._posture.update(sample.q, sample.qd)
+        height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
+        if abs(height) <= _CLEARANCE:
+            return
+        higher = Foot.RIGHT if height > 0.0 else Foot.LEFT
+        self._air[higher] += 1
+        self._air_force[higher] += left if higher is Foot.LEFT else right
         # With the sign wrong as well, the foot that carries is the one with the larger magnitude.
         total = abs(left) + abs(right)
         if total < 0.5 * self._weight or max(abs(left), abs(right)) < _CARRIES * total:
             return
-        foot = Foot.LEFT if abs(left) > abs(right) else Foot.RIGHT
-        self._posture.update(sample.q, sample.qd)
-        height = self._posture.sole_to_sole(foot, foot.other)[1][2]
-        if height > _CLEARANCE:
-            self._lower_carries += 1
-        elif height < -_CLEARANCE:
+        if (abs(left) > abs(right)) == (higher is Foot.LEFT):
             self._higher_carries += 1
+        else:
+            self._lower_carries += 1
 
     def counts(self) -> dict[str, int]:
         """Looks (50 a second) that found something odd; some do on a good robot, touching down for one."""
@@ -86,4 +94,12 @@ class Plausibility:
                 f"wrenches: in {self._higher_carries} of {looks} looks at single support the foot in the air by "
                 "the joints carries the robot by the wrenches: left and right swapped?"
             )
+            return lines
+        for foot, name in WRENCHES.items():
+            mean = self._air_force[foot] / max(self._air[foot], 1)
+            if self._air[foot] >= _ENOUGH // 2 and self._lifts < mean < _STANDS * self._weight:
+                lines.append(
+                    f"{name}: reads {mean:.0f} N on average while the foot is in the air by the joints: a bias? above "
+                    f"{self._lifts:.0f} N (support.contact_off) lift-offs are missed"
+                )
         return lines

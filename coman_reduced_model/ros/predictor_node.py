@@ -17,12 +17,12 @@ from ..core.pipeline import Pipeline
 from ..core.robot import Robot
 from ..messages import INPUT_TYPES, ros_types
 from ..topics import INPUT_TOPICS
+from ..warm_up import warm_up
 from . import qos
 from .description import Description
 from .diagnostics import Diagnostics
 from .outputs import Outputs
 from .parameters import declare
-from .warm_up import warm_up
 
 NAME = "predictor"
 

@@ -3,17 +3,38 @@
 
 from __future__ import annotations
 
+import getpass
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from hashlib import sha1
+from pathlib import Path
+
 import numpy as np
 
-from ..core.config import Config
-from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.pipeline import Pipeline
-from ..core.robot import Robot
-from ..core.types import Foot, JointMessage, Phase, Reference, WrenchMessage
-from ..messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
+from .core.config import Config
+from .core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.pipeline import Pipeline
+from .core.robot import Robot
+from .core.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
 
 _PERIOD_NS = 5_000_000
 _SAMPLES = 100
+
+
+@contextmanager
+def _one_at_a_time() -> Iterator[None]:
+    """Processes that compile the same sources at the same time would mix up numba's cache: the others wait."""
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):  # without locks (Windows), or without a place for one
+            import fcntl
+
+            name = sha1(f"{getpass.getuser()} {Path(__file__).parent}".encode()).hexdigest()[:16]
+            lock = Path(tempfile.gettempdir(), f"coman_reduced_model_{name}.lock")
+            # The system takes it back when the process ends, however it ends.
+            fcntl.flock(stack.enter_context(lock.open("w")), fcntl.LOCK_EX)
+        yield
 
 
 def warm_up(robot: Robot, config: Config, types: MessageTypes) -> None:
@@ -21,6 +42,11 @@ def warm_up(robot: Robot, config: Config, types: MessageTypes) -> None:
 
     The messages take the way of real ones, because compiled code is made for the very types of its arguments.
     """
+    with _one_at_a_time():
+        _walk(robot, config, types)
+
+
+def _walk(robot: Robot, config: Config, types: MessageTypes) -> None:
     pipeline = Pipeline(robot, config)
     soles = {Foot.LEFT: config.robot.left.sole_frame, Foot.RIGHT: config.robot.right.sole_frame}
     weight = robot.mass * config.robot.gravity
@@ -51,9 +77,9 @@ def _reference(stamp: int) -> Reference:
 
 
 if __name__ == "__main__":  # `make setup`: the default robot's model, and all that can be added to it
-    from ..bag.types import bag_types
-    from ..core.effects import CATALOGUE
-    from ..resources import config_path
+    from .bag.types import bag_types
+    from .core.effects import CATALOGUE
+    from .resources import config_path
 
     default = Config()
     coman = Robot(config_path("coman.urdf").read_text(encoding="utf-8"), default.robot)
