@@ -388,7 +388,17 @@ def test_a_push_is_in_the_floors_force(standing):
     assert force == pytest.approx(-5 * np.sin(2 * np.pi * 0.2 * run.truth("t")), abs=0.8)
 
 
-# --- together, and what is refused ---
+# --- together, later, and what is refused ---
+
+
+@pytest.mark.parametrize("hide", ["encoder_bias:where=LKneeSag,bias=0.02", "backlash:where=LKneeSag,width=0.02",
+                                  "external_force:x=5", "transport_delay:delay=0.02"])  # fmt: skip
+def test_an_effect_can_begin_in_mid_walk(walking, walked, hide):
+    run = Run(walking, 2.6, f"{hide},after=1.5")
+    t = run.truth("t")
+    changed = np.abs(run.positions() - walked.positions()).max(axis=1)
+    assert changed[t < 1.5].max() == 0.0
+    assert changed[(t > 1.55) & (t < 2.0)].max() > 1e-3
 
 
 def test_two_effects_of_the_floor_share_one_plate(walking):
@@ -422,6 +432,9 @@ def test_every_effect_is_nothing_at_its_nominal(name, standing, still):
         ("backlash:where=Knee,width=0.01", "where = 'Knee': allowed: left, right, HipSag"),
         ("wrench_scale:where=LKneeSag,scale=2", "where = 'LKneeSag': allowed: left, right"),
         ("sloshing_load:mass=9", "kg of its"),
+        ("payload:mass=1,after=3", "payload: after: it is built into the robot"),
+        ("motor_compliance:compliance=0.001,after=3", "after: it is built into the robot"),
+        ("backlash:width=0.1,after=soon", "after = 'soon': allowed: seconds"),
         ("twisted_sensor:axis=y", "allowed: 'x', 'z'"),
     ],
 )

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from ...errors import ConfigError
-from .base import Disturbance, feet, joint_indices, overrides
+from .base import Disturbance, Later, feet, joint_indices, overrides
 from .floor import ExternalForce, FootSlip, GroundCompliance, GroundSlope, TouchdownImpact
 from .masses import ComOffset, Payload, Scatter
 from .motors import MotorCompliance, MotorLag, TransportDelay
@@ -30,7 +30,7 @@ _ALL: tuple[type[Disturbance], ...] = (
 )
 DISTURBANCES: dict[str, type[Disturbance]] = {kind.name: kind for kind in _ALL}
 
-__all__ = [*(kind.__name__ for kind in _ALL), "DISTURBANCES", "Disturbance", "feet", "joint_indices", "make",
+__all__ = [*(kind.__name__ for kind in _ALL), "DISTURBANCES", "Disturbance", "Later", "feet", "joint_indices", "make",
            "overrides", "parse"]  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def make(name: str, values: dict[str, Any]) -> Disturbance:
 
 
 def parse(text: str) -> Disturbance:
-    """A disturbance from a text such as `backlash:where=LKneeSag,width=0.012`.
+    """A disturbance from a text such as `backlash:where=LKneeSag,width=0.012`; with `after=6` it begins after 6 s.
 
     Raises:
         ConfigError: as `make`, or it is not of that form.
@@ -65,7 +65,13 @@ def parse(text: str) -> Disturbance:
         if not equals or key in values:
             raise ConfigError(f"{text!r}: {item!r}: wanted: NAME:KEY=VALUE,KEY=VALUE, each key once")
         values[key] = value if key in ("where", "axis") else _number(value)
-    return make(name.strip(), values)
+    after = values.pop("after", None)
+    effect = make(name.strip(), values)
+    if after is None:
+        return effect
+    if isinstance(after, str) or not after >= 0.0:
+        raise ConfigError(f"{text!r}: after = {after!r}: allowed: seconds, not negative")
+    return Later(effect, after)
 
 
 def _number(text: str) -> Any:

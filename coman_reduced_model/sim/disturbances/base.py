@@ -82,6 +82,47 @@ class Disturbance:
         """Changes the true signals in place before quantisation and noise."""
 
 
+class Later(Disturbance):
+    """A disturbance that begins in mid-walk, such as a cable that comes loose."""
+
+    def __init__(self, effect: Disturbance, after: float) -> None:
+        """Args: what begins; after how long [s].
+
+        Raises:
+            ConfigError: it is built into the robot and cannot begin.
+        """
+        if built := overrides([effect], "edit_model") + overrides([effect], "motor_loop"):
+            raise ConfigError(f"{built[0].name}: after: it is built into the robot and cannot begin in mid-walk")
+        self.effect, self.after = effect, after
+
+    def __repr__(self) -> str:
+        return f"Later({self.effect!r}, {self.after:g} s)"
+
+    def told(self) -> dict[str, Any]:
+        return {**self.effect.told(), "after": self.after}
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        self.effect.start(table, model, rng)
+
+    def move_motors(self, t: Array, theta: Array, theta_rate: Array) -> tuple[Array, Array]:
+        return self.effect.move_motors(t, theta, theta_rate) if t[0] >= self.after else (theta, theta_rate)
+
+    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+        began = t >= self.after
+        return self.effect.spring_torque(t, deflection, rate) if began else np.zeros_like(deflection)
+
+    def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if t >= self.after:
+            self.effect.apply(t, model, data)
+
+    def bear(self, foot: int, data: mujoco.MjData) -> Array:
+        return self.effect.bear(foot, data)
+
+    def sense(self, t: float, signals: Signals) -> None:
+        if t >= self.after:
+            self.effect.sense(t, signals)
+
+
 def overrides(disturbances: Sequence[Disturbance], hook: str) -> list[Disturbance]:
     """Those that override a hook."""
     return [d for d in disturbances if getattr(type(d), hook) is not getattr(Disturbance, hook)]
