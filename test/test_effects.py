@@ -58,7 +58,7 @@ def test_with_nominal_figures_an_effect_changes_nothing(without, name, base):
 
 
 def test_the_catalogue_is_the_vocabulary():
-    assert set(CATALOGUE) <= set(VOCABULARY)
+    assert sorted(CATALOGUE) == sorted(VOCABULARY)
     for name, effect in CATALOGUE.items():
         assert effect.name == name
         assert effect.__doc__ and effect.__module__.endswith(f"effects.{name}"), "one file each"

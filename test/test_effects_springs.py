@@ -9,6 +9,7 @@ from effect_tools import config, on_one_leg, trunk_config
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq, root
+from scipy.spatial.transform import Rotation
 from synthetic import robot
 
 from coman_reduced_model.core.config import Config
@@ -256,3 +257,51 @@ def test_the_point_mass_feels_springs_that_are_not_linear(stiffness):
         np.linalg.solve(compliance, J[:rows, KNEE] * play_taken)[:3]
     )
     np.testing.assert_allclose(moved[2], expected[2], rtol=0.05)
+
+
+@pytest.mark.parametrize("base", [trunk_config(), Config().replaced({"model.stiffness": "condensed"})],
+                         ids=["trunk", "point mass"])  # fmt: skip
+def test_ground_that_gives_way_is_seen_by_the_wrench_and_felt_by_the_model(base):
+    """Joints and ground at rest where their energy is least: nine springs, of which the encoders see six."""
+    soft = np.array([2e-5, 5e-4, 5e-4])
+    machine, posture = robot(), robot().posture()
+
+    def com(x) -> np.ndarray:
+        q = BENT.copy()
+        q[:6] += x[:6]
+        posture.update(q, np.zeros(12))
+        turned = Rotation.from_rotvec([x[7], x[8], 0.0]).as_matrix()
+        return turned @ posture.com_in_sole(Foot.LEFT)[0] + [0.0, 0.0, x[6]]
+
+    stiff = np.concatenate((2.0 * K, 1.0 / soft))
+
+    def gradient(x):
+        h = 1e-5
+        slope = [(com(x + h * e)[2] - com(x - h * e)[2]) / (2 * h) for e in np.eye(9)]
+        return stiff * x + machine.mass * GRAVITY * np.array(slope)
+
+    rest = root(gradient, np.zeros(9), tol=1e-9)
+    assert np.abs(gradient(rest.x)).max() < 1e-4, rest.message
+    q = BENT.copy()
+    q[:6] += rest.x[:6]
+    wrench = np.concatenate((np.zeros(2), -rest.x[6:] / soft, np.zeros(1)))
+    assert wrench[2] == pytest.approx(machine.mass * GRAVITY, rel=1e-3)
+    settings = base.replaced({"prediction.horizons": [], **STIFF})
+    yielding = config("ground_compliance", "", settings, vertical=2e-5, rotational=5e-4)
+    found = {}
+    for name, each in (("hard", settings), ("soft", yielding)):
+        predictor = Predictor(robot(), each)
+        for k in range(300):
+            sample = on_one_leg(10**9 + 50_000_000 * k, q.copy(), BENT)
+            sample.left_wrench = wrench.copy()
+            result = predictor.update(sample)
+        found[name] = result
+    true, gave_way = com(rest.x), np.linalg.norm(com(rest.x) - found["hard"].measured_com)
+    assert gave_way > 0.002
+    assert np.linalg.norm(found["soft"].measured_com - true) < 0.05 * gave_way
+    if base.effects:
+        assert np.linalg.norm(found["soft"].predicted_com - true) < 0.1 * gave_way
+        assert np.linalg.norm(found["hard"].predicted_com - true) > 0.5 * gave_way
+    else:  # the paper's point mass takes the Jacobian to stay: to a quarter
+        sagged = found["soft"].predicted_com - found["hard"].predicted_com
+        assert sagged[2] == pytest.approx((true - found["hard"].measured_com)[2], rel=0.25)

@@ -19,6 +19,7 @@ from .encoder_delay import EncoderDelay
 from .external_force import ExternalForce
 from .foot_slip import FootSlip
 from .gravity_stiffness import GravityStiffness
+from .ground_compliance import GroundCompliance
 from .ground_slope import GroundSlope
 from .joint_damping import JointDamping
 from .joint_friction import JointFriction
@@ -61,6 +62,7 @@ CATALOGUE: dict[str, type[Effect]] = {
         Backlash,
         MotorCompliance,
         JointFriction,
+        GroundCompliance,
         GravityStiffness,
         TrunkRotation,
         SwingMomentum,

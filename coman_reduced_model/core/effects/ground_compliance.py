@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Floor or sole gives way under a loaded foot: it sinks in and tilts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ..parameter import Parameter
+from ..types import Foot
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from ..springs import LegSprings
+    from ..types import Array, Sample
+
+_DAMPED = 1e-6  # of the inverse of the leg's Jacobian, where the knee is straight
+
+
+class GroundCompliance(Effect):
+    """Springs in z and about x and y between each sole and level ground, in series with the leg.
+
+    No encoder sees what gives way there, but the foot's wrench tells it. Both are told by the leg's joints: what they
+    would have to do on hard ground to move the trunk as much is added to what they are measured to do, and the
+    compliance of the ground to that of their springs. So the measured COM stands above level ground, and the springs
+    between it and the motors are all there are.
+    """
+
+    name: ClassVar[str] = "ground_compliance"
+    place: ClassVar[str] = "foot"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("vertical", "float", 0.0, "m/N", "of the ground under one foot", 0.0, 1e-3),
+        Parameter("rotational", "float", 0.0, "rad/Nm", "the same, about x and y", 0.0, 0.1),
+    )
+
+    def bind(self, robot: Robot) -> None:
+        super().bind(robot)
+        self._legs = {foot: robot.legs[foot] for foot in self.feet}
+        self._posture = robot.posture()
+        vertical, rotational = self.values["vertical"], self.values["rotational"]
+        self._compliance = np.array([vertical, rotational, rotational])
+        self._by_joints: dict[Foot, Array] = {}
+
+    def correct(self, sample: Sample) -> None:
+        if not self._compliance.any():
+            return
+        self._posture.update(sample.q, sample.qd)
+        wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
+        for foot, leg in self._legs.items():
+            self._by_joints[foot] = A = self._as_joints(foot)
+            wrench = wrenches[foot]
+            if wrench is not None:
+                sample.q[leg] -= A @ (self._compliance * wrench[2:5])
+
+    def springs(self, leg: LegSprings) -> None:
+        A = self._by_joints.get(leg.foot)
+        if A is None:
+            return
+        n = len(leg.joints)
+        # Share of the deflection that is in the joints: 1 / (1 + G K) with G the ground's compliance.
+        share = np.linalg.inv(np.eye(n) + A * self._compliance @ A.T @ leg.K_q)
+        leg.K_q[:] = leg.K_q @ share
+        leg.D_q[:] = share.T @ leg.D_q @ share
+        leg.torque[:] = share.T @ leg.torque
+
+    def _as_joints(self, foot: Foot) -> Array:
+        """Joint motion (n, 3) that moves COM and trunk as the sole's sinking [m] and turning about x and y [rad] do."""
+        posture, robot = self._posture, self._posture.robot
+        J, com = posture.leg_jacobian(foot), posture.com_in_sole(foot)[0]
+        # Of the COM of all links, of which those of the leg move less than the trunk.
+        links = pin.jacobianCenterOfMass(robot.model, posture.data, True)[:, robot.leg_columns[foot]]
+        J[:3] += posture.R[foot].T @ links
+        ground = np.zeros((6, 3))
+        ground[2, 0] = ground[3, 1] = ground[4, 2] = 1.0
+        ground[:3, 1], ground[:3, 2] = (0.0, -com[2], com[1]), (com[2], 0.0, -com[0])  # axis x COM
+        return J.T @ np.linalg.solve(J @ J.T + _DAMPED * np.eye(6), ground)
