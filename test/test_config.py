@@ -278,3 +278,12 @@ def test_files_that_cannot_be_read(tmp_path):
 def test_written_files_are_ros_parameter_files():
     document = yaml.safe_load(config_to_yaml(Config()))
     assert list(document) == ["/**"] and list(document["/**"]) == ["ros__parameters"]
+
+
+def test_whole_numbers_with_an_exponent_are_numbers(tmp_path):
+    """As for ROS; YAML 1.1 would take them for texts."""
+    path = write(tmp_path, "/**:\n  ros__parameters:\n    model.a1: 1e-1\n    effects.active: [ground_compliance]\n"
+                 "    effects.ground_compliance.vertical: [5e-6]\n")  # fmt: skip
+    config = load_config(path)
+    assert config.model.a1 == 0.1 and config.effects[0].values["vertical"] == 5e-6
+    refused({"model.a1": "1e-"}, "model.a1", "'1e-' is not a number")

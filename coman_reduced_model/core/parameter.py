@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +23,7 @@ _TYPE_NAMES = {
     "floats": "a list of numbers",
     "strs": "a list of texts",
 }
+_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,8 @@ def _number(value: Any) -> float | None:
     """The value as a finite float; None where it is no number (a bool is none)."""
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, str) and _EXPONENT.fullmatch(value):  # YAML 1.1 takes 1e-6 for a text, ROS for a number
+        value = float(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     return float(value) if math.isfinite(value) else None
