@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Structured residuals: laws that hold on any robot, each blind to some effects. No reduced model is involved.
+
+`spring`    motor - link - torque / k - (d / k) rate: the spring law of a joint [rad]
+`torque`    measured torque of a joint against inverse dynamics from the ground up [Nm]
+`force`     sum of the foot forces against the rate of momentum and weight, heading-aligned axes [N]
+`moment`    the same about the COM: the centre of pressure against the motion [Nm]
+`feet`      one sole in the frame of the other while both stand: height, roll and pitch, which are zero on a flat
+            floor, and x, y, yaw since touchdown, which do not change [m, rad]
+`tilt`      the trunk's roll and pitch by the IMU against kinematics from a flat sole [rad]
+`unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
+
+All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals are
+taken at TICKS a second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+from ..core.config import Config
+from ..core.robot import Robot
+from ..core.types import Array, Foot, Phase
+from .recording import FEET, RATE, Recording
+
+TICKS = 50.0  # [Hz] at which residuals are looked at
+SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
+_REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
+_CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
+_AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
+STICKING = 0.02  # [rad/s] below which friction has no clear sign
+TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
+SEEN = 0.001  # [rad] of play that smoothed encoders surely show
+AXES = ("x", "y", "z")
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+@dataclass
+class World:
+    """What the robot and its surroundings are believed to be; effects change it.
+
+    Attributes:
+        model: the URDF's model; bodies may be changed after `copy`.
+        stiffness, damping: (nj,) of the series springs; NaN where the configuration names none.
+        slope: roll, pitch (2,) of the floor [rad].
+        pull: constant force at the trunk (2,), heading-aligned axes [N].
+        tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
+        cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
+        friction: (nj,) at the link side, against its motion [Nm].
+        yielding: of the motors' position loops [rad/Nm].
+    """
+
+    robot: Robot
+    model: pin.Model
+    stiffness: Array
+    damping: Array
+    gravity: float
+    cubic: Array
+    play: Array
+    friction: Array
+    slope: Array = field(default_factory=lambda: np.zeros(2))
+    pull: Array = field(default_factory=lambda: np.zeros(2))
+    tilting: float = 0.0
+    sinking: float = 0.0
+    yielding: float = 0.0
+
+    @classmethod
+    def nominal(cls, robot: Robot, config: Config) -> World:
+        stiffness = np.full(len(robot.joint_names), np.nan)
+        damping = stiffness.copy()
+        for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
+            stiffness[robot.legs[foot]], damping[robot.legs[foot]] = leg.stiffness, leg.damping
+        none = np.zeros(len(robot.joint_names))
+        return cls(robot, robot.model, stiffness, damping, config.robot.gravity, none, none, none)
+
+    def changed(self, **fields: object) -> World:
+        """A copy with other figures."""
+        return replace(self, **fields)  # type: ignore[arg-type]
+
+    def add_mass(self, mass: float, position: Array, frame: int) -> World:
+        """A copy with a point mass [kg] at a position (3,) [m] in a frame of the URDF."""
+        model = self.model.copy()
+        at = model.frames[frame]
+        inertia = pin.Inertia(mass, at.placement.act(np.asarray(position, dtype=float)), np.zeros((3, 3)))
+        model.inertias[at.parentJoint] = model.inertias[at.parentJoint] + inertia
+        return self.changed(model=model)
+
+
+@dataclass(frozen=True)
+class Masks:
+    """Where each residual means something; fixed by the measurement, the same for every hypothesis."""
+
+    ticks: Array  # (m,) indices into the grid
+    steady: Array  # (m,) no change of contact near, on the ground
+    air: dict[Foot, Array]  # (m,) the foot is unloaded
+    double: Array  # (m,) both feet stand
+    touchdown: Array  # (m,) index of the tick at which this double support was first steady
+    share: Array  # (m,) smooth share of the left foot
+    segment: Array  # (m,) number of the phase: what belongs together
+    taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
+
+
+def masks(recording: Recording, world: World) -> Masks:
+    """Of one recording, with the nominal world."""
+    phase, n = recording.phase, len(recording.t)
+    step = round(RATE / TICKS)
+    ticks = np.arange(_REACH, n - _REACH, step)
+    changes = np.flatnonzero(np.diff(phase)) + 1
+    number = np.searchsorted(changes, np.arange(n), side="right")
+    near = np.zeros(n, dtype=bool)
+    for change in changes:
+        near[max(0, change - round(_CONTACT_S * RATE)) : change + round(_CONTACT_S * RATE)] = True
+    gap = np.convolve(~recording.valid, np.ones(2 * _REACH + 1), "same") > 0
+    steady = ~near & ~gap & (phase != Phase.FLIGHT)
+    air = {}
+    for foot, other in ((Foot.LEFT, Phase.RIGHT), (Foot.RIGHT, Phase.LEFT)):
+        inside = phase == other
+        settled = np.convolve(~inside, np.ones(2 * round(_AIR_S * RATE) + 1), "same") == 0
+        air[foot] = (settled & ~gap)[ticks]
+    double = (steady & (phase == Phase.DOUBLE))[ticks]
+    segment = number[ticks]
+    touchdown = np.zeros(len(ticks), dtype=np.intp)
+    for value in np.unique(segment):
+        mine = np.flatnonzero((segment == value) & double)
+        if len(mine):
+            touchdown[mine] = mine[0]
+    share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
+    share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
+    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, _taken_up(recording, world)[ticks])
+
+
+def _taken_up(recording: Recording, world: World) -> Array:
+    """(n, nj) A torque beyond the error of its sensor takes up the play; below that, play is where it is seen to be."""
+    out = np.zeros_like(recording.q)
+    if recording.motor_q is None or recording.tau is None:
+        return out  # then the torque that the ground asks for decides, see _joints
+    for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
+        torque = recording.tau[:, j]
+        law = recording.motor_q[:, j] - recording.q[:, j] - lagged(torque, world.damping[j] / world.stiffness[j]) / (
+            world.stiffness[j]
+        )
+        law = gaussian_filter1d(law, SMOOTHING * RATE)
+        half = max(SEEN, 0.5 * float(np.subtract(*np.percentile(law, (97.0, 3.0)))))
+        seen = np.clip(law / half, -1.0, 1.0)
+        loaded = np.clip((np.abs(smooth(torque[:, None])[:, 0]) - TAKEN_UP) / TAKEN_UP, 0.0, 1.0)
+        out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen
+    return smooth(out)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Smoothed joints at the ticks, and the soles against the trunk.
+
+    Attributes: q, qd, qdd (m, nj). By foot, in the root link's frame: R (m, 3, 3) and p (m, 3) of the sole; twist, twist_rate
+    (m, 6) of the root link, if that sole stands still; J (m, 6, nv) of the sole, in its own frame. com (m, 3) by the URDF.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    R: dict[Foot, Array]
+    p: dict[Foot, Array]
+    twist: dict[Foot, Array]
+    twist_rate: dict[Foot, Array]
+    J: dict[Foot, Array]
+    com: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """All residuals of one recording under one hypothesis, and what they were made of (for the next hypothesis)."""
+
+    recording: Recording
+    world: World
+    motion: Motion
+    up: dict[Foot, Array]
+    inertial: Array  # (m, nv) generalised forces of motion and weight
+    R: Array  # (m, 3, 3) world, heading as the root's x axis <- root
+    residuals: dict[str, Array]
+
+
+def smooth(values: Array) -> Array:
+    """Values (n, k) without what is faster than the balance can follow."""
+    return np.asarray(gaussian_filter1d(values, SMOOTHING * RATE, axis=0, mode="nearest"))
+
+
+def _rate(values: Array) -> Array:
+    return np.gradient(values, 1.0 / RATE, axis=0)
+
+
+def evaluate(recording: Recording, world: World, where: Masks, before: State | None = None) -> State:
+    """Every residual by its name, (m,) at the ticks; NaN where it says nothing.
+
+    Names: `spring/JOINT`, `torque/JOINT`, `force/x`, `moment/x`, `feet/roll`, `tilt/pitch`, `unloaded/left/fz` ...
+
+    Args:
+        recording: possibly with other arrays than were measured.
+        world: what is believed.
+        where: of the measured recording.
+        before: a state whose parts are taken over where nothing has changed that they depend on.
+    """
+    robot, ticks = world.robot, where.ticks
+    same_q = before is not None and recording.q is before.recording.q
+    motion = before.motion if before and same_q else _motion(world, recording.q, ticks)
+    wrench = {foot: smooth(recording.wrench[foot])[ticks] for foot in FEET}
+    # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
+    same_ground = before is not None and all(
+        _same(world, before.world, name) for name in ("slope", "tilting", "sinking")
+    )
+    same_forces = before is not None and recording.wrench is before.recording.wrench
+    if before and same_q and same_ground and (same_forces or not (world.tilting or world.sinking)):
+        up = before.up
+    else:
+        up = {foot: _normal(world, motion.R[foot], wrench[foot]) for foot in FEET}
+    if before and up is before.up and world.model is before.world.model:
+        inertial, R = before.inertial, before.R
+    else:
+        inertial, R = _inertial(world, motion, up, where.share, _yield(world, recording, motion, ticks))
+    # What motion and weight need beyond what the ground gives: nothing for the trunk, the springs' torques for joints.
+    rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
+    if world.pull.any():
+        force = np.einsum("nji,nj->ni", R, np.append(world.pull, 0.0)[None].repeat(len(R), 0))
+        trunk = robot.model.frames[robot.base_id].placement.translation
+        rest = rest - np.concatenate([force, np.cross(trunk, force), np.zeros((len(R), rest.shape[1] - 6))], axis=1)
+    out: dict[str, Array] = {}
+    moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
+    for k, axis in enumerate(AXES):
+        out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
+        out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
+    out |= _joints(recording, world, where, motion, rest[:, robot.idx_v])
+    if recording.up is not None:
+        believed = _blend(up, where.share)
+        turn = np.cross(smooth(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
+        out |= {"tilt/roll": turn[:, 0], "tilt/pitch": turn[:, 1]}
+    out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
+    for name, value in _feet(motion, where, world, wrench).items():
+        out[name] = np.where(where.double, value, np.nan)
+    for foot in FEET:
+        for k, name in enumerate(WRENCH):
+            out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
+    return State(recording, world, motion, up, inertial, R, out)
+
+
+def _same(world: World, other: World, name: str) -> bool:
+    return bool(np.array_equal(getattr(world, name), getattr(other, name)))
+
+
+def _blend(by_foot: dict[Foot, Array], share: Array) -> Array:
+    """(m, k) by the load share of the left foot."""
+    w = share[:, None]
+    blended: Array = w * by_foot[Foot.LEFT] + (1.0 - w) * by_foot[Foot.RIGHT]
+    return blended
+
+
+def _motion(world: World, positions: Array, ticks: Array) -> Motion:
+    robot, model = world.robot, world.robot.model
+    smoothed = smooth(positions)
+    rate = _rate(smoothed)
+    q, qd, qdd = smoothed[ticks], rate[ticks], _rate(rate)[ticks]
+    data, m = model.createData(), len(q)
+    configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    R, p, J = ({foot: np.empty((m, *shape)) for foot in FEET} for shape in ((3, 3), (3,), (6, model.nv)))
+    twist, twist_rate = ({foot: np.empty((m, 6)) for foot in FEET} for _ in range(2))
+    com = np.empty((m, 3))
+    for i in range(m):
+        robot.scatter(q[i], configuration)
+        velocity[robot.idx_v], acceleration[robot.idx_v] = qd[i], qdd[i]
+        velocity[:6] = 0.0
+        com[i] = pin.centerOfMass(model, data, configuration, False)
+        pin.computeJointJacobians(model, data, configuration)
+        for foot, frame in robot.sole_ids.items():
+            placement = pin.updateFramePlacement(model, data, frame)
+            R[foot][i], p[foot][i] = placement.rotation, placement.translation
+            J[foot][i] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+            twist[foot][i] = -placement.act(pin.Motion(J[foot][i] @ velocity)).vector
+        for foot, frame in robot.sole_ids.items():
+            # With the trunk at the twist that holds the sole still, what the sole accelerates is the trunk's to undo.
+            velocity[:6] = twist[foot][i]
+            pin.forwardKinematics(model, data, configuration, velocity, acceleration)
+            placement = pin.updateFramePlacement(model, data, frame)
+            twist_rate[foot][i] = -placement.act(pin.getFrameAcceleration(model, data, frame)).vector
+    return Motion(q, qd, qdd, R, p, twist, twist_rate, J, com)
+
+
+def _normal(world: World, R: Array, wrench: Array) -> Array:
+    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment."""
+    roll, pitch = world.slope
+    turned = np.column_stack(
+        [-(pitch - world.tilting * wrench[:, 4]), roll - world.tilting * wrench[:, 3], np.ones(len(R))]
+    )
+    return np.einsum("nij,nj->ni", R, turned / np.linalg.norm(turned, axis=1)[:, None])
+
+
+def _yield(
+    world: World, recording: Recording, motion: Motion, ticks: Array
+) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
+    """Twist and its rate (m, 6) that soles moving on soft ground give the root link, in its frame; None: hard ground."""
+    if not (world.tilting or world.sinking):
+        return None
+    flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
+    twist, twist_rate = {}, {}
+    for foot in FEET:
+        first = _rate(smooth(recording.wrench[foot]))
+        for out, value in ((twist, first), (twist_rate, _rate(first))):
+            sole = value[ticks] * flexible
+            linear, angular = (np.einsum("nij,nj->ni", motion.R[foot], part) for part in (sole[:, :3], sole[:, 3:]))
+            out[foot] = np.hstack([linear + np.cross(motion.p[foot], angular), angular])
+    return twist, twist_rate
+
+
+def _inertial(
+    world: World,
+    motion: Motion,
+    up: dict[Foot, Array],
+    share: Array,
+    yielding: tuple[dict[Foot, Array], dict[Foot, Array]] | None,
+) -> tuple[Array, Array]:
+    """Generalised forces (m, nv) of motion and weight, and the rotation (m, 3, 3) world <- root."""
+    robot, model = world.robot, world.model
+    data, m = model.createData(), len(motion.q)
+    model.gravity.linear = np.array([0.0, 0.0, -world.gravity])
+    configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    against, twist, rate = (_blend(each, share) for each in (up, motion.twist, motion.twist_rate))
+    if yielding is not None:
+        twist, rate = twist + _blend(yielding[0], share), rate + _blend(yielding[1], share)
+    z = against / np.linalg.norm(against, axis=1)[:, None]
+    x = np.array([1.0, 0.0, 0.0]) - z[:, :1] * z
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    orientation = Rotation.from_matrix(R).as_quat()
+    out = np.empty((m, model.nv))
+    for i in range(m):
+        robot.scatter(motion.q[i], configuration)
+        configuration[3:7] = orientation[i]
+        velocity[:6], acceleration[:6] = twist[i], rate[i]
+        velocity[robot.idx_v], acceleration[robot.idx_v] = motion.qd[i], motion.qdd[i]
+        out[i] = pin.rnea(model, data, configuration, velocity, acceleration)
+    return out, R
+
+
+def _joints(recording: Recording, world: World, where: Masks, motion: Motion, needed: Array) -> dict[str, Array]:
+    """`torque` and `spring`; `needed` (m, nj): torques that motion and ground ask for."""
+    robot, ticks = world.robot, where.ticks
+    needed = needed + world.friction * np.tanh(motion.qd / STICKING)
+    efforts = None if recording.tau is None else smooth(recording.tau)
+    stretch = None if recording.motor_q is None else smooth(recording.motor_q - recording.q)[ticks]
+    out: dict[str, Array] = {}
+    for j in np.concatenate([robot.legs[foot] for foot in FEET]):
+        name = robot.joint_names[j]
+        torque = needed[:, j]
+        lag = world.damping[j] / world.stiffness[j]
+        if efforts is not None and np.isfinite(efforts[:, j]).all():
+            torque = efforts[ticks, j]
+            out[f"torque/{name}"] = torque - needed[:, j]
+            elastic = lagged(efforts[:, j], lag)[ticks]
+        else:
+            elastic = torque - lag * np.gradient(torque, 1.0 / TICKS)
+        if stretch is not None:
+            play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
+            bent = _stretch(world, j, elastic) + 0.5 * world.play[j] * play + world.yielding * torque
+            out[f"spring/{name}"] = stretch[:, j] - bent
+    return out
+
+
+def lagged(values: Array, time_constant: float) -> Array:
+    """First-order lag along the first axis; a negative time constant leads (for difference quotients around zero)."""
+    if time_constant <= 0.0:
+        return values - time_constant * _rate(values)
+    a = np.exp(-1.0 / RATE / time_constant)
+    # Exact for values that are linear between samples.
+    b = time_constant * RATE * (1.0 - a)
+    state = b * values[:1]  # as if it had been at its first value for ever
+    return np.asarray(lfilter([1.0 - b, b - a], [1.0, -a], values, axis=0, zi=state)[0])
+
+
+def without_noise(recording: Recording, world: World) -> Recording:
+    """The same motion without the quantisation of the link encoders: motor side minus stretched springs if both are known,
+    else smoothed twice as much.
+    """
+    q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
+    if recording.motor_q is not None and recording.tau is not None:
+        for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
+            elastic = lagged(recording.tau[:, j], world.damping[j] / world.stiffness[j])
+            stretch = gaussian_filter1d(recording.motor_q[:, j] - recording.q[:, j], 0.5 * RATE, mode="nearest")
+            bent = _stretch(world, j, elastic)
+            level = gaussian_filter1d(bent, 0.5 * RATE, mode="nearest")
+            q[:, j] = recording.motor_q[:, j] - bent - (stretch - level)  # what is slow is the encoder's
+    return recording.changed(q=q)
+
+
+def _stretch(world: World, j: int, elastic: Array) -> Array:
+    """Between motor and link [rad], for the torque that the spring holds without its damper [Nm]."""
+    linear = elastic / world.stiffness[j]
+    stretch = linear
+    if cubic := world.cubic[j]:
+        limit = 0.9 / np.sqrt(3.0 * -cubic) if cubic < 0.0 else np.inf  # where a softening spring gives way
+        for _ in range(8):
+            stretch = np.clip(stretch, -limit, limit)
+            stretch = stretch - (stretch + cubic * stretch**3 - linear) / (1.0 + 3.0 * cubic * stretch**2)
+    return np.asarray(stretch)
+
+
+def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array]) -> dict[str, Array]:
+    """The right sole in the frame of the left one, both taken back to a hard level floor."""
+    R = np.einsum("nji,njk->nik", motion.R[Foot.LEFT], motion.R[Foot.RIGHT])
+    p = np.einsum("nji,nj->ni", motion.R[Foot.LEFT], motion.p[Foot.RIGHT] - motion.p[Foot.LEFT])
+    left, right = (world.tilting * wrench[foot][:, 3:5] for foot in FEET)
+    # A foot turns against the ground's moment on it, and sinks against its force.
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) - (left - right)[:, 0]
+    pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - (left - right)[:, 1]
+    sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
+    height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
+    since = {"x": p[:, 0], "y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
+    out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
+    return out | {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}

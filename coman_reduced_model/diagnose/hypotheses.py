@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What each effect of the catalogue would do to the measurement or to the world behind it, one figure at a time.
+
+A figure (`Figure`) has two widths: `spread`, how much it varies from one healthy robot to the next (springs and masses
+scatter by some percent, sensors have small biases), and `reach`, how large it may be if the effect is there. A figure
+without spread is absent from healthy robots. The evidence for an effect is what its figures gain by being let
+out of their spread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ..core.types import Array, Foot
+from .balance import WRENCH, World, lagged
+from .recording import FEET, RATE, Recording
+
+Apply = Callable[[Recording, World, float], tuple[Recording, World]]
+SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
+
+# Widths are set by what is common on real robots and in data sheets; none comes from the cases that are judged.
+STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.05, 0.20, 0.04, 0.004
+ENCODER_SPREAD = 0.001  # [rad] zero of a link encoder
+TORQUE_SPREAD = 0.15  # [Nm] zero of a joint torque sensor
+WRENCH_SPREAD = (1.5, 1.5, 3.0, 0.06, 0.06, 0.05)  # [N, Nm] zero of a foot sensor
+GAIN_SPREAD = 0.015  # of a foot sensor
+CLOCK_SPREAD = 0.0015  # [s] between streams
+CUBIC_SPREAD = 0.04  # of the torque, at the stretch under a typical load
+YIELD_SPREAD = 3e-5  # [rad/Nm] of a position loop
+LAG_SPREAD = 0.003  # [s] of a good position loop
+IMU_SPREAD = 0.004  # [rad] zero of the tilt
+FLOOR_SPREAD = 0.003  # [rad] no floor is quite level
+PULL_SPREAD = 0.5  # [N] cables
+FRICTION_SPREAD = 0.10  # [Nm]
+TILTING_SPREAD, SINKING_SPREAD = 4e-4, 2e-6  # [rad/Nm], [m/N] rubber under a foot
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of one effect at one place.
+
+    Attributes:
+        effect, where, key: as in the configuration; effect "" for what only healthy scatter has.
+        nominal: value when there is no such effect.
+        spread, reach: standard deviations of value - nominal without and with the effect.
+        step: for the difference quotient.
+        unit: of the value.
+        apply: recording and world under the hypothesis that the figure differs from nominal by so much.
+    """
+
+    effect: str
+    where: str
+    key: str
+    nominal: float
+    spread: float
+    reach: float
+    step: float
+    unit: str
+    apply: Apply
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect}@{self.where}.{self.key}" if self.effect else f"{self.key}@{self.where}"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place: the figures that are let go together."""
+
+    effect: str
+    where: str
+    figures: tuple[int, ...]  # indices into the list of figures
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect}@{self.where}" if self.where else self.effect
+
+
+def figures(recording: Recording, world: World) -> list[Figure]:
+    """All figures that this recording could tell something about."""
+    robot = world.robot
+    legs = {"left": robot.legs[Foot.LEFT], "right": robot.legs[Foot.RIGHT]}
+    joints = {robot.joint_names[j]: np.array([j]) for leg in legs.values() for j in leg}
+    groups = {**legs, "": np.concatenate(list(legs.values()))}
+    out: list[Figure] = []
+
+    def add(effect: str, where: str, key: str, spread: float, reach: float, unit: str, apply: Apply, **more: float) -> None:
+        nominal = more.get("nominal", 0.0)
+        out.append(Figure(effect, where, key, nominal, spread, reach, more.get("step", 0.1 * reach), unit, apply))
+
+    motors, efforts = recording.motor_q is not None, recording.tau is not None
+    for where, which in {**joints, **groups}.items():
+        single = where in joints
+        if motors:
+            add("joint_stiffness", where, "scale", STIFFNESS_SPREAD * single, 0.3, "1", _stiffness(which), nominal=1.0)
+            add("joint_damping", where, "scale", DAMPING_SPREAD * single, 1.0, "1", _damping(which), nominal=1.0)
+        add("encoder_bias", where, "bias", ENCODER_SPREAD * single, 0.02, "rad", _encoder(which)) if single else None
+    for where, which in joints.items():
+        if motors:
+            soft = float(world.stiffness[which[0]])
+            scale = 10.0 / soft  # deflection under a typical load
+            add("spring_nonlinearity", where, "cubic", CUBIC_SPREAD / scale**2, 0.4 / scale**2, "1/rad^2", _cubic(which))
+            add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which))
+        if efforts or motors:
+            add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which))
+        if efforts:
+            add("", where, "torque_zero", TORQUE_SPREAD, TORQUE_SPREAD, "Nm", _torque_zero(which))
+    if motors:
+        add("transport_delay", "", "delay", CLOCK_SPREAD, 0.03, "s", _motor_delay, step=0.002)
+        add("motor_lag", "", "time_constant", LAG_SPREAD, 0.03, "s", _motor_lag, step=0.002)
+        add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance)
+    for k, key in enumerate(("mass", "x", "y", "z")):
+        reach = (1.0, 0.15, 0.15, 0.15)[k]  # first moments [kg m] until the mass is known
+        add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1)
+    for k, key in enumerate("xyz"):
+        add("com_offset", "", key, 0.0, 0.03, "m", _com_offset(world.robot.model.frames[robot.base_id].parentJoint, k), step=0.005)
+    for body in range(1, robot.model.njoints):
+        if robot.model.inertias[body].mass > 1e-3:
+            add("", robot.model.names[body], "mass", MASS_SPREAD, MASS_SPREAD, "1", _mass(body), step=0.05)
+            for k, key in enumerate("xyz"):
+                add("", robot.model.names[body], f"com_{key}", COM_SPREAD, COM_SPREAD, "m", _com_offset(body, k), step=0.005)
+    for where, feet in (("left", FEET[:1]), ("right", FEET[1:]), ("", FEET)):
+        single = len(feet) == 1
+        add("wrench_scale", where, "scale", GAIN_SPREAD * single, 0.15, "1", _gain(feet), nominal=1.0)
+        add("wrench_delay", where, "delay", CLOCK_SPREAD * single, 0.03, "s", _wrench_delay(feet), step=0.002)
+        if single:
+            for k, key in enumerate(WRENCH):
+                reach = 15.0 if k < 3 else 1.0
+                add("wrench_bias", where, key, WRENCH_SPREAD[k], reach, "N" if k < 3 else "Nm", _wrench_bias(feet[0], k))
+    add("encoder_delay", "", "delay", CLOCK_SPREAD, 0.03, "s", _link_delay(efforts=False), step=0.002)
+    if efforts:
+        add("encoder_delay", "all", "delay", CLOCK_SPREAD, 0.03, "s", _link_delay(efforts=True), step=0.002)
+    for k, key in enumerate(("roll", "pitch")):
+        add("ground_slope", "", key, FLOOR_SPREAD, 0.05, "rad", _slope(k))
+        if recording.up is not None:
+            add("", "imu", key, IMU_SPREAD, IMU_SPREAD, "rad", _imu_zero(k))
+    for k, key in enumerate("xy"):
+        add("external_force", "", key, PULL_SPREAD, 10.0, "N", _pull(k))
+    add("ground_compliance", "", "rotational", TILTING_SPREAD, 5e-3, "rad/Nm", _world("tilting"))
+    add("ground_compliance", "", "vertical", SINKING_SPREAD, 3e-5, "m/N", _world("sinking"))
+    return out
+
+
+def candidates(known: list[Figure]) -> list[Candidate]:
+    """Figures of the same effect at the same place, released together."""
+    places: dict[tuple[str, str], list[int]] = {}
+    for i, figure in enumerate(known):
+        if figure.effect:
+            places.setdefault((figure.effect, figure.where), []).append(i)
+    return [Candidate(effect, where, tuple(indices)) for (effect, where), indices in places.items()]
+
+
+def _columns(values: Array, which: Array, change: Callable[[Array], Array]) -> Array:
+    values = values.copy()
+    values[:, which] = change(values[:, which])
+    return values
+
+
+def _vector(base: Array, which: Array, change: Callable[[Array], Array]) -> Array:
+    base = base.copy()
+    base[which] = change(base[which])
+    return base
+
+
+def _stiffness(which: Array) -> Apply:
+    return lambda r, w, x: (r, w.changed(stiffness=_vector(w.stiffness, which, lambda k: k * (1.0 + x))))
+
+
+def _damping(which: Array) -> Apply:
+    return lambda r, w, x: (r, w.changed(damping=_vector(w.damping, which, lambda d: d * (1.0 + x))))
+
+
+def _encoder(which: Array) -> Apply:
+    return lambda r, w, x: (r.changed(q=_columns(r.q, which, lambda q: q - x)), w)
+
+
+def _cubic(which: Array) -> Apply:
+    return lambda r, w, x: (r, w.changed(cubic=_vector(w.cubic, which, lambda c: c + x)))
+
+
+def _backlash(which: Array) -> Apply:
+    return lambda r, w, x: (r, w.changed(play=_vector(w.play, which, lambda p: p + x)))
+
+
+def _friction(which: Array) -> Apply:
+    return lambda r, w, x: (r, w.changed(friction=_vector(w.friction, which, lambda f: f + x)))
+
+
+def _torque_zero(which: Array) -> Apply:
+    return lambda r, w, x: (r.changed(tau=_columns(r.tau, which, lambda tau: tau - x)), w)  # type: ignore[arg-type]
+
+
+def shifted(values: Array, by: float) -> Array:
+    """Values `by` seconds later (n, k): what a stream that is late by so much should have said."""
+    n = len(values)
+    position = np.arange(n) + by * RATE
+    low = np.clip(np.floor(position).astype(int), 0, n - 2)
+    weight = np.clip(position - low, 0.0, 1.0)[:, None]
+    return np.asarray((1.0 - weight) * values[low] + weight * values[low + 1])
+
+
+def _motor_delay(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+    return r.changed(motor_q=shifted(r.motor_q, -x)), w  # type: ignore[arg-type]
+
+
+def _motor_lag(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+    return r.changed(motor_q=lagged(r.motor_q, x)), w  # type: ignore[arg-type]
+
+
+def _motor_compliance(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+    return r, w.changed(yielding=w.yielding + x)
+
+
+def _payload(k: int) -> Apply:
+    """Mass, or first moment: two masses that cancel, half a metre apart each way."""
+
+    def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+        if k == 0:
+            return r, w.add_mass(x, np.zeros(3), w.robot.base_id)
+        at = np.zeros(3)
+        at[k - 1] = 0.1
+        return r, w.add_mass(x / 0.2, at, w.robot.base_id).add_mass(-x / 0.2, -at, w.robot.base_id)
+
+    return apply
+
+
+def _com_offset(body: int, k: int) -> Apply:
+    def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+        model = w.model.copy()
+        old = model.inertias[body]
+        lever = old.lever.copy()
+        lever[k] += x
+        model.inertias[body] = pin.Inertia(old.mass, lever, old.inertia)
+        return r, w.changed(model=model)
+
+    return apply
+
+
+def _mass(body: int) -> Apply:
+    def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+        model = w.model.copy()
+        old = model.inertias[body]
+        model.inertias[body] = pin.Inertia((1.0 + x) * old.mass, old.lever, (1.0 + x) * old.inertia)
+        return r, w.changed(model=model)
+
+    return apply
+
+
+def _wrenches(r: Recording, feet: tuple[Foot, ...], change: Callable[[Array], Array]) -> Recording:
+    return r.changed(wrench={foot: change(value) if foot in feet else value for foot, value in r.wrench.items()})
+
+
+def _gain(feet: tuple[Foot, ...]) -> Apply:
+    return lambda r, w, x: (_wrenches(r, feet, lambda value: value / (1.0 + x)), w)
+
+
+def _wrench_delay(feet: tuple[Foot, ...]) -> Apply:
+    return lambda r, w, x: (_wrenches(r, feet, lambda value: shifted(value, x)), w)
+
+
+def _wrench_bias(foot: Foot, k: int) -> Apply:
+    unit = np.eye(6)[k]
+    return lambda r, w, x: (_wrenches(r, (foot,), lambda value: value - x * unit), w)
+
+
+def _link_delay(efforts: bool) -> Apply:
+    def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+        late = r.changed(q=shifted(r.q, x))
+        return (late.changed(tau=shifted(r.tau, x)) if efforts else late), w  # type: ignore[arg-type]
+
+    return apply
+
+
+def _slope(k: int) -> Apply:
+    return lambda r, w, x: (r, w.changed(slope=w.slope + x * np.eye(2)[k]))
+
+
+def _imu_zero(k: int) -> Apply:
+    axis = np.eye(3)[k]
+    return lambda r, w, x: (r.changed(up=r.up - x * np.cross(axis, r.up)), w)  # type: ignore[operator]
+
+
+def _pull(k: int) -> Apply:
+    return lambda r, w, x: (r, w.changed(pull=w.pull + x * np.eye(2)[k]))
+
+
+def _world(name: str) -> Apply:
+    return lambda r, w, x: (r, w.changed(**{name: getattr(w, name) + x}))

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag as arrays on one clock: what the structured residuals are computed from.
+
+The samples are those that the predictor would get (the same joiner), put on a uniform grid. The IMU, which the joiner
+only takes at its nearest message, is interpolated here: a few milliseconds matter when delays are looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..bag.decode import decoder
+from ..bag.reader import Bag
+from ..core.config import Config
+from ..core.joiner import IMU
+from ..core.pipeline import Pipeline
+from ..core.robot import Robot
+from ..core.support import SupportDetector
+from ..core.types import Array, Foot, Phase, Sample
+from ..errors import BagError
+from ..offline import find_robot, input_streams
+from ..topics import TopicNames
+
+RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
+_REACH = 0.02  # [s] a grid point farther than this from any sample is not used
+_SHORTEST = 2.0  # [s] of recording
+FEET = (Foot.LEFT, Foot.RIGHT)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One bag on a uniform grid of n times; joints in the order of `Robot.joint_names`.
+
+    Attributes:
+        name: of the bag.
+        t: (n,) [s] since the first sample.
+        q, qd: (n, nj) link side [rad], [rad/s].
+        tau: (n, nj) measured torques [Nm], NaN columns where a joint has none; None: no efforts at all.
+        motor_q, motor_qd: (n, nj) motor side; None: no motor states.
+        wrench: by foot (n, 6) force, torque of the ground at the sole, in its frame [N, Nm].
+        up: (n, 3) against gravity by the IMU, in the root link's frame; None: no orientation.
+        phase: (n,) of Phase; left_share: (n,).
+        valid: (n,) bool, no gap here.
+    """
+
+    name: str
+    t: Array
+    q: Array
+    qd: Array
+    tau: Array | None
+    motor_q: Array | None
+    motor_qd: Array | None
+    wrench: dict[Foot, Array]
+    up: Array | None
+    phase: Array
+    left_share: Array
+    valid: Array
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def dt(self) -> float:
+        return float(self.t[1] - self.t[0])
+
+    def changed(self, **fields: object) -> Recording:
+        """A copy with other arrays: what a hypothesis makes of the measurement."""
+        return replace(self, **fields)  # type: ignore[arg-type]
+
+
+def load(
+    path: str | Path,
+    config: Config,
+    urdf: str | Path | None = None,
+    names: TopicNames | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> tuple[Recording, Robot]:
+    """Read a bag.
+
+    Raises:
+        ComanError: the bag, the robot or the configuration cannot be used, or it is too short to say anything.
+    """
+    names = names or TopicNames()
+    with Bag(path) as bag:
+        streams = input_streams(bag, config, names)
+        robot = find_robot(config, bag, names, urdf)
+        pipeline = Pipeline(robot, config)
+        decoders = {topic: decoder(stream, bag.typestore) for topic, stream in streams.items()}
+        samples: list[Sample] = []
+        imu: list[tuple[int, Array]] = []
+        imu_frame = ""
+        span = max(bag.end_ns - bag.start_ns, 1)
+        for count, (topic, log_time, raw) in enumerate(bag.raw(streams)):
+            if streams[topic] == IMU:
+                try:
+                    message = decoders[topic](raw)
+                except Exception:  # counted by the pipeline on the way that predicts
+                    continue
+                if message.orientation is not None and np.isfinite(message.orientation).all():
+                    imu.append((message.stamp_ns, message.orientation))
+                    imu_frame = message.frame_id.lstrip("/")
+            else:
+                samples += pipeline.take(streams[topic], raw, decoders[topic])
+            if progress and count % 2000 == 0:
+                progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
+        samples += pipeline.joiner.flush()
+        warnings = tuple([*bag.warnings, *pipeline.status().warnings])
+    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, warnings), robot
+
+
+def _grid(
+    name: str,
+    samples: list[Sample],
+    imu: list[tuple[int, Array]],
+    imu_frame: str,
+    robot: Robot,
+    config: Config,
+    warnings: tuple[str, ...],
+) -> Recording:
+    complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
+    if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
+        raise BagError(f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose")
+    stamps = np.array([s.stamp_ns for s in complete])
+    order = np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1) > 0)
+    complete, stamps = [complete[i] for i in order], stamps[order]
+    at = (stamps - stamps[0]) * 1e-9
+    t = np.arange(0.0, at[-1], 1.0 / RATE)
+    nearest = np.searchsorted(at, t).clip(1, len(at) - 1)
+    away = np.minimum(np.abs(at[nearest] - t), np.abs(t - at[nearest - 1]))
+
+    def array(field: str) -> Array | None:
+        rows = [getattr(s, field) for s in complete]
+        missing = sum(row is None for row in rows)
+        if missing > len(rows) // 2:
+            return None
+        size = next(len(row) for row in rows if row is not None)
+        values = np.array([np.full(size, np.nan) if row is None else row for row in rows])
+        return _resample(at, values, t)
+
+    detector = SupportDetector(config.support, robot.mass * config.robot.gravity)
+    states = [detector.update(s.stamp_ns, float(s.left_wrench[2]), float(s.right_wrench[2])) for s in complete]  # type: ignore[index]
+    phases, shares = np.array([s.phase for s in states]), np.array([s.left_share for s in states])
+    left, right = array("left_wrench"), array("right_wrench")
+    q, qd = array("q"), array("qd")
+    assert left is not None and right is not None and q is not None and qd is not None
+    return Recording(
+        name, t, q, qd, _efforts(array("tau")), array("motor_q"), array("motor_qd"),
+        {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame),
+        phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
+        np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
+        away < _REACH, warnings,
+    )  # fmt: skip
+
+
+def _efforts(tau: Array | None) -> Array | None:
+    """None as well where a driver fills the field with zeros for lack of a sensor."""
+    return None if tau is None or not np.nanstd(tau, axis=0).any() else tau
+
+
+def _resample(at: Array, values: Array, t: Array) -> Array:
+    """Averages over a grid interval where the samples are denser than the grid, else linear between them."""
+    per_cell = (t[1] - t[0]) / max(float(np.median(np.diff(at))), 1e-9)
+    if per_cell > 1.9:
+        width = round(per_cell)
+        kernel = np.ones(width) / width
+        values = np.apply_along_axis(lambda column: np.convolve(column, kernel, "same"), 0, values)
+    out = np.empty((len(t), values.shape[1]))
+    for k in range(values.shape[1]):
+        finite = np.isfinite(values[:, k])
+        out[:, k] = np.interp(t, at[finite], values[finite, k]) if finite.any() else np.nan
+    return out
+
+
+def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, frame: str) -> Array | None:
+    """(n, 3) the direction against gravity, in the root link's frame, at the grid's times."""
+    if len(imu) < 10:
+        return None
+    at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
+    keep = np.diff(at, prepend=-np.inf) > 0.0
+    slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
+    up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
+    if robot.model.existFrame(frame):
+        placement = robot.model.frames[robot.model.getFrameId(frame)].placement
+        up = up @ placement.rotation.T
+    return np.asarray(up)
+
+
+def moving(phase: Array) -> bool:
+    """Whether it walks: both feet are in the air some time."""
+    return bool((phase == Phase.LEFT).any() and (phase == Phase.RIGHT).any())
