@@ -29,7 +29,7 @@ from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
 from .recording import FEET, RATE, Recording
 
-TICKS = 50.0  # [Hz] at which residuals are looked at
+TICKS = 25.0  # [Hz] at which residuals are looked at
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
@@ -183,6 +183,20 @@ class State:
     inertial: Array  # (m, nv) generalised forces of motion and weight
     R: Array  # (m, 3, 3) world, heading as the root's x axis <- root
     residuals: dict[str, Array]
+    smoothed: Smoothed
+
+
+class Smoothed:
+    """Smoothed arrays, remembered: most hypotheses leave most arrays as they are."""
+
+    def __init__(self, before: Smoothed | None = None) -> None:
+        self._known: dict[int, tuple[Array, Array]] = {} if before is None else dict(before._known)
+
+    def __call__(self, values: Array) -> Array:
+        found = self._known.get(id(values))
+        if found is None or found[0] is not values:
+            found = self._known[id(values)] = (values, smooth(values))
+        return found[1]
 
 
 def smooth(values: Array) -> Array:
@@ -208,7 +222,8 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     robot, ticks = world.robot, where.ticks
     same_q = before is not None and recording.q is before.recording.q
     motion = before.motion if before and same_q else _motion(world, recording.q, ticks)
-    wrench = {foot: smooth(recording.wrench[foot])[ticks] for foot in FEET}
+    smoothed = Smoothed(before.smoothed if before else None)
+    wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
     same_ground = before is not None and all(
         _same(world, before.world, name) for name in ("slope", "tilting", "sinking")
@@ -233,10 +248,10 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for k, axis in enumerate(AXES):
         out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
         out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
-    out |= _joints(recording, world, where, motion, rest[:, robot.idx_v])
+    out |= _joints(recording, world, where, motion, rest[:, robot.idx_v], smoothed)
     if recording.up is not None:
         believed = _blend(up, where.share)
-        turn = np.cross(smooth(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
+        turn = np.cross(smoothed(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
         out |= {"tilt/roll": turn[:, 0], "tilt/pitch": turn[:, 1]}
     out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
     for name, value in _feet(motion, where, world, wrench).items():
@@ -244,7 +259,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
-    return State(recording, world, motion, up, inertial, R, out)
+    return State(recording, world, motion, up, inertial, R, out, smoothed)
 
 
 def _same(world: World, other: World, name: str) -> bool:
@@ -344,12 +359,14 @@ def _inertial(
     return out, R
 
 
-def _joints(recording: Recording, world: World, where: Masks, motion: Motion, needed: Array) -> dict[str, Array]:
+def _joints(
+    recording: Recording, world: World, where: Masks, motion: Motion, needed: Array, smoothed: Smoothed
+) -> dict[str, Array]:
     """`torque` and `spring`; `needed` (m, nj): torques that motion and ground ask for."""
     robot, ticks = world.robot, where.ticks
     needed = needed + world.friction * np.tanh(motion.qd / STICKING)
-    efforts = None if recording.tau is None else smooth(recording.tau)
-    stretch = None if recording.motor_q is None else smooth(recording.motor_q - recording.q)[ticks]
+    efforts = None if recording.tau is None else smoothed(recording.tau)
+    stretch = None if recording.motor_q is None else (smoothed(recording.motor_q) - smoothed(recording.q))[ticks]
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]

@@ -17,10 +17,11 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ..core.types import Array
-from .balance import Masks, State, evaluate, without_noise
+from .balance import SMOOTHING, TICKS, Masks, State, evaluate, without_noise
 from .hypotheses import Candidate, Figure
 
-ORDER = 4  # of the autoregressive noise
+ORDER = 3  # of the autoregressive noise
+ROUNDS = 4  # until the noise has settled
 ABSENT = 1e-9  # spread, as a share of reach, of a figure that healthy robots do not have
 
 
@@ -39,6 +40,7 @@ class Problem:
     columns: dict[str, Array]
     pieces: dict[str, Array]
     times: dict[str, Array]
+    resolution: dict[str, float]  # by channel, what one count of an encoder is
 
 
 def assemble(state: State, where: Masks, known: list[Figure]) -> Problem:
@@ -62,62 +64,133 @@ def assemble(state: State, where: Masks, known: list[Figure]) -> Problem:
             columns[key] = np.column_stack([slope[name][at] for slope in slopes])
             times[key] = at
             pieces[key] = np.flatnonzero(np.diff(at, prepend=-9) > 1)
-    return Problem(known, rows, columns, pieces, times)
+    robot = state.world.robot
+    resolution = {f"spring/{name}": float(c) for name, c in zip(robot.joint_names, state.recording.count, strict=True)}
+    return Problem(known, rows, columns, pieces, times, resolution)
 
 
 @dataclass
 class Evidence:
-    """Whitened sums, and what follows from them."""
+    """Whitened sums over one or more recordings, with the figures at values `at` around which they are linear."""
 
-    problem: Problem
+    figures: list[Figure]
+    at: Array  # (P,) deviations from nominal
     gram: Array  # (P, P)
     moment: Array  # (P,)
-    energy: dict[str, float]
-    count: dict[str, int]
-    noise: dict[str, Array]  # by group: innovations' standard deviation, then AR coefficients
+    energy: float
+    count: int
 
-    def fit(self, released: Sequence[int] = ()) -> tuple[Array, Array, float]:
-        """Posterior mean (P,), covariance (P, P) of the figures, and the log evidence but for a constant."""
-        prior = prior_variance(self.problem.figures, released)
-        # In units of the prior, so that absent figures do no harm to the conditioning.
-        s = np.sqrt(prior)
-        H = np.eye(len(s)) + s[:, None] * self.gram * s[None, :]
-        factor = cho_factor(H, lower=True)
-        b = s * self.moment
-        x = cho_solve(factor, b)
-        log = 0.5 * float(b @ x) - float(np.log(np.diag(factor[0])).sum())
-        covariance = s[:, None] * cho_solve(factor, np.eye(len(s))) * s[None, :]
-        return s * x, covariance, log
+    def __add__(self, other: Evidence) -> Evidence:
+        return Evidence(
+            self.figures, self.at, self.gram + other.gram, self.moment + other.moment,
+            self.energy + other.energy, self.count + other.count,
+        )  # fmt: skip
+
+    def fit(self, released: Sequence[int] = (), slack: Sequence[int] = ()) -> Fit:
+        """Posterior of the figures' deviations from nominal when some are released to their reach (or their slack)."""
+        return self.posterior(np.zeros(len(self.figures)), prior_variance(self.figures, released, slack))
+
+    def posterior(self, mean: Array, variance: Array) -> Fit:
+        """For any Gaussian prior (P,), (P,) of the deviations from nominal."""
+        mu = mean - self.at
+        moment = self.moment - self.gram @ mu
+        energy = self.energy - 2.0 * float(mu @ self.moment) + float(mu @ self.gram @ mu)
+        s = np.sqrt(variance)  # in units of the prior, so that absent figures do no harm to the conditioning
+        factor = cho_factor(np.eye(len(s)) + s[:, None] * self.gram * s[None, :], lower=True)
+        b = s * moment
+        y = cho_solve(factor, b)
+        log = 0.5 * (float(b @ y) - energy) - float(np.log(np.diag(factor[0])).sum())
+        return Fit(mean + s * y, factor, s, log)
 
 
-def prior_variance(known: Sequence[Figure], released: Sequence[int]) -> Array:
-    """(P,) with the figures `released` at their reach."""
+@dataclass(frozen=True)
+class Fit:
+    """A posterior: deviations from nominal (P,), and the log evidence but for a constant."""
+
+    x: Array
+    factor: tuple[Array, bool]
+    scale: Array
+    log: float
+
+    @property
+    def covariance(self) -> Array:
+        return np.asarray(self.scale[:, None] * cho_solve(self.factor, np.diag(self.scale)))
+
+
+def prior_variance(known: Sequence[Figure], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
+    """(P,) of healthy robots, with the figures `released` at their reach and those of `slack` at theirs."""
     spread = np.array([max(figure.spread, ABSENT * figure.reach) for figure in known])
+    for i in slack:
+        spread[i] = max(known[i].slack, spread[i])
     for i in released:
-        spread[i] = max(known[i].reach, known[i].spread)
-    return spread**2
+        spread[i] = max(known[i].reach, spread[i])
+    return np.asarray(spread**2)
 
 
-def weigh(problem: Problem, noise: dict[str, Array] | None = None, floor: dict[str, float] | None = None) -> Evidence:
-    """Whiten by the noise, estimated (twice) from what the best explanation so far leaves."""
+def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Array]]:
+    """Whiten by the noise that the best explanation leaves; also that remainder, by group."""
     P = len(problem.figures)
-    explained = {key: np.zeros(len(row)) for key, row in problem.rows.items()}
-    evidence = None
-    for _ in range(3):
-        noise = {key: _autoregression(row - explained[key], problem.pieces[key]) for key, row in problem.rows.items()}
-        gram, moment = np.zeros((P, P)), np.zeros(P)
-        energy, count = {}, {}
+    felt = {key: np.flatnonzero(columns.any(axis=0)) for key, columns in problem.columns.items()}
+    noise = {key: _first_guess(row, problem.pieces[key]) for key, row in problem.rows.items()}
+    remainder: dict[str, Array] = {}
+    evidence = Evidence(problem.figures, at, np.zeros((P, P)), np.zeros(P), 0.0, 0)
+    for _ in range(ROUNDS):
+        gram, moment, energy, count = np.zeros((P, P)), np.zeros(P), 0.0, 0
         for key, row in problem.rows.items():
-            white = whiten(np.column_stack([row, problem.columns[key]]), problem.pieces[key], noise[key])
+            some = felt[key]
+            stacked = np.column_stack([row, problem.columns[key][:, some]])
+            white = whiten(stacked, problem.pieces[key], noise[key])
+            white = _free_of_offsets(white, problem, key, noise[key], remainder.get(key))
             A, r = white[:, 1:], white[:, 0]
-            gram += A.T @ A
-            moment += A.T @ r
-            energy[key], count[key] = float(r @ r), len(r)
-        evidence = Evidence(problem, gram, moment, energy, count, noise)
-        best = evidence.fit(range(P))[0]  # everything released: noise must not hold what a figure explains
-        explained = {key: problem.columns[key] @ best for key in problem.rows}
-    assert evidence is not None
-    return evidence
+            gram[np.ix_(some, some)] += A.T @ A
+            moment[some] += A.T @ r
+            energy += float(r @ r)
+            count += len(r)
+        evidence = Evidence(problem.figures, at, gram, moment, energy, count)
+        # Everything released: the noise must not hold what some figure explains.
+        best = evidence.fit(range(P)).x - at
+        remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
+        noise = {key: _autoregression(left, problem.pieces[key]) for key, left in remainder.items()}
+    return evidence, remainder
+
+
+def _free_of_offsets(white: Array, problem: Problem, key: str, noise: Array, remainder: Array | None) -> Array:
+    """Whitened rows (n, k) when every contiguous piece has an offset of its own as well.
+
+    No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase. The variance
+    of the offsets is what the pieces of the remainder differ by, and no less than resolution makes them differ.
+    """
+    pieces = problem.pieces[key]
+    ends = np.append(pieces[1:], len(white))
+    variance = problem.resolution.get(key.partition("|")[0], 0.0) ** 2 / 12.0
+    if remainder is not None and len(pieces) > 2:
+        means = np.array([remainder[a:b].mean() for a, b in zip(pieces, ends, strict=True)])
+        variance = max(variance, float(means @ means) / len(means))
+    one = whiten(np.ones((len(white), 1)), pieces, noise)[:, 0]
+    out = white.copy()
+    for a, b in zip(pieces, ends, strict=True):
+        u = one[a:b]
+        length = float(u @ u)
+        # The square root of (I + variance u u')^-1.
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + variance * length)) / length
+        out[a:b] -= shrink * np.outer(u, u @ white[a:b])
+    return out
+
+
+def _first_guess(values: Array, pieces: Array) -> Array:
+    """Noise of a row before anything is explained: from its second differences' median, which steps and trends pass by.
+
+    White noise that went through the smoothing has a known autocorrelation.
+    """
+    lags = np.arange(ORDER + 1)
+    correlation = np.exp(-((lags / TICKS / SMOOTHING) ** 2) / 4.0)
+    second = np.diff(values, 2)
+    inside = np.ones(len(values), dtype=bool)
+    inside[pieces] = False
+    second = second[inside[1:-1] & inside[2:]] if len(second) else second
+    variance = (1.4826 * float(np.median(np.abs(second)))) ** 2 / (6.0 - 8.0 * correlation[1] + 2.0 * correlation[2])
+    phi = np.linalg.solve(toeplitz(correlation[:ORDER]) + 1e-3 * np.eye(ORDER), correlation[1:])
+    return np.concatenate([[np.sqrt(max(variance * (1.0 - phi @ correlation[1:]), 1e-18))], phi])
 
 
 def _autoregression(values: Array, pieces: Array) -> Array:
@@ -162,8 +235,26 @@ def _correlations(phi: Array) -> Array:
     return np.linalg.solve(A, b)
 
 
-def gains(evidence: Evidence, options: Sequence[Candidate], released: Sequence[int] = ()) -> list[tuple[float, Candidate]]:
-    """Log evidence that each candidate adds to what is released already, best first."""
-    base = evidence.fit(released)[2]
-    scored = [(evidence.fit([*released, *option.figures])[2] - base, option) for option in options]
-    return sorted(scored, key=lambda pair: -pair[0])
+@dataclass(frozen=True)
+class Score:
+    """What a candidate adds to the log evidence."""
+
+    option: Candidate
+    total: float  # beyond what is released already
+    gain: float  # beyond as little of it as is no effect worth a name
+    values: Array  # of its figures, deviations from nominal
+    physical: bool
+
+
+def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[int] = ()) -> list[Score]:
+    """Of each candidate beside what is released already, the one that explains most first."""
+    base = evidence.fit(released).log
+    out = []
+    for option in options:
+        wide = evidence.fit([*released, *option.figures])
+        slack = any(evidence.figures[i].slack > evidence.figures[i].spread for i in option.figures)
+        narrow = evidence.fit(released, option.figures).log if slack else base
+        values = wide.x[list(option.figures)]
+        physical = all(x > evidence.figures[i].low for x, i in zip(values, option.figures, strict=True))
+        out.append(Score(option, wide.log - base, wide.log - max(base, narrow), values, physical))
+    return sorted(out, key=lambda score: -score.total)

@@ -23,18 +23,21 @@ Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
 # Widths are set by what is common on real robots and in data sheets; none comes from the cases that are judged.
-STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.05, 0.20, 0.04, 0.004
+STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.05, 0.10, 0.04, 0.0025
+HEIGHT_SPREAD = 0.012  # [m] of the trunk: cables, covers, and walking hardly shows it
 ENCODER_SPREAD = 0.001  # [rad] zero of a link encoder
 TORQUE_SPREAD = 0.15  # [Nm] zero of a joint torque sensor
 WRENCH_SPREAD = (1.5, 1.5, 3.0, 0.06, 0.06, 0.05)  # [N, Nm] zero of a foot sensor
 GAIN_SPREAD = 0.015  # of a foot sensor
 CLOCK_SPREAD = 0.0015  # [s] between streams
+DRIVER_SPREAD = 0.0007  # [s] between what one driver reads
 CUBIC_SPREAD = 0.04  # of the torque, at the stretch under a typical load
 YIELD_SPREAD = 3e-5  # [rad/Nm] of a position loop
-LAG_SPREAD = 0.003  # [s] of a good position loop
+LAG_SLACK = 0.003  # [s] of a good position loop
 IMU_SPREAD = 0.004  # [rad] zero of the tilt
 FLOOR_SPREAD = 0.003  # [rad] no floor is quite level
 PULL_SPREAD = 0.5  # [N] cables
+PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
 TILTING_SPREAD, SINKING_SPREAD = 4e-4, 2e-6  # [rad/Nm], [m/N] rubber under a foot
 
@@ -47,6 +50,8 @@ class Figure:
         effect, where, key: as in the configuration; effect "" for what only healthy scatter has.
         nominal: value when there is no such effect.
         spread, reach: standard deviations of value - nominal without and with the effect.
+        slack: standard deviation that is no effect worth a name, where healthy robots have (nearly) none at all.
+        low: least physical deviation from nominal.
         step: for the difference quotient.
         unit: of the value.
         apply: recording and world under the hypothesis that the figure differs from nominal by so much.
@@ -61,6 +66,8 @@ class Figure:
     step: float
     unit: str
     apply: Apply
+    slack: float = 0.0
+    low: float = -np.inf
 
     @property
     def name(self) -> str:
@@ -89,59 +96,62 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     out: list[Figure] = []
 
     def add(effect: str, where: str, key: str, spread: float, reach: float, unit: str, apply: Apply, **more: float) -> None:
-        nominal = more.get("nominal", 0.0)
-        out.append(Figure(effect, where, key, nominal, spread, reach, more.get("step", 0.1 * reach), unit, apply))
+        nominal, step = more.get("nominal", 0.0), more.get("step", 0.1 * reach)
+        slack, low = more.get("slack", 0.0), more.get("low", -np.inf)
+        out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low))
 
     motors, efforts = recording.motor_q is not None, recording.tau is not None
     for where, which in {**joints, **groups}.items():
         single = where in joints
         if motors:
-            add("joint_stiffness", where, "scale", STIFFNESS_SPREAD * single, 0.3, "1", _stiffness(which), nominal=1.0)
-            add("joint_damping", where, "scale", DAMPING_SPREAD * single, 1.0, "1", _damping(which), nominal=1.0)
+            add("joint_stiffness", where, "scale", STIFFNESS_SPREAD * single, 0.3, "1", _stiffness(which), nominal=1.0, slack=0.04)
+            add("joint_damping", where, "scale", DAMPING_SPREAD * single, 1.0, "1", _damping(which), nominal=1.0, slack=0.15)
         add("encoder_bias", where, "bias", ENCODER_SPREAD * single, 0.02, "rad", _encoder(which)) if single else None
     for where, which in joints.items():
         if motors:
             soft = float(world.stiffness[which[0]])
             scale = 10.0 / soft  # deflection under a typical load
             add("spring_nonlinearity", where, "cubic", CUBIC_SPREAD / scale**2, 0.4 / scale**2, "1/rad^2", _cubic(which))
-            add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which))
+            add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
-            add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which))
+            add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which), low=0.0)
         if efforts:
             add("", where, "torque_zero", TORQUE_SPREAD, TORQUE_SPREAD, "Nm", _torque_zero(which))
     if motors:
-        add("transport_delay", "", "delay", CLOCK_SPREAD, 0.03, "s", _motor_delay, step=0.002)
-        add("motor_lag", "", "time_constant", LAG_SPREAD, 0.03, "s", _motor_lag, step=0.002)
-        add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance)
+        add("transport_delay", "", "delay", DRIVER_SPREAD, 0.03, "s", _motor_delay, step=0.008, low=0.0, slack=0.002)
+        add("motor_lag", "", "time_constant", 0.0, 0.03, "s", _motor_lag, step=0.008, low=0.0, slack=LAG_SLACK)
+        add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance, low=0.0)
     for k, key in enumerate(("mass", "x", "y", "z")):
-        reach = (1.0, 0.15, 0.15, 0.15)[k]  # first moments [kg m] until the mass is known
+        reach = (1.0, 0.15, 0.15, 0.05)[k]  # first moments [kg m] until the mass is known
         add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1)
     for k, key in enumerate("xyz"):
-        add("com_offset", "", key, 0.0, 0.03, "m", _com_offset(world.robot.model.frames[robot.base_id].parentJoint, k), step=0.005)
+        # Walking hardly shows the height of a COM.
+        add("com_offset", "", key, 0.0, HEIGHT_SPREAD if key == "z" else 0.03, "m", _com_offset(world.robot.model.frames[robot.base_id].parentJoint, k), step=0.005)
     for body in range(1, robot.model.njoints):
         if robot.model.inertias[body].mass > 1e-3:
             add("", robot.model.names[body], "mass", MASS_SPREAD, MASS_SPREAD, "1", _mass(body), step=0.05)
             for k, key in enumerate("xyz"):
-                add("", robot.model.names[body], f"com_{key}", COM_SPREAD, COM_SPREAD, "m", _com_offset(body, k), step=0.005)
+                spread = COM_SPREAD if body > 1 or key != "z" else HEIGHT_SPREAD
+                add("", robot.model.names[body], f"com_{key}", spread, spread, "m", _com_offset(body, k), step=0.005)
     for where, feet in (("left", FEET[:1]), ("right", FEET[1:]), ("", FEET)):
         single = len(feet) == 1
-        add("wrench_scale", where, "scale", GAIN_SPREAD * single, 0.15, "1", _gain(feet), nominal=1.0)
-        add("wrench_delay", where, "delay", CLOCK_SPREAD * single, 0.03, "s", _wrench_delay(feet), step=0.002)
+        add("wrench_scale", where, "scale", GAIN_SPREAD * single, 0.15, "1", _gain(feet), nominal=1.0, slack=GAIN_SPREAD)
+        add("wrench_delay", where, "delay", CLOCK_SPREAD * single, 0.03, "s", _wrench_delay(feet), step=0.008, slack=CLOCK_SPREAD)
         if single:
             for k, key in enumerate(WRENCH):
                 reach = 15.0 if k < 3 else 1.0
                 add("wrench_bias", where, key, WRENCH_SPREAD[k], reach, "N" if k < 3 else "Nm", _wrench_bias(feet[0], k))
-    add("encoder_delay", "", "delay", CLOCK_SPREAD, 0.03, "s", _link_delay(efforts=False), step=0.002)
+    add("encoder_delay", "", "delay", DRIVER_SPREAD, 0.03, "s", _link_delay(efforts=False), step=0.008, low=0.0)
     if efforts:
-        add("encoder_delay", "all", "delay", CLOCK_SPREAD, 0.03, "s", _link_delay(efforts=True), step=0.002)
+        add("encoder_delay", "all", "delay", DRIVER_SPREAD, 0.03, "s", _link_delay(efforts=True), step=0.008, low=0.0)
     for k, key in enumerate(("roll", "pitch")):
         add("ground_slope", "", key, FLOOR_SPREAD, 0.05, "rad", _slope(k))
         if recording.up is not None:
             add("", "imu", key, IMU_SPREAD, IMU_SPREAD, "rad", _imu_zero(k))
     for k, key in enumerate("xy"):
         add("external_force", "", key, PULL_SPREAD, 10.0, "N", _pull(k))
-    add("ground_compliance", "", "rotational", TILTING_SPREAD, 5e-3, "rad/Nm", _world("tilting"))
-    add("ground_compliance", "", "vertical", SINKING_SPREAD, 3e-5, "m/N", _world("sinking"))
+    add("ground_compliance", "", "rotational", TILTING_SPREAD, 5e-3, "rad/Nm", _world("tilting"), low=0.0)
+    add("ground_compliance", "", "vertical", SINKING_SPREAD, 3e-5, "m/N", _world("sinking"), low=0.0)
     return out
 
 
@@ -151,7 +161,12 @@ def candidates(known: list[Figure]) -> list[Candidate]:
     for i, figure in enumerate(known):
         if figure.effect:
             places.setdefault((figure.effect, figure.where), []).append(i)
-    return [Candidate(effect, where, tuple(indices)) for (effect, where), indices in places.items()]
+    out = []
+    for (effect, where), indices in places.items():
+        out.append(Candidate(effect, where, tuple(indices)))
+        if len(indices) > 1:  # a pull along x needs no figure for y: what is not needed counts against an effect
+            out += [Candidate(effect, where, (i,)) for i in indices if effect != "payload" or known[i].key == "mass"]
+    return out
 
 
 def _columns(values: Array, which: Array, change: Callable[[Array], Array]) -> Array:
@@ -234,7 +249,9 @@ def _com_offset(body: int, k: int) -> Apply:
         old = model.inertias[body]
         lever = old.lever.copy()
         lever[k] += x
-        model.inertias[body] = pin.Inertia(old.mass, lever, old.inertia)
+        new = pin.Inertia(old)
+        new.lever = lever
+        model.inertias[body] = new
         return r, w.changed(model=model)
 
     return apply
@@ -244,7 +261,9 @@ def _mass(body: int) -> Apply:
     def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
         model = w.model.copy()
         old = model.inertias[body]
-        model.inertias[body] = pin.Inertia((1.0 + x) * old.mass, old.lever, (1.0 + x) * old.inertia)
+        new = pin.Inertia(old)
+        new.mass, new.inertia = (1.0 + x) * old.mass, (1.0 + x) * old.inertia
+        model.inertias[body] = new
         return r, w.changed(model=model)
 
     return apply

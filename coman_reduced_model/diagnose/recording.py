@@ -46,6 +46,7 @@ class Recording:
         up: (n, 3) against gravity by the IMU, in the root link's frame; None: no orientation.
         phase: (n,) of Phase; left_share: (n,).
         valid: (n,) bool, no gap here.
+        count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Recording:
     phase: Array
     left_share: Array
     valid: Array
+    count: Array
     warnings: tuple[str, ...] = ()
 
     @property
@@ -151,8 +153,19 @@ def _grid(
         {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame),
         phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < _REACH, warnings,
+        away < _REACH, _counts(np.array([s.q for s in complete])), warnings,
     )  # fmt: skip
+
+
+def _counts(q: Array) -> Array:
+    """(nj,) resolution that positions (n, nj) show: the gap between neighbouring values that come again and again."""
+    out = np.zeros(q.shape[1])
+    for j in range(q.shape[1]):
+        values = np.unique(np.round(q[:, j], 9))
+        gaps = np.diff(values)
+        if 2 <= len(values) < 0.8 * len(q) and gaps.size:
+            out[j] = np.percentile(gaps, 10.0)
+    return out
 
 
 def _efforts(tau: Array | None) -> Array | None:
