@@ -14,13 +14,14 @@ from ..core.config import Config
 from ..core.robot import Robot
 from ..core.types import Array
 from .balance import Masks, State, World, evaluate, masks
-from .evidence import Evidence, Fit, Score, assemble, scores, weigh
+from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, quieter, scores, weigh, weighed
 from .hypotheses import Candidate, Figure, candidates, figures
 from .recording import Recording
 
 ENOUGH = 6.0  # nats that an effect must add on the training bags
 AGREES = 2.0  # nats that it must add on the held-out bags, given what training found
 MOST = 3  # effects at once
+RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 Progress = Callable[[float, str], None]
 
 
@@ -32,7 +33,9 @@ class Case:
     where: Masks
     world: World
     state: State
+    problem: Problem
     evidence: Evidence
+    noise: dict[str, Noise]
     remainder: dict[str, Array]
 
 
@@ -48,8 +51,8 @@ def examine(recording: Recording, world: World, where: Masks, known: list[Figure
         if value:
             moved, believed = figure.apply(moved, believed, float(value))
     state = evaluate(moved, believed, where)
-    evidence, remainder = weigh(assemble(state, where, known), at)
-    return Case(recording, where, world, state, evidence, remainder)
+    problem = assemble(state, where, known)
+    return Case(recording, where, world, state, problem, *weigh(problem, at))
 
 
 @dataclass
@@ -91,11 +94,30 @@ def search(recordings: Sequence[tuple[Recording, World, Masks]], progress: Progr
         strong = [score for score in found.last if score.physical and score.gain > ENOUGH]
         if len(found.chosen) >= MOST or not strong:
             return found
-        found.chosen.append(strong[0].option)
-        found.gain.append(strong[0].gain)
+        rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
+        best = strong[0]
+        if len(rivals) > 1:  # what looks alike from afar is looked at closely
+            best = max(rivals, key=_closer(found, recordings, rivals).__getitem__)
+        found.chosen.append(best.option)
+        found.gain.append(best.gain)
         found.at = _values(known, evidence.fit(found.released), found.released)
         if progress:
-            progress(len(found.chosen) / (MOST + 1), f"{strong[0].option.name}: {strong[0].gain:.0f} nats")
+            progress(len(found.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
+
+
+def _closer(found: Found, recordings: Sequence[tuple[Recording, World, Masks]], rivals: Sequence[Score]) -> dict[Score, float]:
+    """Log evidence of each rival, linear around its own values, all with the same noise: what the best of them leaves."""
+    trials = {}
+    for rival in rivals:
+        released = [*found.released, *rival.option.figures]
+        at = _values(found.known, reduce(add, (case.evidence for case in found.cases)).fit(released), released)
+        trials[rival] = at, released, [examine(*each, found.known, at) for each in recordings]
+    noises = [reduce(quieter, (trial[2][k].noise for trial in trials.values())) for k in range(len(recordings))]
+    out = {}
+    for rival, (at, released, cases) in trials.items():
+        evidence = reduce(add, (weighed(case.problem, at, noise) for case, noise in zip(cases, noises, strict=True)))
+        out[rival] = evidence.fit(released).log
+    return out
 
 
 def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array:

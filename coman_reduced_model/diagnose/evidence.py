@@ -96,7 +96,8 @@ class Evidence:
         moment = self.moment - self.gram @ mu
         energy = self.energy - 2.0 * float(mu @ self.moment) + float(mu @ self.gram @ mu)
         s = np.sqrt(variance)  # in units of the prior, so that absent figures do no harm to the conditioning
-        factor = cho_factor(np.eye(len(s)) + s[:, None] * self.gram * s[None, :], lower=True)
+        H = s[:, None] * self.gram * s[None, :]
+        factor = cho_factor(H + np.diag(1.0 + 1e-10 * np.diag(H).max() * np.ones(len(s))), lower=True)
         b = s * moment
         y = cho_solve(factor, b)
         log = 0.5 * (float(b @ y) - energy) - float(np.log(np.diag(factor[0])).sum())
@@ -127,52 +128,73 @@ def prior_variance(known: Sequence[Figure], released: Sequence[int] = (), slack:
     return np.asarray(spread**2)
 
 
-def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Array]]:
-    """Whiten by the noise that the best explanation leaves; also that remainder, by group."""
-    P = len(problem.figures)
-    felt = {key: np.flatnonzero(columns.any(axis=0)) for key, columns in problem.columns.items()}
-    noise = {key: _first_guess(row, problem.pieces[key]) for key, row in problem.rows.items()}
-    remainder: dict[str, Array] = {}
-    evidence = Evidence(problem.figures, at, np.zeros((P, P)), np.zeros(P), 0.0, 0)
+@dataclass(frozen=True)
+class Noise:
+    """Of one group of rows: autoregression (1 + ORDER,), and standard deviation of what a whole piece is off by."""
+
+    autoregression: Array
+    offset: float
+
+
+def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
+    """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group."""
+    resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
+    noise = {
+        key: Noise(_first_guess(row, problem.pieces[key]), resolution[key]) for key, row in problem.rows.items()
+    }
     for _ in range(ROUNDS):
-        gram, moment, energy, count = np.zeros((P, P)), np.zeros(P), 0.0, 0
-        for key, row in problem.rows.items():
-            some = felt[key]
-            stacked = np.column_stack([row, problem.columns[key][:, some]])
-            white = whiten(stacked, problem.pieces[key], noise[key])
-            white = _free_of_offsets(white, problem, key, noise[key], remainder.get(key))
-            A, r = white[:, 1:], white[:, 0]
-            gram[np.ix_(some, some)] += A.T @ A
-            moment[some] += A.T @ r
-            energy += float(r @ r)
-            count += len(r)
-        evidence = Evidence(problem.figures, at, gram, moment, energy, count)
+        evidence = weighed(problem, at, noise)
         # Everything released: the noise must not hold what some figure explains.
-        best = evidence.fit(range(P)).x - at
+        best = evidence.fit(range(len(at))).x - at
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
-        noise = {key: _autoregression(left, problem.pieces[key]) for key, left in remainder.items()}
-    return evidence, remainder
+        noise = {
+            key: Noise(_autoregression(left, problem.pieces[key]), max(resolution[key], _offset(left, problem.pieces[key])))
+            for key, left in remainder.items()
+        }
+    return evidence, noise, remainder
 
 
-def _free_of_offsets(white: Array, problem: Problem, key: str, noise: Array, remainder: Array | None) -> Array:
+def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
+    """Evidence with a given noise."""
+    P = len(problem.figures)
+    gram, moment, energy, count = np.zeros((P, P)), np.zeros(P), 0.0, 0
+    for key, row in problem.rows.items():
+        some = np.flatnonzero(problem.columns[key].any(axis=0))
+        stacked = np.column_stack([row, problem.columns[key][:, some]])
+        white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
+        white = _free_of_offsets(white, problem.pieces[key], noise[key])
+        A, r = white[:, 1:], white[:, 0]
+        gram[np.ix_(some, some)] += A.T @ A
+        moment[some] += A.T @ r
+        energy += float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
+        count += len(r)
+    return Evidence(problem.figures, at, gram, moment, energy, count)
+
+
+def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Noise]:
+    """Of each group, the noise with the smaller innovations: what the better of two explanations leaves."""
+    return {key: min(value, second[key], key=lambda noise: noise.autoregression[0]) for key, value in first.items()}
+
+
+def _offset(remainder: Array, pieces: Array) -> float:
+    ends = np.append(pieces[1:], len(remainder))
+    means = np.array([remainder[a:b].mean() for a, b in zip(pieces, ends, strict=True)])
+    return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
+
+
+def _free_of_offsets(white: Array, pieces: Array, noise: Noise) -> Array:
     """Whitened rows (n, k) when every contiguous piece has an offset of its own as well.
 
-    No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase. The variance
-    of the offsets is what the pieces of the remainder differ by, and no less than resolution makes them differ.
+    No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
     """
-    pieces = problem.pieces[key]
     ends = np.append(pieces[1:], len(white))
-    variance = problem.resolution.get(key.partition("|")[0], 0.0) ** 2 / 12.0
-    if remainder is not None and len(pieces) > 2:
-        means = np.array([remainder[a:b].mean() for a, b in zip(pieces, ends, strict=True)])
-        variance = max(variance, float(means @ means) / len(means))
-    one = whiten(np.ones((len(white), 1)), pieces, noise)[:, 0]
+    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[:, 0]
     out = white.copy()
     for a, b in zip(pieces, ends, strict=True):
         u = one[a:b]
         length = float(u @ u)
-        # The square root of (I + variance u u')^-1.
-        shrink = (1.0 - 1.0 / np.sqrt(1.0 + variance * length)) / length
+        # The square root of (I + offset^2 u u')^-1.
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.offset**2 * length)) / length
         out[a:b] -= shrink * np.outer(u, u @ white[a:b])
     return out
 
@@ -235,7 +257,7 @@ def _correlations(phi: Array) -> Array:
     return np.linalg.solve(A, b)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Score:
     """What a candidate adds to the log evidence."""
 

@@ -109,8 +109,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
         add("encoder_bias", where, "bias", ENCODER_SPREAD * single, 0.02, "rad", _encoder(which)) if single else None
     for where, which in joints.items():
         if motors:
-            soft = float(world.stiffness[which[0]])
-            scale = 10.0 / soft  # deflection under a typical load
+            scale = _stretch(recording, world, int(which[0]))
             add("spring_nonlinearity", where, "cubic", CUBIC_SPREAD / scale**2, 0.4 / scale**2, "1/rad^2", _cubic(which))
             add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
@@ -153,6 +152,15 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     add("ground_compliance", "", "rotational", TILTING_SPREAD, 5e-3, "rad/Nm", _world("tilting"), low=0.0)
     add("ground_compliance", "", "vertical", SINKING_SPREAD, 3e-5, "m/N", _world("sinking"), low=0.0)
     return out
+
+
+def _stretch(recording: Recording, world: World, j: int) -> float:
+    """A large stretch of a joint's spring in this recording [rad]."""
+    if recording.tau is not None and np.isfinite(recording.tau[:, j]).all():
+        torque = np.percentile(np.abs(recording.tau[:, j]), 95.0)
+    else:
+        torque = 0.03 * world.robot.mass * world.gravity  # [Nm] at an arm of 3 cm
+    return max(float(torque) / float(world.stiffness[j]), 1e-3)
 
 
 def candidates(known: list[Figure]) -> list[Candidate]:

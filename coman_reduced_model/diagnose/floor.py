@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The noise floor of the residuals: what the sensors' own noise makes of them, which no effect can leak into.
+
+Resolution of the encoders and the fast part of torques and wrenches are noise; a recording with as much of it again,
+drawn at random, differs from the recording by the floor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ..core.types import Array
+from .balance import Masks, State, evaluate
+
+DRAWS = 2
+
+
+def floor(state: State, where: Masks) -> dict[str, float]:
+    """Root mean square of each residual, in single and double support apart, that noise alone would make."""
+    rng = np.random.default_rng(0)
+    recording = state.recording
+    sums: dict[str, list[float]] = {}
+    for _ in range(DRAWS):
+        noisy = recording.changed(
+            q=recording.q + recording.count * rng.uniform(-0.5, 0.5, recording.q.shape),
+            tau=None if recording.tau is None else recording.tau + _like(recording.tau, rng),
+            wrench={foot: value + _like(value, rng) for foot, value in recording.wrench.items()},
+            up=None if recording.up is None else recording.up + _like(recording.up, rng),
+        )
+        moved = evaluate(noisy, state.world, where, state).residuals
+        for name, value in state.residuals.items():
+            for part, chosen in (("double", where.double), ("single", ~where.double)):
+                difference = (moved[name] - value)[chosen]
+                difference = difference[np.isfinite(difference)]
+                if len(difference):
+                    sums.setdefault(f"{name}|{part}", []).append(float(np.mean(difference**2)))
+    return {key: float(np.sqrt(np.mean(values))) for key, values in sums.items()}
+
+
+def _like(values: Array, rng: np.random.Generator) -> Array:
+    """White noise as large as the fastest part of a signal (n, k): its median, which impacts pass by."""
+    fast = values - gaussian_filter1d(values, 1.0, axis=0)
+    gain = 0.70  # root of the sum of squares of the kernel: what is left of white noise
+    sigma = 1.4826 * np.median(np.abs(fast), axis=0) / gain
+    return np.asarray(sigma * rng.standard_normal(values.shape))
