@@ -20,6 +20,7 @@ from .. import __version__
 from ..errors import ComanError
 from .config import config
 from .demo import demo
+from .diagnose import diagnose
 from .identify import identify
 from .judge import judge
 from .live import live
@@ -36,7 +37,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (predict, record, replay, report, identify, tune, judge, demo, live, config):
+for command in (predict, record, replay, report, identify, tune, diagnose, judge, demo, live, config):
     app.command()(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.

@@ -8,6 +8,7 @@
 `feet`      one sole in the frame of the other while both stand: height, roll and pitch, which are zero on a flat
             floor, and x, y, yaw since touchdown, which do not change [m, rad]
 `tilt`      the trunk's roll and pitch by the IMU against kinematics from a flat sole [rad]
+`plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
 `unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
 
 All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals are
@@ -24,6 +25,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from ..core.compiled import compiled
 from ..core.config import Config
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
@@ -36,6 +38,8 @@ _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left ou
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
 STICKING = 0.02  # [rad/s] below which friction has no clear sign
 TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
+SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
+TIPPED = 0.006  # [rad] by which a sole that is believed flat has turned, in truth
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -54,6 +58,7 @@ class World:
         cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
         friction: (nj,) at the link side, against its motion [Nm].
         yielding: of the motors' position loops [rad/Nm].
+        slip: by foot, how far it slides back while the other still stands too, each time after it has landed [m].
     """
 
     robot: Robot
@@ -69,6 +74,7 @@ class World:
     tilting: float = 0.0
     sinking: float = 0.0
     yielding: float = 0.0
+    slip: dict[Foot, float] = field(default_factory=dict)
 
     @classmethod
     def nominal(cls, robot: Robot, config: Config) -> World:
@@ -103,6 +109,9 @@ class Masks:
     touchdown: Array  # (m,) index of the tick at which this double support was first steady
     share: Array  # (m,) smooth share of the left foot
     segment: Array  # (m,) number of the phase: what belongs together
+    slid: dict[
+        Foot, Array
+    ]  # (m,) 0..1, how much of its slide a foot that has landed has behind it, less that at touchdown
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
 
 
@@ -132,7 +141,32 @@ def masks(recording: Recording, world: World) -> Masks:
             touchdown[mine] = mine[0]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
-    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, _taken_up(recording, world)[ticks])
+    slid = _slid(phase, number, ticks, touchdown)
+    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slid, _taken_up(recording, world)[ticks])
+
+
+def on_flat_soles(where: Masks, state: State) -> Masks:
+    """Without the ticks at which, by the IMU, the robot stood on the edge of a foot: rigid soles explain nothing there."""
+    tipped = np.zeros(len(where.ticks), dtype=bool)
+    for axis in ("roll", "pitch"):
+        tilt = state.residuals.get(f"tilt/{axis}")
+        if tilt is not None:
+            tipped |= np.abs(tilt - np.nanmedian(tilt)) > TIPPED
+    tipped = np.convolve(tipped, np.ones(3), "same") > 0
+    if tipped[where.steady].mean() > 0.5:
+        return where
+    return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
+
+
+def _slid(phase: Array, number: Array, ticks: Array, touchdown: Array) -> dict[Foot, Array]:
+    out = {foot: np.zeros(len(phase)) for foot in FEET}
+    for value in np.unique(number):
+        mine = np.flatnonzero(number == value)
+        before = phase[mine[0] - 1] if mine[0] else Phase.DOUBLE
+        if phase[mine[0]] == Phase.DOUBLE and before in (Phase.LEFT, Phase.RIGHT):
+            landed = Foot.RIGHT if before == Phase.LEFT else Foot.LEFT
+            out[landed][mine] = np.linspace(0.0, 1.0, len(mine))
+    return {foot: values[ticks] - values[ticks][touchdown] for foot, values in out.items()}
 
 
 def _taken_up(recording: Recording, world: World) -> Array:
@@ -142,8 +176,10 @@ def _taken_up(recording: Recording, world: World) -> Array:
         return out  # then the torque that the ground asks for decides, see _joints
     for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
         torque = recording.tau[:, j]
-        law = recording.motor_q[:, j] - recording.q[:, j] - lagged(torque, world.damping[j] / world.stiffness[j]) / (
-            world.stiffness[j]
+        law = (
+            recording.motor_q[:, j]
+            - recording.q[:, j]
+            - lagged(torque, world.damping[j] / world.stiffness[j]) / (world.stiffness[j])
         )
         law = gaussian_filter1d(law, SMOOTHING * RATE)
         half = max(SEEN, 0.5 * float(np.subtract(*np.percentile(law, (97.0, 3.0)))))
@@ -256,6 +292,11 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
     for name, value in _feet(motion, where, world, wrench).items():
         out[name] = np.where(where.double, value, np.nan)
+    if recording.plan is not None and recording.moved is not None:
+        gap = (smoothed(recording.moved) - smoothed(recording.plan))[ticks]
+        out |= {
+            f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
+        }
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
@@ -371,18 +412,27 @@ def _joints(
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
         torque = needed[:, j]
-        lag = world.damping[j] / world.stiffness[j]
         if efforts is not None and np.isfinite(efforts[:, j]).all():
             torque = efforts[ticks, j]
             out[f"torque/{name}"] = torque - needed[:, j]
-            elastic = lagged(efforts[:, j], lag)[ticks]
+            elastic = _stretch(world, j, efforts[:, j], 1.0 / RATE)[ticks]
         else:
-            elastic = torque - lag * np.gradient(torque, 1.0 / TICKS)
+            elastic = _stretch(world, j, torque, 1.0 / TICKS)
         if stretch is not None:
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
-            bent = _stretch(world, j, elastic) + 0.5 * world.play[j] * play + world.yielding * torque
+            bent = elastic + 0.5 * world.play[j] * play + world.yielding * torque
             out[f"spring/{name}"] = stretch[:, j] - bent
     return out
+
+
+def _stretch(world: World, j: int, torque: Array, dt: float) -> Array:
+    """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
+    k, d = float(world.stiffness[j]), float(world.damping[j])
+    if world.cubic[j]:
+        return np.asarray(bent_stretch(np.ascontiguousarray(torque), k, d, float(world.cubic[j]), dt))
+    if dt == 1.0 / RATE:
+        return lagged(torque, d / k) / k
+    return (torque - d / k * np.gradient(torque, dt)) / k  # ticks are too far apart for the lag itself
 
 
 def lagged(values: Array, time_constant: float) -> Array:
@@ -403,24 +453,38 @@ def without_noise(recording: Recording, world: World) -> Recording:
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
     if recording.motor_q is not None and recording.tau is not None:
         for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
-            elastic = lagged(recording.tau[:, j], world.damping[j] / world.stiffness[j])
             stretch = gaussian_filter1d(recording.motor_q[:, j] - recording.q[:, j], 0.5 * RATE, mode="nearest")
-            bent = _stretch(world, j, elastic)
+            bent = _stretch(world, j, recording.tau[:, j], 1.0 / RATE)
             level = gaussian_filter1d(bent, 0.5 * RATE, mode="nearest")
             q[:, j] = recording.motor_q[:, j] - bent - (stretch - level)  # what is slow is the encoder's
     return recording.changed(q=q)
 
 
-def _stretch(world: World, j: int, elastic: Array) -> Array:
-    """Between motor and link [rad], for the torque that the spring holds without its damper [Nm]."""
-    linear = elastic / world.stiffness[j]
-    stretch = linear
-    if cubic := world.cubic[j]:
-        limit = 0.9 / np.sqrt(3.0 * -cubic) if cubic < 0.0 else np.inf  # where a softening spring gives way
-        for _ in range(8):
-            stretch = np.clip(stretch, -limit, limit)
-            stretch = stretch - (stretch + cubic * stretch**3 - linear) / (1.0 + 3.0 * cubic * stretch**2)
-    return np.asarray(stretch)
+@compiled
+def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> Array:
+    """Stretch (n,) of a spring k x (1 + cubic x^2) with a damper d beside it, under a torque (n,) [Nm] every dt [s].
+
+    Backward Euler, as stiff springs need. A softening spring goes on straight where its tangent has fallen to a fifth.
+    """
+    straight = 1e9
+    if cubic < 0.0:
+        straight = np.sqrt((1.0 - SOFTEST) / (-3.0 * cubic))
+    out = np.empty(len(torque))
+    x = torque[0] / k
+    for i in range(len(torque)):
+        last = x
+        for _ in range(200 if i == 0 else 6):
+            at = min(max(x, -straight), straight)
+            force = k * (at + cubic * at**3)
+            tangent = k * (1.0 + 3.0 * cubic * at**2)
+            force += tangent * (x - at)
+            slope = tangent
+            if i > 0:
+                force += d * (x - last) / dt
+                slope += d / dt
+            x -= (force - torque[i]) / slope
+        out[i] = x
+    return out
 
 
 def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array]) -> dict[str, Array]:
@@ -433,6 +497,12 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - (left - right)[:, 1]
     sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
     height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
+    # The left sole sliding back takes the right one forward in its frame.
+    slid = (
+        world.slip.get(Foot.LEFT, 0.0) * where.slid[Foot.LEFT]
+        - world.slip.get(Foot.RIGHT, 0.0) * where.slid[Foot.RIGHT]
+    )
+    p = p - np.column_stack([slid, np.zeros((len(slid), 2))])
     since = {"x": p[:, 0], "y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
     return out | {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}

@@ -13,111 +13,239 @@ import numpy as np
 from ..core.config import Config
 from ..core.robot import Robot
 from ..core.types import Array
-from .balance import Masks, State, World, evaluate, masks
-from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, quieter, scores, weigh, weighed
-from .hypotheses import Candidate, Figure, candidates, figures
+from .balance import Masks, State, World, evaluate, masks, on_flat_soles
+from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, prior_variance, quieter, scores, weigh, weighed
+from .floor import floor
+from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 from .recording import Recording
 
 ENOUGH = 6.0  # nats that an effect must add on the training bags
-AGREES = 2.0  # nats that it must add on the held-out bags, given what training found
+ALONE = 9.0  # the same where no held-out bag can contradict
+AGREES = 2.0  # nats that it must add on the held-out bags
+VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
+STEPS, SETTLED = 4, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
 Progress = Callable[[float, str], None]
+Prepared = tuple[Recording, World, Masks]
 
 
 @dataclass
 class Case:
-    """One recording under examination."""
+    """One recording under examination, linear around some values of the figures."""
 
     recording: Recording
     where: Masks
-    world: World
     state: State
     problem: Problem
     evidence: Evidence
     noise: dict[str, Noise]
-    remainder: dict[str, Array]
+    floor: dict[str, float]  # by group
+
+    def left(self, fit: Fit, released: Sequence[int]) -> dict[str, Array]:
+        """By group, what is left of the residuals when this recording has its own best healthy scatter.
+
+        The figures `released` are as fitted (within their uncertainty).
+        """
+        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
+        covariance = fit.covariance
+        for i in released:
+            mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18
+        step = self.evidence.posterior(mean, variance).x - self.evidence.at
+        return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
 
 
-def prepare(recording: Recording, robot: Robot, config: Config) -> tuple[Recording, World, Masks]:
+def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
+    """A recording with what is believed of its robot."""
     world = World.nominal(robot, config)
-    return recording, world, masks(recording, world)
+    where = masks(recording, world)
+    return recording, world, on_flat_soles(where, evaluate(recording, world, where))
 
 
-def examine(recording: Recording, world: World, where: Masks, known: list[Figure], at: Array) -> Case:
+def examine(prepared: Prepared, known: list[Figure], at: Array) -> Case:
     """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal."""
-    moved, believed = recording, world
+    recording, world, where = prepared
+    moved = recording
     for figure, value in zip(known, at, strict=True):
         if value:
-            moved, believed = figure.apply(moved, believed, float(value))
-    state = evaluate(moved, believed, where)
+            moved, world = figure.apply(moved, world, float(value))
+    state = evaluate(moved, world, where)
     problem = assemble(state, where, known)
-    return Case(recording, where, world, state, problem, *weigh(problem, at))
+    evidence, noise, _ = weigh(problem, at)
+    return Case(recording, where, state, problem, evidence, noise, floor(state, where))
 
 
 @dataclass
-class Found:
-    """Effects that training needs, and how they were found."""
+class Effect:
+    """An effect that was accepted."""
+
+    option: Candidate
+    gain: float  # nats on the training bags
+    confirmed: float  # nats on the held-out bags; NaN without
+
+
+@dataclass
+class Finding:
+    """What the recordings say.
+
+    Attributes:
+        known: all figures; `at` (P,): where the cases below are linear: deviations of the chosen effects' figures.
+        fit: posterior on the training bags, with the chosen effects released.
+        first: every candidate before anything was chosen; last: what else would help when all was chosen.
+        train, hold: the recordings with the chosen effects; before: the same without any.
+        refused: candidates that training asked for and held-out bags, or the bounds of physics, contradict.
+    """
 
     known: list[Figure]
-    chosen: list[Candidate] = field(default_factory=list)
-    gain: list[float] = field(default_factory=list)
-    at: Array = field(default_factory=lambda: np.empty(0))
+    at: Array
+    chosen: list[Effect] = field(default_factory=list)
     fit: Fit | None = None
-    first: list[Score] = field(default_factory=list)  # ranking before anything was chosen
-    last: list[Score] = field(default_factory=list)  # what else would help, after all is chosen
-    cases: list[Case] = field(default_factory=list)
+    first: list[Score] = field(default_factory=list)
+    last: list[Score] = field(default_factory=list)
+    train: list[Case] = field(default_factory=list)
+    hold: list[Case] = field(default_factory=list)
+    before: tuple[list[Case], list[Case]] = field(default_factory=lambda: ([], []))
+    refused: list[tuple[Candidate, str]] = field(default_factory=list)
+
+    def leftover(self) -> dict[str, float]:
+        """By group, the most that any recording has left, in units of the noise floor."""
+        assert self.fit is not None
+        most: dict[str, float] = {}
+        for case in [*self.train, *self.hold]:
+            for key, value in case.left(self.fit, self.released).items():
+                if case.floor.get(key, 0.0) > 0.0:
+                    ratio = float(np.sqrt(np.mean(value**2))) / case.floor[key]
+                    most[key] = max(most.get(key, 0.0), ratio)
+        return most
 
     @property
     def released(self) -> list[int]:
-        return [i for candidate in self.chosen for i in candidate.figures]
+        return [i for effect in self.chosen for i in effect.option.figures]
 
 
-def search(recordings: Sequence[tuple[Recording, World, Masks]], progress: Progress | None = None) -> Found:
-    """Forward selection with a new linearisation after each choice, then backward."""
-    known = figures(recordings[0][0], recordings[0][1])
+def search(
+    train: Sequence[Prepared],
+    hold: Sequence[Prepared] = (),
+    told: Sequence[tuple[str, str]] | None = None,
+    progress: Progress | None = None,
+) -> Finding:
+    """Forward selection, with a new linearisation after each choice and a look at the held-out bags.
+
+    Args:
+        train, hold: as `prepare` gives them.
+        told: effects by name and place, if they are known: then only their figures are sought.
+        progress: called now and then.
+    """
+    known = figures(train[0][0], train[0][1])
+    finding = Finding(known, np.zeros(len(known)))
+    enough = ENOUGH if hold else ALONE
     options = candidates(known)
-    found = Found(known, at=np.zeros(len(known)))
-    impossible: list[Candidate] = []
+    looked = _Looked(known, train, hold)
+    finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold") if hold else []
+    finding.train, finding.hold = finding.before
+    if told is not None:
+        return _believe(finding, looked, options, told)
     while True:
-        found.cases = [examine(*each, known, found.at) for each in recordings]
-        evidence = reduce(add, (case.evidence for case in found.cases))
-        found.fit = evidence.fit(found.released)
-        if found.chosen and _impossible(found):  # it looked possible from afar
-            impossible.append(found.chosen.pop())
-            found.gain.pop()
-            found.at = _values(known, evidence.fit(found.released), found.released)
+        evidence = _sum(finding.train)
+        finding.fit = evidence.fit(finding.released)
+        refused = [option for option, _ in finding.refused]
+        taken = {i for effect in finding.chosen for i in effect.option.figures}
+        rest = [option for option in options if option not in refused and not taken.intersection(option.figures)]
+        finding.last = scores(evidence, rest, finding.released)
+        finding.first = finding.first or finding.last
+        strong = [
+            score for score in finding.last
+            if score.physical and score.gain > enough and _visible(finding.train, score) > VISIBLE
+        ]  # fmt: skip
+        if len(finding.chosen) >= MOST or not strong:
+            return finding
+        best = _closest(finding, looked, [s for s in strong[:RIVALS] if s.total > CLOSE * strong[0].total])
+        released = [*finding.released, *best.option.figures]
+        at, cases, fit = _settle(known, looked, finding.at, fit=evidence.fit(released), released=released)
+        if any(fit.x[i] < known[i].low for i in best.option.figures):
+            finding.refused.append((best.option, "of the wrong sign, seen closely"))
             continue
-        rest = [option for option in _rest(options, found.chosen) if option not in impossible]
-        found.last = scores(evidence, rest, found.released)
-        found.first = found.first or found.last
-        strong = [score for score in found.last if score.physical and score.gain > ENOUGH]
-        if len(found.chosen) >= MOST or not strong:
-            return found
-        rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
-        best = strong[0]
-        if len(rivals) > 1:  # what looks alike from afar is looked at closely
-            best = max(rivals, key=_closer(found, recordings, rivals).__getitem__)
-        found.chosen.append(best.option)
-        found.gain.append(best.gain)
-        found.at = _values(known, evidence.fit(found.released), found.released)
+        held = looked.at(at, "hold") if hold else []
+        confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
+        if why:
+            finding.refused.append((best.option, why))
+            continue
+        finding.chosen.append(Effect(best.option, best.gain, confirmed))
+        finding.at, finding.train, finding.hold = at, cases, held
         if progress:
-            progress(len(found.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
+            progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
 
 
-def _closer(found: Found, recordings: Sequence[tuple[Recording, World, Masks]], rivals: Sequence[Score]) -> dict[Score, float]:
-    """Log evidence of each rival, linear around its own values, all with the same noise: what the best of them leaves."""
-    trials = {}
-    for rival in rivals:
-        released = [*found.released, *rival.option.figures]
-        at = _values(found.known, reduce(add, (case.evidence for case in found.cases)).fit(released), released)
-        trials[rival] = at, released, [examine(*each, found.known, at) for each in recordings]
-    noises = [reduce(quieter, (trial[2][k].noise for trial in trials.values())) for k in range(len(recordings))]
-    out = {}
-    for rival, (at, released, cases) in trials.items():
-        evidence = reduce(add, (weighed(case.problem, at, noise) for case, noise in zip(cases, noises, strict=True)))
-        out[rival] = evidence.fit(released).log
+def _believe(
+    finding: Finding, looked: _Looked, options: Sequence[Candidate], told: Sequence[tuple[str, str]]
+) -> Finding:
+    """Fit the effects that are told, linearised twice."""
+    finding.first = finding.last = scores(_sum(finding.train), options)
+    for name, where in told:
+        mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
+        if mine:  # the way in which it shows most
+            finding.chosen.append(Effect(mine[0].option, mine[0].gain, np.nan))
+    fit = _sum(finding.train).fit(finding.released)
+    finding.at, finding.train, finding.fit = _settle(finding.known, looked, finding.at, fit, finding.released)
+    finding.hold = looked.at(finding.at, "hold") if finding.before[1] else []
+    return finding
+
+
+def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
+    """What each candidate adds on these recordings."""
+    return scores(_sum(cases), options)
+
+
+def smallest(finding: Finding, enough: float) -> list[tuple[Figure, float]]:
+    """Of each figure of an effect, the deviation from nominal that would just give enough evidence."""
+    fit, before = _sum(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
+    variance = np.diag(fit.covariance)
+    out = []
+    for i, figure in enumerate(finding.known):
+        if not figure.effect or i in finding.released:
+            continue
+        narrow = max(figure.spread, figure.slack)
+        noise = 1.0 / max(1.0 / variance[i] - 1.0 / before[i], 1e-6 / figure.reach**2)  # of the data alone
+        # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
+        worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
+        price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
+        out.append((figure, float(np.sqrt(2.0 * (enough + price) / max(worth, 1e-30)))))
     return out
+
+
+class _Looked:
+    """Examined recordings, by the values that they were examined at."""
+
+    def __init__(self, known: list[Figure], train: Sequence[Prepared], hold: Sequence[Prepared]) -> None:
+        self._known = known
+        self._recordings = {"train": train, "hold": hold}
+        self._cases: dict[tuple[str, bytes], list[Case]] = {}
+
+    def at(self, at: Array, which: str) -> list[Case]:
+        key = which, at.tobytes()
+        if key not in self._cases:
+            self._cases[key] = [examine(each, self._known, at) for each in self._recordings[which]]
+        return self._cases[key]
+
+
+def _sum(cases: Sequence[Case]) -> Evidence:
+    return reduce(add, (case.evidence.shared() for case in cases))
+
+
+def _settle(
+    known: list[Figure], looked: _Looked, start: Array, fit: Fit, released: Sequence[int]
+) -> tuple[Array, list[Case], Fit]:
+    """Gauss-Newton: where the released figures are linear and estimated agree. Steps are no longer than a reach."""
+    at, cases = start, []
+    for _ in range(STEPS):
+        before, at = at, _values(known, fit, released)
+        for i in released:
+            at[i] = np.clip(at[i], before[i] - known[i].reach, before[i] + known[i].reach)
+        cases = looked.at(at, "train")
+        fit = _sum(cases).fit(released)
+        if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
+            break
+    return at, cases, fit
 
 
 def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array:
@@ -128,11 +256,60 @@ def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array
     return at
 
 
-def _impossible(found: Found) -> bool:
-    assert found.fit is not None
-    return any(found.fit.x[i] < found.known[i].low for i in found.chosen[-1].figures)
+def _visible(cases: Sequence[Case], score: Score) -> float:
+    """The most that a candidate amounts to in any residual, in units of its noise floor (root mean square)."""
+    most = 0.0
+    for case in cases:
+        for key, columns in case.problem.columns.items():
+            made = columns[:, list(score.option.figures)] @ score.values
+            most = max(most, float(np.sqrt(np.mean(made**2))) / max(case.floor.get(key, 0.0), 1e-12))
+    return most
 
 
-def _rest(options: Sequence[Candidate], chosen: Sequence[Candidate]) -> list[Candidate]:
-    taken = {i for candidate in chosen for i in candidate.figures}
-    return [option for option in options if not taken.intersection(option.figures)]
+def _closest(finding: Finding, looked: _Looked, rivals: Sequence[Score]) -> Score:
+    """What looks alike from afar is looked at closely: each linear around its own values, all with the same noise."""
+    if len(rivals) == 1:
+        return rivals[0]
+    trials = []
+    for rival in rivals:
+        released = [*finding.released, *rival.option.figures]
+        fit = _sum(finding.train).fit(released)
+        trials.append((released, _settle(finding.known, looked, finding.at, fit, released)[1]))
+    count = len(trials[0][1])
+    noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
+    logs = []
+    for released, cases in trials:
+        evidence = reduce(
+            add,
+            (
+                weighed(case.problem, case.evidence.at, noise).shared()
+                for case, noise in zip(cases, noises, strict=True)
+            ),
+        )
+        logs.append(evidence.fit(released).log)
+    return rivals[int(np.argmax(logs))]
+
+
+def _confirm(
+    known: list[Figure], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
+) -> tuple[float, str]:
+    """Log evidence on held-out recordings for the effect as trained against none of it; and why not, if not."""
+    evidence = _sum(held)
+    released = [*finding.released, *option.figures]
+    covariance = fit.covariance
+    healthy = prior_variance(known, finding.released)
+    mean, variance = np.zeros(len(known)), healthy.copy()
+    for i in released:
+        mean[i], variance[i] = fit.x[i], covariance[i, i] + (0.1 * fit.x[i]) ** 2
+    without_mean, without = mean.copy(), variance.copy()
+    for i in option.figures:
+        without_mean[i], without[i] = 0.0, max(known[i].slack, known[i].spread, 1e-9 * known[i].reach) ** 2
+    gain = evidence.posterior(mean, variance).log - evidence.posterior(without_mean, without).log
+    if gain < AGREES:
+        return gain, f"held-out bags speak against it ({gain:.1f} nats)"
+    again = evidence.fit(released)
+    spread = np.sqrt(np.diag(again.covariance) + np.diag(covariance))
+    for i in option.figures:
+        if abs(again.x[i] - fit.x[i]) > 4.0 * spread[i] + 0.35 * abs(fit.x[i]) + known[i].spread:
+            return gain, f"held-out bags find another {known[i].key} ({again.x[i]:.3g} for {fit.x[i]:.3g})"
+    return gain, ""

@@ -22,7 +22,7 @@ from .hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
 ROUNDS = 4  # until the noise has settled
-ABSENT = 1e-9  # spread, as a share of reach, of a figure that healthy robots do not have
+ABSENT = 1e-4  # spread, as a share of reach, of a figure that healthy robots do not have
 
 
 @dataclass
@@ -86,6 +86,22 @@ class Evidence:
             self.energy + other.energy, self.count + other.count,
         )  # fmt: skip
 
+    def shared(self) -> Evidence:
+        """The same with each recording's own figures integrated out, so that recordings can be added."""
+        own = np.array([figure.own for figure in self.figures])
+        if not own.any():
+            return self
+        s = np.sqrt(prior_variance(self.figures)[own])
+        H = np.eye(int(own.sum())) + s[:, None] * self.gram[np.ix_(own, own)] * s[None, :]
+        factor = cho_factor(H, lower=True)
+        cross, b = s[:, None] * self.gram[own], s * self.moment[own]
+        half = cho_solve(factor, np.column_stack([cross, b]))
+        gram = self.gram - cross.T @ half[:, :-1]
+        moment = self.moment - cross.T @ half[:, -1]
+        gram[own], gram[:, own], moment[own] = 0.0, 0.0, 0.0
+        energy = self.energy - float(b @ half[:, -1]) + 2.0 * float(np.log(np.diag(factor[0])).sum())
+        return Evidence(self.figures, self.at, gram, moment, energy, self.count)
+
     def fit(self, released: Sequence[int] = (), slack: Sequence[int] = ()) -> Fit:
         """Posterior of the figures' deviations from nominal when some are released to their reach (or their slack)."""
         return self.posterior(np.zeros(len(self.figures)), prior_variance(self.figures, released, slack))
@@ -139,16 +155,16 @@ class Noise:
 def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
     """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group."""
     resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
-    noise = {
-        key: Noise(_first_guess(row, problem.pieces[key]), resolution[key]) for key, row in problem.rows.items()
-    }
+    noise = {key: Noise(_first_guess(row, problem.pieces[key]), resolution[key]) for key, row in problem.rows.items()}
     for _ in range(ROUNDS):
         evidence = weighed(problem, at, noise)
         # Everything released: the noise must not hold what some figure explains.
         best = evidence.fit(range(len(at))).x - at
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
-            key: Noise(_autoregression(left, problem.pieces[key]), max(resolution[key], _offset(left, problem.pieces[key])))
+            key: Noise(
+                _autoregression(left, problem.pieces[key]), max(resolution[key], _offset(left, problem.pieces[key]))
+            )
             for key, left in remainder.items()
         }
     return evidence, noise, remainder
@@ -220,7 +236,9 @@ def _autoregression(values: Array, pieces: Array) -> Array:
     ends = np.append(pieces[1:], len(values))
     covariance = np.zeros(ORDER + 1)
     for lag in range(ORDER + 1):
-        total = sum(float(values[a : b - lag] @ values[a + lag : b]) for a, b in zip(pieces, ends, strict=True) if b - a > lag)
+        total = sum(
+            float(values[a : b - lag] @ values[a + lag : b]) for a, b in zip(pieces, ends, strict=True) if b - a > lag
+        )
         covariance[lag] = total / len(values)
     covariance[0] = covariance[0] * (1.0 + 1e-6) + 1e-30
     phi = np.linalg.solve(toeplitz(covariance[:ORDER]), covariance[1:])
@@ -270,13 +288,28 @@ class Score:
 
 def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[int] = ()) -> list[Score]:
     """Of each candidate beside what is released already, the one that explains most first."""
-    base = evidence.fit(released).log
+    base = evidence.fit(released)
+    covariance, before = base.covariance, prior_variance(evidence.figures, released)
     out = []
     for option in options:
-        wide = evidence.fit([*released, *option.figures])
-        slack = any(evidence.figures[i].slack > evidence.figures[i].spread for i in option.figures)
-        narrow = evidence.fit(released, option.figures).log if slack else base
-        values = wide.x[list(option.figures)]
-        physical = all(x > evidence.figures[i].low for x, i in zip(values, option.figures, strict=True))
-        out.append(Score(option, wide.log - base, wide.log - max(base, narrow), values, physical))
+        k = list(option.figures)
+        wide = prior_variance(evidence.figures, [*released, *k])[k]
+        narrow = prior_variance(evidence.figures, released, k)[k]
+        total, values = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], wide)
+        slack, _ = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], narrow)
+        physical = all(x > evidence.figures[i].low for x, i in zip(values, k, strict=True))
+        out.append(Score(option, total, total - max(0.0, slack), values, physical))
     return sorted(out, key=lambda score: -score.total)
+
+
+def _reweighed(x: Array, C: Array, before: Array, after: Array) -> tuple[float, Array]:
+    """What other prior variances (k,) of some figures add to the log evidence, and their new posterior mean.
+
+    From the posterior x (k,), C (k, k) under the old prior: the evidence ratio is the posterior's mean of the ratio of
+    the priors.
+    """
+    change = 1.0 / after - 1.0 / before
+    M = np.eye(len(x)) + C * change[None, :]
+    mean = np.linalg.solve(M, x)
+    log = 0.5 * float(np.log(before / after).sum()) - 0.5 * np.linalg.slogdet(M)[1] - 0.5 * float(x @ (change * mean))
+    return log, mean

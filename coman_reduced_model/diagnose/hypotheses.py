@@ -20,6 +20,7 @@ from .balance import WRENCH, World, lagged
 from .recording import FEET, RATE, Recording
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
+PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
 # Widths are set by what is common on real robots and in data sheets; none comes from the cases that are judged.
@@ -39,7 +40,9 @@ FLOOR_SPREAD = 0.003  # [rad] no floor is quite level
 PULL_SPREAD = 0.5  # [N] cables
 PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
-TILTING_SPREAD, SINKING_SPREAD = 4e-4, 2e-6  # [rad/Nm], [m/N] rubber under a foot
+LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
+SLIP_SPREAD = 0.0007  # [m]
+TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Figure:
         spread, reach: standard deviations of value - nominal without and with the effect.
         slack: standard deviation that is no effect worth a name, where healthy robots have (nearly) none at all.
         low: least physical deviation from nominal.
+        own: each recording has its own value: sensors' zeros change from one day to the next.
         step: for the difference quotient.
         unit: of the value.
         apply: recording and world under the hypothesis that the figure differs from nominal by so much.
@@ -68,6 +72,7 @@ class Figure:
     apply: Apply
     slack: float = 0.0
     low: float = -np.inf
+    own: bool = False
 
     @property
     def name(self) -> str:
@@ -95,22 +100,47 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     groups = {**legs, "": np.concatenate(list(legs.values()))}
     out: list[Figure] = []
 
-    def add(effect: str, where: str, key: str, spread: float, reach: float, unit: str, apply: Apply, **more: float) -> None:
+    def add(
+        effect: str, where: str, key: str, spread: float, reach: float, unit: str, apply: Apply, **more: float
+    ) -> None:
         nominal, step = more.get("nominal", 0.0), more.get("step", 0.1 * reach)
         slack, low = more.get("slack", 0.0), more.get("low", -np.inf)
-        out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low))
+        own = not effect and not key.startswith(("mass", "com_"))
+        out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own))
 
     motors, efforts = recording.motor_q is not None, recording.tau is not None
     for where, which in {**joints, **groups}.items():
         single = where in joints
         if motors:
-            add("joint_stiffness", where, "scale", STIFFNESS_SPREAD * single, 0.3, "1", _stiffness(which), nominal=1.0, slack=0.04)
-            add("joint_damping", where, "scale", DAMPING_SPREAD * single, 1.0, "1", _damping(which), nominal=1.0, slack=0.15)
+            add(
+                "joint_stiffness",
+                where,
+                "scale",
+                STIFFNESS_SPREAD * single,
+                0.3,
+                "1",
+                _stiffness(which),
+                nominal=1.0,
+                slack=0.0 if single else 0.04,
+            )
+            add(
+                "joint_damping",
+                where,
+                "scale",
+                DAMPING_SPREAD * single,
+                1.0,
+                "1",
+                _damping(which),
+                nominal=1.0,
+                slack=0.0 if single else 0.15,
+            )
         add("encoder_bias", where, "bias", ENCODER_SPREAD * single, 0.02, "rad", _encoder(which)) if single else None
     for where, which in joints.items():
         if motors:
             scale = _stretch(recording, world, int(which[0]))
-            add("spring_nonlinearity", where, "cubic", CUBIC_SPREAD / scale**2, 0.4 / scale**2, "1/rad^2", _cubic(which))
+            add(
+                "spring_nonlinearity", where, "cubic", CUBIC_SPREAD / scale**2, 0.4 / scale**2, "1/rad^2", _cubic(which)
+            )
             add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
             add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which), low=0.0)
@@ -119,13 +149,29 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     if motors:
         add("transport_delay", "", "delay", DRIVER_SPREAD, 0.03, "s", _motor_delay, step=0.008, low=0.0, slack=0.002)
         add("motor_lag", "", "time_constant", 0.0, 0.03, "s", _motor_lag, step=0.008, low=0.0, slack=LAG_SLACK)
+        if recording.plan is not None:
+            # Motor states that tell what the motors do show it against the plan, those that echo the command do not.
+            add("transport_delay", PLAN, "delay", 0.0, 0.03, "s", _plan_delay, step=0.008, low=0.0, slack=0.003)
+            add("motor_lag", PLAN, "time_constant", 0.0, 0.03, "s", _plan_lag, step=0.008, low=0.0, slack=0.003)
+            for stance, foot in SIDES.items():
+                for k, axis in enumerate("xy"):
+                    add("", stance, f"lead_{axis}", LEAD_SPREAD, LEAD_SPREAD, "m", _lead(foot, k))
         add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance, low=0.0)
     for k, key in enumerate(("mass", "x", "y", "z")):
         reach = (1.0, 0.15, 0.15, 0.05)[k]  # first moments [kg m] until the mass is known
         add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1)
     for k, key in enumerate("xyz"):
         # Walking hardly shows the height of a COM.
-        add("com_offset", "", key, 0.0, HEIGHT_SPREAD if key == "z" else 0.03, "m", _com_offset(world.robot.model.frames[robot.base_id].parentJoint, k), step=0.005)
+        add(
+            "com_offset",
+            "",
+            key,
+            0.0,
+            HEIGHT_SPREAD if key == "z" else 0.03,
+            "m",
+            _com_offset(world.robot.model.frames[robot.base_id].parentJoint, k),
+            step=0.005,
+        )
     for body in range(1, robot.model.njoints):
         if robot.model.inertias[body].mass > 1e-3:
             add("", robot.model.names[body], "mass", MASS_SPREAD, MASS_SPREAD, "1", _mass(body), step=0.05)
@@ -134,23 +180,40 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                 add("", robot.model.names[body], f"com_{key}", spread, spread, "m", _com_offset(body, k), step=0.005)
     for where, feet in (("left", FEET[:1]), ("right", FEET[1:]), ("", FEET)):
         single = len(feet) == 1
-        add("wrench_scale", where, "scale", GAIN_SPREAD * single, 0.15, "1", _gain(feet), nominal=1.0, slack=GAIN_SPREAD)
-        add("wrench_delay", where, "delay", CLOCK_SPREAD * single, 0.03, "s", _wrench_delay(feet), step=0.008, slack=CLOCK_SPREAD)
+        add(
+            "wrench_scale", where, "scale", GAIN_SPREAD * single, 0.15, "1", _gain(feet), nominal=1.0, slack=GAIN_SPREAD
+        )
+        add(
+            "wrench_delay",
+            where,
+            "delay",
+            CLOCK_SPREAD * single,
+            0.03,
+            "s",
+            _wrench_delay(feet),
+            step=0.008,
+            slack=CLOCK_SPREAD,
+        )
         if single:
             for k, key in enumerate(WRENCH):
-                reach = 15.0 if k < 3 else 1.0
-                add("wrench_bias", where, key, WRENCH_SPREAD[k], reach, "N" if k < 3 else "Nm", _wrench_bias(feet[0], k))
+                reach, unit = (15.0, "N") if k < 3 else (1.0, "Nm")
+                add("wrench_bias", where, key, 0.0, reach, unit, _wrench_bias(feet[0], k))
+                add("", where, f"zero_{key}", WRENCH_SPREAD[k], WRENCH_SPREAD[k], unit, _wrench_bias(feet[0], k))
     add("encoder_delay", "", "delay", DRIVER_SPREAD, 0.03, "s", _link_delay(efforts=False), step=0.008, low=0.0)
     if efforts:
-        add("encoder_delay", "all", "delay", DRIVER_SPREAD, 0.03, "s", _link_delay(efforts=True), step=0.008, low=0.0)
+        add("encoder_delay", LINKS, "delay", DRIVER_SPREAD, 0.03, "s", _link_delay(efforts=True), step=0.008, low=0.0)
     for k, key in enumerate(("roll", "pitch")):
         add("ground_slope", "", key, FLOOR_SPREAD, 0.05, "rad", _slope(k))
         if recording.up is not None:
             add("", "imu", key, IMU_SPREAD, IMU_SPREAD, "rad", _imu_zero(k))
     for k, key in enumerate("xy"):
         add("external_force", "", key, PULL_SPREAD, 10.0, "N", _pull(k))
-    add("ground_compliance", "", "rotational", TILTING_SPREAD, 5e-3, "rad/Nm", _world("tilting"), low=0.0)
-    add("ground_compliance", "", "vertical", SINKING_SPREAD, 3e-5, "m/N", _world("sinking"), low=0.0)
+    for where, foot in SIDES.items():
+        add("foot_slip", where, "distance", SLIP_SPREAD, 0.01, "m", _slip(foot))
+    weight = robot.mass * world.gravity
+    tilting, sinking = TILTING_SPREAD / (weight * 0.5 * robot.config.foot_length), SINKING_SPREAD / weight
+    add("ground_compliance", "", "rotational", tilting, 12.0 * tilting, "rad/Nm", _world("tilting"), low=0.0)
+    add("ground_compliance", "", "vertical", sinking, 12.0 * sinking, "m/N", _world("sinking"), low=0.0)
     return out
 
 
@@ -232,6 +295,28 @@ def _motor_delay(r: Recording, w: World, x: float) -> tuple[Recording, World]:
 
 def _motor_lag(r: Recording, w: World, x: float) -> tuple[Recording, World]:
     return r.changed(motor_q=lagged(r.motor_q, x)), w  # type: ignore[arg-type]
+
+
+def _plan_delay(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+    return r.changed(plan=shifted(r.plan, -x)), w  # type: ignore[arg-type]
+
+
+def _plan_lag(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+    return r.changed(plan=lagged(r.plan, x)), w  # type: ignore[arg-type]
+
+
+def _lead(foot: Foot, k: int) -> Apply:
+    """References are planned ahead of the springs' sag, by more on one leg than on the other."""
+
+    def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+        stance = (r.left_share >= 0.5) == (foot == Foot.LEFT)
+        return r.changed(plan=r.plan + x * stance[:, None] * np.eye(2)[k]), w  # type: ignore[operator]
+
+    return apply
+
+
+def _slip(foot: Foot) -> Apply:
+    return lambda r, w, x: (r, w.changed(slip={**w.slip, foot: w.slip.get(foot, 0.0) + x}))
 
 
 def _motor_compliance(r: Recording, w: World, x: float) -> tuple[Recording, World]:

@@ -44,6 +44,8 @@ class Recording:
         motor_q, motor_qd: (n, nj) motor side; None: no motor states.
         wrench: by foot (n, 6) force, torque of the ground at the sole, in its frame [N, Nm].
         up: (n, 3) against gravity by the IMU, in the root link's frame; None: no orientation.
+        plan, moved: (n, 2) x, y of the COM in the frame of the stance sole, as com/reference plans it and as the motor side
+            moved it [m]; None: not both are known.
         phase: (n,) of Phase; left_share: (n,).
         valid: (n,) bool, no gap here.
         count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
@@ -58,6 +60,8 @@ class Recording:
     motor_qd: Array | None
     wrench: dict[Foot, Array]
     up: Array | None
+    plan: Array | None
+    moved: Array | None
     phase: Array
     left_share: Array
     valid: Array
@@ -151,10 +155,32 @@ def _grid(
     return Recording(
         name, t, q, qd, _efforts(array("tau")), array("motor_q"), array("motor_qd"),
         {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame),
+        *_plan(complete, phases, shares, robot, at, t),
         phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
         away < _REACH, _counts(np.array([s.q for s in complete])), warnings,
     )  # fmt: skip
+
+
+def _plan(
+    samples: list[Sample], phases: Array, shares: Array, robot: Robot, at: Array, t: Array
+) -> tuple[Array | None, Array | None]:
+    """Planned and motor-side COM (n, 2) in the stance sole, at the grid's times."""
+    if sum(s.reference is not None and s.motor_q is not None for s in samples) < 0.9 * len(samples):
+        return None, None
+    motors = robot.posture()
+    rows = np.full((len(samples), 4), np.nan)
+    still = np.zeros(len(robot.joint_names))
+    for i, (sample, phase, share) in enumerate(zip(samples, phases, shares, strict=True)):
+        if sample.reference is None or sample.motor_q is None:
+            continue
+        left = phase == Phase.LEFT or (phase != Phase.RIGHT and share >= 0.5)
+        T = sample.reference.T_odom_left if left else sample.reference.T_odom_right
+        motors.update(sample.motor_q, still)
+        com, _ = motors.com_in_sole(Foot.LEFT if left else Foot.RIGHT)
+        rows[i, :2], rows[i, 2:] = (T[:3, :3].T @ (sample.reference.com - T[:3, 3]))[:2], com[:2]
+    values = _resample(at, rows, t)
+    return values[:, :2], values[:, 2:]
 
 
 def _counts(q: Array) -> Array:

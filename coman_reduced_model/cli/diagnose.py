@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman diagnose`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .common import (
+    ConfigOption,
+    ForceOption,
+    JsonOption,
+    NamespaceOption,
+    RemapOption,
+    SetOption,
+    UrdfOption,
+    print_json,
+    print_table,
+    progress,
+    read_config,
+    warn,
+)
+
+
+def diagnose(
+    bags: Annotated[list[Path], typer.Argument(metavar="BAG...", help="Recorded walks of one robot.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for diagnosis.json, model.yaml, report.html.")
+    ],
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option("--holdout", metavar="BAG", help="A walk that only confirms; better of another gait. Repeatable."),
+    ] = None,
+    assume: Annotated[
+        list[str] | None,
+        typer.Option("--assume", metavar="NAME[:where=PLACE]", help="Fit this effect instead of looking for one."),
+    ] = None,
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    urdf: UrdfOption = None,
+    namespace: NamespaceOption = "",
+    remap: RemapOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Find the effect that the model or the sensors lack, and show that the gap shrinks on bags it has not seen."""
+    settings = read_config(config, changes)
+    from ..diagnose.workflow import diagnose as run
+    from ..diagnose.workflow import write
+    from ..output import OutputFolder
+    from ..topics import TopicNames
+
+    OutputFolder(out, force)  # refuses now what it would refuse in a minute
+    names = TopicNames(namespace, remap or ())
+    with progress("diagnosing") as report:
+        diagnosis = run(bags, holdout or [], settings, urdf=urdf, names=names, assume=assume or (), progress=report)
+    write(diagnosis, out, force)
+    warn(diagnosis.result["not_checked"])
+    if json:
+        print_json(diagnosis.result)
+    else:
+        _show(diagnosis.result, out)
+
+
+def _show(result: dict[str, Any], out: Path) -> None:
+    print(f"verdict: {result['verdict']}: {result['sentence']}")
+    held = result["gap"]["holdout"] or result["gap"]["train"]
+    rows = [
+        [
+            channel,
+            f"{held['before'][channel]:.3g}",
+            f"{held['after'][channel]:.3g}",
+            f"{held['floor'].get(channel, 0):.3g}",
+        ]
+        for channel in sorted(
+            held["before"], key=lambda c: -(held["before"][c] - held["after"][c]) / max(held["floor"].get(c, 0), 1e-9)
+        )[:8]
+    ]
+    which = "held-out" if result["gap"]["holdout"] else "training"
+    print_table(f"Gap on the {which} bags, RMS in SI units", ["channel", "before", "after", "noise floor"], rows)
+    print_table(
+        "Ranking",
+        ["effect", "where", "evidence [nats]", "held-out"],
+        [
+            [
+                r["name"],
+                r["where"],
+                f"{r['evidence']:.1f}",
+                "" if r["holdout_gain"] is None else f"{r['holdout_gain']:.1f}",
+            ]
+            for r in result["ranking"][:6]
+        ],
+    )
+    print(f"written: {out}")

@@ -1,0 +1,406 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman diagnose`: bags in; diagnosis.json, model.yaml and report.html out."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bag.reader import Bag
+from ..core.config import Config, EffectConfig, config_to_yaml
+from ..core.effects import CATALOGUE
+from ..core.pipeline import Pipeline
+from ..core.types import Array, Flags
+from ..errors import ConfigError
+from ..offline import find_robot, input_streams, predictions, to_json
+from ..output import OutputFolder
+from ..topics import TopicNames
+from .diagnosis import ALONE, ENOUGH, Case, Finding, Prepared, prepare, search, smallest, total
+from .hypotheses import LINKS, PLAN, Candidate
+from .recording import Recording, load, moving
+
+DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
+Progress = Callable[[float, str], None]
+
+# How much of the noise floor healthy robots leave at most, in single support: the floor is the sensors' own noise, and
+# rigid bodies on flat soles explain the rest but for this. Chosen on seeds below 1000 of the judge.
+LIMITS = {"force": 5.5, "moment": 3.0, "torque": 3.5, "spring": 3.2, "unloaded": 6.0}
+TOLERANCE = 3.0  # times the limits where an effect that was found acts strongly: it is not exactly of that form
+CLASSES = {
+    "motor_lag": "drive_delay",
+    "transport_delay": "drive_delay",
+    "ground_slope": "constant_force",
+    "external_force": "constant_force",
+}
+CONFIDENCE = 1.96  # standard deviations of an interval
+
+
+@dataclasses.dataclass
+class Diagnosis:
+    """What was found out.
+
+    Attributes:
+        result: what diagnosis.json holds.
+        model: the configuration with the effects added.
+        finding: the evidence behind it; recordings: of the training bags, then the held-out ones.
+        com: by recording, time [s] and measured minus predicted COM (n, 3) [m] before and after.
+    """
+
+    result: dict[str, Any]
+    model: Config
+    finding: Finding
+    recordings: list[Recording]
+    com: list[tuple[Array, Array, Array]]
+
+
+def diagnose(
+    train: Sequence[str | Path],
+    hold: Sequence[str | Path],
+    config: Config,
+    *,
+    urdf: str | Path | None = None,
+    names: TopicNames | None = None,
+    assume: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find the missing effects.
+
+    Args:
+        train: bags to find them in; hold: bags to confirm them on only.
+        config: nominal robot and model.
+        assume: effects that are told (`NAME` or `NAME:where=PLACE`): only their figures are fitted.
+
+    Raises:
+        ComanError: a bag, the robot or the configuration cannot be used.
+    """
+    began = time.perf_counter()
+    report = progress or (lambda fraction, what: None)
+    told = [_told(text) for text in assume]
+    paths = [*train, *hold]
+    recordings, prepared = [], []
+    helper = ProcessPoolExecutor(1, get_context("spawn"))
+    nominal = [helper.submit(com_errors, path, config, urdf, names) for path in paths]
+    for i, path in enumerate(paths):
+        recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
+        recordings.append(recording)
+        prepared.append(prepare(recording, robot, config))
+    prepared = _alike(prepared)
+    report(0.15, "looking at the residuals")
+    finding = search(
+        prepared[: len(train)], prepared[len(train) :], told or None, lambda f, w: report(0.15 + 0.65 * f, w)
+    )
+    excess = finding.leftover()
+    model = with_effects(config, finding)
+    report(0.8, "predicting the COM")
+    com = []
+    # Every other bag here, the rest in the other process.
+    others = [helper.submit(com_errors, path, model, urdf, names) for path in paths[1::2]] if finding.chosen else []
+    mine = [com_errors(path, model, urdf, names) for path in paths[::2]] if finding.chosen else []
+    for i, future in enumerate(nominal):
+        times, error = future.result()
+        after = (mine[i // 2] if i % 2 == 0 else others[i // 2].result())[1] if finding.chosen else error
+        n = min(len(error), len(after))
+        com.append((times[:n], error[:n], after[:n]))
+    helper.shutdown()
+    result = {
+        "verdict": (verdict := _verdict(finding, excess, recordings[: len(train)], bool(told))),
+        "effects": _effects(finding) if verdict == "effect" else [],
+        "suspected": _effects(finding) if verdict != "effect" else [],
+        "ranking": _ranking(finding),
+        "localisation": localisation(finding),
+        "too_much": too_much(finding, excess),
+        "leftover": {key: round(value, 2) for key, value in sorted(excess.items(), key=lambda item: -item[1])},
+        "gap": {
+            "train": _gap(finding.before[0], finding.train, finding, com[: len(train)]),
+            "holdout": _gap(finding.before[1], finding.hold, finding, com[len(train) :]) if hold else None,
+        },
+        "undetectable_below": undetectable(finding, ENOUGH if hold else ALONE),
+        "refused": [{"name": option.effect, "where": place(option), "why": why} for option, why in finding.refused],
+        "not_checked": _not_checked(recordings, bool(hold)),
+        "bags": {"train": [str(path) for path in train], "holdout": [str(path) for path in hold]},
+        "model": MODEL_FILE,
+        "seconds": time.perf_counter() - began,
+    }
+    result["sentence"] = sentence(result)
+    return Diagnosis(result, model if verdict == "effect" else config, finding, recordings, com)
+
+
+def write(diagnosis: Diagnosis, out: str | Path, force: bool = False) -> None:
+    """Write diagnosis.json, model.yaml and report.html into a folder.
+
+    Raises:
+        OutputError: it exists, or cannot be written.
+    """
+    from .page import diagnosis_page
+
+    with OutputFolder(out, force) as folder:
+        (folder / DIAGNOSIS_FILE).write_text(to_json(diagnosis.result) + "\n", encoding="utf-8")
+        comment = f"by coman diagnose: {diagnosis.result['sentence']}"
+        (folder / MODEL_FILE).write_text(config_to_yaml(diagnosis.model, comment), encoding="utf-8")
+        (folder / REPORT_FILE).write_text(diagnosis_page(diagnosis), encoding="utf-8")
+
+
+def _told(text: str) -> tuple[str, str]:
+    name, _, rest = text.partition(":")
+    key, _, where = rest.partition("=")
+    if name not in CATALOGUE or (rest and key != "where"):
+        raise ConfigError(f"--assume {text}: wanted NAME or NAME:where=PLACE (names: {', '.join(CATALOGUE)})")
+    return name, where
+
+
+def _alike(prepared: list[Prepared]) -> list[Prepared]:
+    """Streams that one of the bags lacks are not used of the others: all have the same figures then."""
+    drop = {
+        name: None
+        for name in ("tau", "motor_q", "up", "plan", "moved")
+        if any(getattr(recording, name) is None for recording, _, _ in prepared)
+    }
+    return [(recording.changed(**drop), world, where) for recording, world, where in prepared]
+
+
+def place(option: Candidate) -> str:
+    """`where` of a candidate, as in the configuration."""
+    return "" if option.where in (PLAN, LINKS) else option.where
+
+
+def _verdict(finding: Finding, excess: Mapping[str, float], train: Sequence[Recording], told: bool) -> str:
+    if told:
+        return "effect" if finding.chosen else "none"
+    if too_much(finding, excess):
+        return "unknown"
+    if finding.chosen:
+        return "effect"
+    return "none" if all(moving(recording.phase) for recording in train) else "not_excited"
+
+
+def too_much(finding: Finding, excess: Mapping[str, float]) -> list[str]:
+    """Groups of residuals of which more is left than healthy robots leave, worst first."""
+    out = []
+    for key, value in excess.items():
+        channel, part = key.split("|")
+        limit = LIMITS.get(channel.split("/")[0])
+        if part != "single" or limit is None:
+            continue
+        limit *= TOLERANCE if acts(finding, key) > 5.0 else 1.0
+        if value > limit:
+            out.append((value / limit, key))
+    return [key for _, key in sorted(out, reverse=True)]
+
+
+def acts(finding: Finding, key: str) -> float:
+    """What the chosen effects amount to in a group of residuals, in units of the noise floor."""
+    most = 0.0
+    for case in [*finding.train, *finding.hold]:
+        if key in case.problem.columns and case.floor.get(key, 0.0) > 0.0:
+            made = case.problem.columns[key] @ finding.at
+            most = max(most, float(np.sqrt(np.mean(made**2))) / case.floor[key])
+    return most
+
+
+def _effects(finding: Finding) -> list[dict[str, Any]]:
+    assert finding.fit is not None
+    deviation = np.sqrt(np.diag(finding.fit.covariance))
+    out = []
+    for effect in finding.chosen:
+        option = effect.option
+        known = [finding.known[i] for i in option.figures]
+        parameters = {}
+        for i, figure in zip(option.figures, known, strict=True):
+            value, half = figure.nominal + finding.fit.x[i], CONFIDENCE * deviation[i]
+            parameters[figure.key] = {"value": value, "unit": figure.unit, "interval": [value - half, value + half]}
+        if option.effect == "payload" and "x" in parameters:
+            mass = parameters["mass"]["value"]
+            for key in "xyz":
+                moment = parameters[key]
+                low, high = sorted((moment["interval"][0] / mass, moment["interval"][1] / mass))
+                parameters[key] = {"value": moment["value"] / mass, "unit": "m", "interval": [low, high]}
+        out.append(
+            {
+                "name": option.effect,
+                "class": _class(finding, option),
+                "where": place(option),
+                "parameters": parameters,
+                "evidence": effect.gain,
+                "holdout_evidence": effect.confirmed,
+            }
+        )
+    return out
+
+
+def _class(finding: Finding, option: Candidate) -> str | None:
+    """The class if another member explains nearly as much: then only the class is sure."""
+    name = CLASSES.get(option.effect)
+    if name is None:
+        return None
+    totals = {score.option.effect: score.total for score in reversed(finding.first)}
+    rivals = [t for effect, t in totals.items() if CLASSES.get(effect) == name and effect != option.effect]
+    return name if rivals and max(rivals) > 0.5 * totals.get(option.effect, 0.0) else None
+
+
+def with_effects(config: Config, finding: Finding) -> Config:
+    """The configuration with what was found added to its effects."""
+    added = []
+    for entry in _effects(finding) if finding.chosen else []:
+        kind = CATALOGUE.get(entry["name"])
+        if kind is None:
+            continue
+        values = {p.name: float(p.nominal) for p in kind.parameters}  # type: ignore[arg-type]
+        bounds = {p.name: (p.low, p.high) for p in kind.parameters}
+        for key, value in entry["parameters"].items():
+            values[key] = float(np.clip(value["value"], *bounds[key]))
+        added.append(EffectConfig(entry["name"], entry["where"], values))
+    return dataclasses.replace(config, effects=(*config.effects, *added))
+
+
+def _ranking(finding: Finding) -> list[dict[str, Any]]:
+    held: dict[str, float] = {}
+    if finding.before[1]:
+        held = {s.option.name: s.gain for s in reversed(total(finding.before[1], [s.option for s in finding.first]))}
+    best: dict[tuple[str, str], dict[str, Any]] = {}
+    for score in finding.first:
+        key = score.option.effect, place(score.option)
+        entry = {
+            "name": score.option.effect, "where": place(score.option), "evidence": score.gain,
+            "holdout_gain": held.get(score.option.name),
+        }  # fmt: skip
+        if key not in best or best[key]["evidence"] < score.gain:
+            best[key] = entry
+    return sorted(best.values(), key=lambda entry: -entry["evidence"])
+
+
+def localisation(finding: Finding) -> list[dict[str, Any]]:
+    """Where the measurement disagrees with the nominal robot beyond healthy scatter, largest first."""
+    out = []
+    healthy = None
+    for case in finding.before[0]:
+        healthy = case.evidence.fit()
+        for key, left in case.left(healthy, []).items():
+            level = case.floor.get(key, 0.0)
+            if level <= 0.0:
+                continue
+            channel, part = key.split("|")
+            times, pieces = case.problem.times[key], case.problem.pieces[key]
+            phases = case.recording.phase[case.where.ticks[times]]
+            for phase, name in ((1, "left"), (2, "right"), (3, "double")):
+                mine = phases == phase
+                if mine.sum() < 10:
+                    continue
+                rms = float(np.sqrt(np.mean(left[mine] ** 2)))
+                ends = np.append(pieces[1:], len(left))
+                steady = np.concatenate([np.full(b - a, left[a:b].mean()) for a, b in zip(pieces, ends, strict=True)])
+                slow = float(np.sqrt(np.mean(steady[mine] ** 2))) > 0.7 * rms
+                out.append(
+                    {"channel": channel, "phase": name, "band_hz": [0.0, 1.5] if slow else [1.5, 9.0],
+                     "excess": rms / level, "rms": rms}
+                )  # fmt: skip
+    return sorted(out, key=lambda entry: -entry["excess"])
+
+
+def undetectable(finding: Finding, enough: float) -> dict[str, dict[str, float]]:
+    """By effect (at its best place) and parameter, the deviation that would just be accepted."""
+    assert finding.fit is not None
+    out: dict[str, dict[str, float]] = {}
+    for figure, value in smallest(finding, enough):
+        entry = out.setdefault(figure.effect, {})
+        entry[figure.key] = min(entry.get(figure.key, np.inf), value)
+    return out
+
+
+def _gap(
+    before: Sequence[Case], after: Sequence[Case], finding: Finding, com: Sequence[tuple[Array, Array, Array]]
+) -> dict[str, dict[str, float]]:
+    """Root mean square by channel: of the nominal robot, with the effects, and of the noise floor.
+
+    COM channels are errors of the free run [m]; the others are structured residuals in their own units, free of the
+    scatter of healthy robots.
+    """
+    assert finding.fit is not None
+    sums: dict[str, dict[str, list[float]]] = {"before": {}, "after": {}, "floor": {}}
+    for old, new in zip(before, after, strict=True):
+        lefts = {
+            "before": (old, old.left(old.evidence.fit(), [])),
+            "after": (new, new.left(finding.fit, finding.released)),
+        }
+        for which, (case, left) in lefts.items():
+            for key, value in left.items():
+                sums[which].setdefault(key.partition("|")[0], []).append(float(np.mean(value**2)))
+                if which == "after":
+                    sums["floor"].setdefault(key.partition("|")[0], []).append(case.floor.get(key, 0.0) ** 2)
+    for _, old_error, new_error in com:
+        for k, axis in enumerate("xyz"):
+            for which, error in (("before", old_error), ("after", new_error)):
+                sums[which].setdefault(f"com/{axis}", []).append(float(np.nanmean(error[:, k] ** 2)))
+            sums["floor"].setdefault(f"com/{axis}", []).append(COM_FLOOR**2)
+    return {which: {key: float(np.sqrt(np.mean(v))) for key, v in entry.items()} for which, entry in sums.items()}
+
+
+COM_FLOOR = 0.0002  # [m] of the measured COM with 12-bit encoders
+
+
+def com_errors(
+    path: str | Path, config: Config, urdf: str | Path | None = None, names: TopicNames | None = None
+) -> tuple[Array, Array]:
+    """Times (n,) since the first, measured minus predicted COM (n, 3) of the free run; NaN where there is none."""
+    names = names or TopicNames()
+    quick = dataclasses.replace(config, prediction=dataclasses.replace(config.prediction, horizons=()))
+    with Bag(path) as bag:
+        pipeline = Pipeline(find_robot(quick, bag, names, urdf), quick)
+        rows = [
+            (p.stamp_ns, p.residual)
+            for p in predictions(bag, pipeline, input_streams(bag, quick, names))
+            if not p.flags & Flags.REJECTED_STATE
+        ]
+    times = np.array([stamp for stamp, _ in rows], dtype=float) * 1e-9
+    return times - (times[0] if len(times) else 0.0), np.array([residual for _, residual in rows]).reshape(-1, 3)
+
+
+def _not_checked(recordings: Sequence[Recording], held: bool) -> list[str]:
+    lines = []
+    if any(recording.tau is None for recording in recordings):
+        lines.append("no joint torques: springs are judged by what the foot wrenches ask for")
+    if any(recording.motor_q is None for recording in recordings):
+        lines.append("no motor states: springs, motors and play cannot be judged")
+    if any(recording.up is None for recording in recordings):
+        lines.append("no IMU: a sloping floor and a pull look alike")
+    if any(recording.plan is None for recording in recordings):
+        lines.append("no com/reference with motor states: what the motors make of it cannot be judged")
+    if not held:
+        lines.append("no held-out bag: nothing was confirmed on data that was not fitted")
+    for recording in recordings:
+        lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
+    return lines
+
+
+def sentence(result: Mapping[str, Any]) -> str:
+    """The verdict for a person."""
+    if result["verdict"] == "none":
+        return "nothing is missing that this data could show"
+    if result["verdict"] == "not_excited":
+        return "nothing was found, but this recording does not walk: most effects could not show"
+    if result["verdict"] == "unknown":
+        worst = next(iter(result["too_much"]), "")
+        return f"something is missing that no effect of the catalogue explains (most of it in {worst.split('|')[0]})"
+    parts = []
+    for effect in result["effects"]:
+        figures = ", ".join(_figure(key, p) for key, p in effect["parameters"].items())
+        at = f" at {effect['where']}" if effect["where"] else ""
+        called = effect["class"] or effect["name"]
+        parts.append(f"{called.replace('_', ' ')}{at} ({figures})")
+    return "; ".join(parts)
+
+
+def _figure(key: str, parameter: Mapping[str, Any]) -> str:
+    value, unit = parameter["value"], parameter["unit"]
+    half = 0.5 * (parameter["interval"][1] - parameter["interval"][0])
+    if unit == "rad":
+        return f"{key} {np.degrees(value):.2f} +- {np.degrees(half):.2f} degrees"
+    if unit == "s":
+        return f"{key.replace('_', ' ')} {1e3 * value:.1f} +- {1e3 * half:.1f} ms"
+    return f"{key} {value:.3g} +- {half:.2g}{'' if unit == '1' else ' ' + unit}"
