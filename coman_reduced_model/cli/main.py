@@ -29,6 +29,7 @@ from .record import record
 from .replay import replay
 from .report import report
 from .tune import tune
+from .validate import validate
 
 app = typer.Typer(
     name="coman",
@@ -37,7 +38,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (predict, record, replay, report, identify, tune, diagnose, judge, demo, live, config):
+for command in (predict, record, replay, report, identify, tune, validate, judge, diagnose, demo, live, config):
     app.command()(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.
