@@ -99,4 +99,5 @@ $(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
 $(STAMP)/compiled: $(wildcard coman_reduced_model/core/*.py coman_reduced_model/core/effects/*.py) $(STAMP)/package
 	@echo "compiling the model"
 	@$(BIN)/python -m coman_reduced_model.warm_up
+	@$(BIN)/python -c "from coman_reduced_model.tuning.free_run import compile_loop; compile_loop()"
 	@touch $@

@@ -67,6 +67,16 @@ class FreeRun:
         )  # fmt: skip
 
 
+def compile_loop() -> None:
+    """Compile the loop now: processes that start together would all do it."""
+    stamps, one, zeros = np.arange(2), np.zeros((2, 6)), np.zeros((2, 3, 3))
+    go = np.full(2, _GO)
+    FreeRun(
+        stamps, go, go > _GO, stamps, zeros, one[:, :3].copy(), zeros, zeros, one[:, :3].copy(), np.zeros((2, 8)),
+        one, one, go, np.array([0, 2]), 1.0,
+    ).run(np.ones(8))  # fmt: skip
+
+
 def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun:
     """What the predictor's free run over samples is made of.
 

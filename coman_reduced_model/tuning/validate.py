@@ -21,6 +21,7 @@ from ..core.config import Config
 from ..core.predictor import Predictor
 from ..core.statistics import RunStatistics, by_axis
 from ..errors import BagError, ConfigError
+from .free_run import compile_loop
 from .parameters import tune_parameters
 from .recording import Progress, Recording, read_recording
 from .shares import measure_shares, with_shares
@@ -206,6 +207,7 @@ def validate(
     jobs = len(cases) * (len(train) + len(judge))
     done = 0
     result = Validation([], {}, {}, {})
+    compile_loop()
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     with ProcessPoolExecutor(processes, multiprocessing.get_context(method)) as pool:
 
