@@ -52,6 +52,7 @@ def test_bad_input_is_one_line(tmp_path, capsys):
     out, test1 = ["--out", str(tmp_path / "v")], str(BAGS / "test1")
     for arguments, said in (
         ([test1], "--holdout"),
+        ([test1, "--untuned"], "only without BAG"),
         (["--holdout", test1], "name the bags to tune on"),
         ([test1, "--holdout", test1], "also tuned on"),
         (["--robots", "coman,giant"], "'giant' is not allowed"),

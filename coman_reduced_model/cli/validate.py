@@ -42,6 +42,10 @@ def validate(
     quick: Annotated[
         bool, typer.Option("--quick", help="Only the paper's model and the whole one, on the paper's two gaits.")
     ] = False,
+    untuned: Annotated[
+        bool,
+        typer.Option("--untuned", help="Virtual robots: compare the options only, which takes a third of the time."),
+    ] = False,
     config: ConfigOption = None,
     changes: SetOption = None,
     force: ForceOption = False,
@@ -49,12 +53,15 @@ def validate(
 ) -> None:
     """Tune on one gait, judge on others: options one by one and together, in one table and a report page."""
     settings = read_config(config, changes)
+    from ..bag.reader import Bag
     from ..errors import ConfigError
     from ..offline import to_json
     from ..output import OutputFolder
     from ..report.validation import validation_page
     from ..tuning import validate as validation
 
+    if bags and untuned:
+        raise ConfigError("--untuned: only without BAG")
     if holdout and not bags:
         raise ConfigError("--holdout: name the bags to tune on as well")
     variants = validation.QUICK if quick else tuple(validation.VARIANTS)
@@ -66,13 +73,15 @@ def validate(
         named = {**{bag.name: bag for bag in bags}, **{bag.name: bag for bag in holdout}}
         if len(named) < len(bags) + len(holdout):
             raise ConfigError("BAG, --holdout: two bags have the same name")
+        for bag in named.values():  # said before any work begins
+            Bag(bag).close()
         cases = [validation.Case(settings.robot.name, settings, named)]
         train, judge = [bags[0].name], [bag.name for bag in holdout]
         if len(bags) > 1:
             raise ConfigError("BAG: tune on one bag here (coman tune takes several)")
     else:
         cases = [validation.virtual_case(name.strip(), settings) for name in robots.split(",")]
-        train, judge = ["test1", "test2"], list(validation.GAITS)[: 2 if quick else None]
+        train, judge = [] if untuned else ["test1", "test2"], list(validation.GAITS)[: 2 if quick else None]
     began = time.perf_counter()
     with OutputFolder(out, force) as folder:
         (folder / "bags").mkdir()

@@ -195,7 +195,7 @@ def validate(
 
     Args:
         cases: robots; what their `bags` lack is recorded.
-        train, judge: names of gaits in GAITS, or those of `bags`.
+        train, judge: names of gaits in GAITS, or those of `bags`; nothing to train on: nothing is tuned.
         folder: for recorded bags.
         variants: names in VARIANTS.
         seed: of the first recording; each has its own.
@@ -207,7 +207,8 @@ def validate(
     jobs = len(cases) * (len(train) + len(judge))
     done = 0
     result = Validation([], {}, {}, {})
-    compile_loop()
+    if train:
+        compile_loop()
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     with ProcessPoolExecutor(processes, multiprocessing.get_context(method)) as pool:
 
@@ -234,7 +235,8 @@ def validate(
         judging = {}
         for case in cases:
             for gait in judge:
-                on = TRAINED_ON.get(gait, train[0]) if len(train) > 1 else train[0]
+                first = next(iter(train), gait)
+                on = TRAINED_ON.get(gait, first) if len(train) > 1 else first
                 tuned = {} if on == gait else result.tuned[case.robot, on]
                 arguments = (case, gait, tuned, variants, next(numbers), duration_s, folder)
                 judging[pool.submit(_judge, *arguments)] = (case, gait)
