@@ -11,8 +11,8 @@
 `plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
 `unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
 
-All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals are
-taken at TICKS a second.
+All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
+are taken at TICKS a second.
 """
 
 from __future__ import annotations
@@ -109,9 +109,7 @@ class Masks:
     touchdown: Array  # (m,) index of the tick at which this double support was first steady
     share: Array  # (m,) smooth share of the left foot
     segment: Array  # (m,) number of the phase: what belongs together
-    slid: dict[
-        Foot, Array
-    ]  # (m,) 0..1, how much of its slide a foot that has landed has behind it, less that at touchdown
+    slid: dict[Foot, Array]  # (m,) 0..1, how much of its slide a landed foot has behind it, less that at touchdown
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
 
 
@@ -146,7 +144,7 @@ def masks(recording: Recording, world: World) -> Masks:
 
 
 def on_flat_soles(where: Masks, state: State) -> Masks:
-    """Without the ticks at which, by the IMU, the robot stood on the edge of a foot: rigid soles explain nothing there."""
+    """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there."""
     tipped = np.zeros(len(where.ticks), dtype=bool)
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
@@ -193,8 +191,12 @@ def _taken_up(recording: Recording, world: World) -> Array:
 class Motion:
     """Smoothed joints at the ticks, and the soles against the trunk.
 
-    Attributes: q, qd, qdd (m, nj). By foot, in the root link's frame: R (m, 3, 3) and p (m, 3) of the sole; twist, twist_rate
-    (m, 6) of the root link, if that sole stands still; J (m, 6, nv) of the sole, in its own frame. com (m, 3) by the URDF.
+    Attributes:
+        q, qd, qdd: (m, nj).
+        R, p: by foot (m, 3, 3), (m, 3) of the sole in the root link's frame.
+        twist, twist_rate: by foot (m, 6) of the root link, in its frame, if that sole stands still.
+        J: by foot (m, 6, nv) of the sole, in its own frame.
+        com: (m, 3) by the URDF, in the root link's frame.
     """
 
     q: Array
@@ -356,7 +358,7 @@ def _normal(world: World, R: Array, wrench: Array) -> Array:
 def _yield(
     world: World, recording: Recording, motion: Motion, ticks: Array
 ) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
-    """Twist and its rate (m, 6) that soles moving on soft ground give the root link, in its frame; None: hard ground."""
+    """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground."""
     if not (world.tilting or world.sinking):
         return None
     flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
@@ -447,8 +449,9 @@ def lagged(values: Array, time_constant: float) -> Array:
 
 
 def without_noise(recording: Recording, world: World) -> Recording:
-    """The same motion without the quantisation of the link encoders: motor side minus stretched springs if both are known,
-    else smoothed twice as much.
+    """The same motion without the quantisation of the link encoders.
+
+    Motor side minus stretched springs if both are known, else smoothed twice as much.
     """
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
     if recording.motor_q is not None and recording.tau is not None:

@@ -2,10 +2,10 @@
 """How strongly the residuals speak for each effect, when everything else may vary as it does on healthy robots.
 
 The residuals are linear in small figures: r = A x + noise. Every figure x has a Gaussian prior, narrow (`spread`) on a
-healthy robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support apart, is
-an autoregressive process; whitened by it, A and r become A'A and A'r, and the evidence for an effect is the log ratio of the
-marginal likelihoods with wide and with narrow prior. Spread that is correlated with an effect (a knee's stiffness with
-both legs', a mass with a sensor's gain) thereby counts against it.
+healthy robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support
+apart, is an autoregressive process; whitened by it, A and r become A'A and A'r, and the evidence for an effect is the
+log ratio of the marginal likelihoods with wide and with narrow prior. Spread that is correlated with an effect (a
+knee's stiffness with both legs', a mass with a sensor's gain) thereby counts against it.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class Problem:
 def assemble(state: State, where: Masks, known: list[Figure]) -> Problem:
     """Residuals and, by difference quotients, what a unit of each figure has put into them."""
     base = state.residuals
-    # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a motion
-    # that does not hold the encoders' noise.
+    # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
+    # motion that does not hold the encoders' noise.
     quiet = evaluate(without_noise(state.recording, state.world), state.world, where)
     slopes = []
     for figure in known:

@@ -44,8 +44,8 @@ class Recording:
         motor_q, motor_qd: (n, nj) motor side; None: no motor states.
         wrench: by foot (n, 6) force, torque of the ground at the sole, in its frame [N, Nm].
         up: (n, 3) against gravity by the IMU, in the root link's frame; None: no orientation.
-        plan, moved: (n, 2) x, y of the COM in the frame of the stance sole, as com/reference plans it and as the motor side
-            moved it [m]; None: not both are known.
+        plan, moved: (n, 2) x, y of the COM in the frame of the stance sole, as com/reference plans it and as the motor
+            side moved it [m]; None: not both are known.
         phase: (n,) of Phase; left_share: (n,).
         valid: (n,) bool, no gap here.
         count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
