@@ -163,7 +163,7 @@ def test_names_that_mean_nothing_are_refused():
         chosen(turning, "a1")
     with pytest.raises(ConfigError, match="'nothing' is no number"):
         knobs(CONFIG, ["nothing"])
-    assert [k.key for k in knobs(turning, ["full_share"])] == ["effects.trunk_rotation.full_share"]
+    assert [k.key for k in knobs(turning, ["friction"])] == ["effects.trunk_rotation.friction"]
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ def tune(
             "--parameters",
             metavar="NAMES",
             help="What to fit, with commas: coefficients (a1 to e2, in stages), joint_stiffness, joint_damping,"
-            " parameters of effects such as full_share. Default: what the model of the configuration has.",
+            " parameters of effects such as friction. Default: what the model of the configuration has.",
         ),
     ] = "",
     steps: Annotated[

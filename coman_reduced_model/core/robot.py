@@ -28,6 +28,7 @@ class Robot:
     Attributes:
         joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
         legs: indices of the joints of each leg in `joint_names`, hip to ankle.
+        soles: x of the back and the front edge, y of the right and the left edge (4,) of each sole in its frame [m].
     """
 
     def __init__(self, urdf: str, config: RobotConfig, source: str = "robot_description") -> None:
@@ -60,6 +61,7 @@ class Robot:
             self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{_LEG_NAMES[foot]}.sole_frame", source)
             self.legs[foot] = self._leg(foot, leg, source)
             self.leg_columns[foot] = self.idx_v[self.legs[foot]]
+        self.soles = {foot: self._outline(foot) for foot in self.sole_ids}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
 
     def _frame(self, name: str, key: str, source: str) -> int:
@@ -87,6 +89,31 @@ class Robot:
                 f"{', '.join(between) or 'none'}, not {', '.join(leg.joints)}"
             )
         return np.array([self.joint_names.index(name) for name in leg.joints], dtype=np.intp)
+
+    def _outline(self, foot: Foot) -> Array:
+        """Edges of a sole: of the collision boxes of the foot, or else as long and wide as the configuration says."""
+        sole, corners = self.model.frames[self.sole_ids[foot]], []
+        for link in ElementTree.fromstring(self.urdf.strip()).iterfind("link"):
+            name = str(link.get("name"))
+            if not self.model.existFrame(name):
+                continue
+            frame = self.model.frames[self.model.getFrameId(name)]
+            if frame.parentJoint != sole.parentJoint:
+                continue
+            for collision in link.iterfind("collision"):
+                box, origin = collision.find("geometry/box"), collision.find("origin")
+                if box is None:
+                    continue
+                place = {} if origin is None else origin.attrib
+                xyz, rpy = (np.array(place.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+                at = sole.placement.actInv(frame.placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz))
+                half = 0.5 * np.array(box.get("size", "0 0 0").split(), dtype=float)
+                corners += [at.act(half * (2.0 * np.array(corner) - 1.0)) for corner in np.ndindex(2, 2, 2)]
+        if not corners:
+            x, y = 0.5 * self.config.foot_length, 0.5 * self.config.foot_width
+            return np.array([-x, x, -y, y])
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        return np.array([low[0], high[0], low[1], high[1]])
 
     @property
     def mass(self) -> float:

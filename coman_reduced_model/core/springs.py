@@ -36,6 +36,7 @@ class LegSprings:
     deflection: Array  # (n,) [rad] link minus motor now: of the free run where it has one, else measured
     rate: Array  # (n,) [rad/s]
     motor_rate: Array  # (n,) [rad/s] speed of the motors after the reduction; the links turn at motor_rate + rate
+    at: Array  # (n,) [rad] deflection of the posture at which J is taken and gravity counted
 
     def height_hessian(self) -> Array:
         """(n, n) second derivative of the COM height by the joint angles [m/rad^2]."""
@@ -58,12 +59,23 @@ class Springs:
             for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right))
         }
 
-    def leg(self, foot: Foot, J: Array, load: float, deflection: Array, rate: Array, motor_rate: Array) -> LegSprings:
-        """The springs of a leg; arguments as in `LegSprings`."""
+    def leg(
+        self,
+        foot: Foot,
+        J: Array,
+        load: float,
+        deflection: Array,
+        rate: Array,
+        motor_rate: Array,
+        at: Array | None = None,
+    ) -> LegSprings:
+        """The springs of a leg; arguments as in `LegSprings`, `at` zero by default."""
         joints, K_q, D_q = self._legs[foot]
+        zero = np.zeros(len(joints))
         leg = LegSprings(
-            foot, joints, J, K_q.copy(), D_q.copy(), np.zeros(len(joints)), load, deflection, rate, motor_rate
-        )
+            foot, joints, J, K_q.copy(), D_q.copy(), zero.copy(), load, deflection, rate, motor_rate,
+            zero if at is None else at,
+        )  # fmt: skip
         for effect in self._effects:
             effect.springs(leg)
         return leg

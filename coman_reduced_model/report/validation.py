@@ -131,7 +131,7 @@ def _tuned(done: Validation) -> list[Part]:
             flat = config.flat()
             keys = [f"model.{n}" for n in ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")]
             if config.effects:
-                keys = ["robot.left.stiffness", "robot.right.stiffness", "effects.trunk_rotation.full_share"]
+                keys = ["robot.left.stiffness", "robot.right.stiffness", "effects.trunk_rotation.friction"]
             told = [[key, str(flat[key])] for key in keys if key in flat]
             parts.append(Table(["parameter", "value"], told, words=2, folded=f"{robot}, {name} on {gait}"))
     return parts

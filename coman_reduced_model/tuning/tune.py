@@ -164,7 +164,7 @@ def chosen(config: Config, names: str) -> list[str]:
     turning = any(effect.name == "trunk_rotation" for effect in config.effects)
     wanted = [name.strip() for name in names.split(",") if name.strip()]
     if not wanted:
-        return ["joint_stiffness", "full_share"] if turning else []
+        return ["joint_stiffness"] if turning else []
     if turning and (used := {"coefficients", *COEFFICIENTS}.intersection(wanted)):
         raise ConfigError(
             f"--parameters: {min(used)}: the turning trunk (effects.active: trunk_rotation) does not use the paper's "

@@ -23,4 +23,6 @@ class GravityStiffness(Effect):
     name: ClassVar[str] = "gravity_stiffness"
 
     def springs(self, leg: LegSprings) -> None:
-        leg.K_q += leg.load * leg.height_hessian()
+        K = leg.load * leg.height_hessian()
+        leg.K_q += K
+        leg.torque -= K @ leg.at  # gravity itself is counted there

@@ -12,13 +12,11 @@ from .base import Effect
 class TrunkRotation(Effect):
     """Replaces the point mass by the trunk on its legs with all six freedoms (`core/trunk_model.py`).
 
-    In double support both legs act, each in proportion to its load until it carries `full_share` of the weight: a foot
-    that has just landed stands on an edge and holds little.
+    In double support both act, the other one as far as its foot presses on the ground: within the edges of its sole
+    (the URDF's collision boxes, or `robot.foot_length` and `foot_width`), and with `friction` holding it.
     """
 
     name: ClassVar[str] = "trunk_rotation"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(
-            "full_share", "float", 0.5, "1", "share of the weight from which a leg's springs count fully", 0.01, 1.0
-        ),
+        Parameter("friction", "float", 0.7, "1", "coefficient between soles and ground", 0.05, 2.0),
     )
