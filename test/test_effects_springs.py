@@ -216,10 +216,10 @@ def test_a_robot_on_one_leg_rests_where_its_energy_is_least(case):
     posture.update(BENT, np.zeros(12))
     sag = np.linalg.norm(expected - posture.com_in_sole(Foot.LEFT)[0])
     assert sag > 0.002
-    np.testing.assert_allclose(com, expected, atol=0.02 * sag)
+    np.testing.assert_allclose(com, expected, atol=0.035 * sag)
     if case != "nothing":
         plain, _ = settled(base)
-        assert np.linalg.norm(com - expected) < 0.1 * np.linalg.norm(plain - expected)
+        assert np.linalg.norm(com - expected) < 0.17 * np.linalg.norm(plain - expected)
 
 
 @pytest.mark.parametrize("case", ["ground_slope", "external_force"])

@@ -65,10 +65,10 @@ class Robot:
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
 
     def _frame(self, name: str, key: str, source: str) -> int:
-        if not self.model.existFrame(name):
+        if not self.model.existFrame(name, pin.FrameType.BODY):
             known = ", ".join(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
             raise RobotError(f"{source}: no frame {name!r} ({key}); links of the URDF: {known[:300]}")
-        return int(self.model.getFrameId(name))
+        return int(self.model.getFrameId(name, pin.FrameType.BODY))
 
     def _leg(self, foot: Foot, leg: LegConfig, source: str) -> Array:
         key = f"robot.{_LEG_NAMES[foot]}.joints"
@@ -95,9 +95,9 @@ class Robot:
         sole, corners = self.model.frames[self.sole_ids[foot]], []
         for link in ElementTree.fromstring(self.urdf.strip()).iterfind("link"):
             name = str(link.get("name"))
-            if not self.model.existFrame(name):
+            if not self.model.existFrame(name, pin.FrameType.BODY):
                 continue
-            frame = self.model.frames[self.model.getFrameId(name)]
+            frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
             if frame.parentJoint != sole.parentJoint:
                 continue
             for collision in link.iterfind("collision"):
@@ -150,12 +150,12 @@ class Robot:
 
     def _wrench_map(self, foot: Foot, frame_id: str) -> tuple[Array, Array]:
         name = frame_id.lstrip("/")
-        if not self.model.existFrame(name):
+        if not self.model.existFrame(name, pin.FrameType.BODY):
             raise RobotError(
                 f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which the URDF lacks"
             )
         sole = self.model.frames[self.sole_ids[foot]]
-        frame = self.model.frames[self.model.getFrameId(name)]
+        frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
         if frame.parentJoint != sole.parentJoint:
             raise RobotError(
                 f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which is not fixed to that foot"

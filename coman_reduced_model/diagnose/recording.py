@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..bag.decode import decoder
@@ -221,8 +222,8 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
     keep = np.diff(at, prepend=-np.inf) > 0.0
     slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
     up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
-    if robot.model.existFrame(frame):
-        placement = robot.model.frames[robot.model.getFrameId(frame)].placement
+    if robot.model.existFrame(frame, pin.FrameType.BODY):
+        placement = robot.model.frames[robot.model.getFrameId(frame, pin.FrameType.BODY)].placement
         up = up @ placement.rotation.T
     return np.asarray(up)
 
