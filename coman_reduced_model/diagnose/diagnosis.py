@@ -19,7 +19,7 @@ from .floor import floor
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 from .recording import Recording
 
-ENOUGH = 6.0  # nats that an effect must add on the training bags
+ENOUGH = 4.5  # nats that an effect must add on the training bags
 ALONE = 9.0  # the same where no held-out bag can contradict
 AGREES = 2.0  # nats that it must add on the held-out bags
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual

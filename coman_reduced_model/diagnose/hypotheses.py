@@ -24,11 +24,11 @@ PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, 
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
 # Widths are set by what is common on real robots and in data sheets; none comes from the cases that are judged.
-STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.05, 0.10, 0.04, 0.0025
+STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.05, 0.10, 0.03, 0.0025
 HEIGHT_SPREAD = 0.012  # [m] of the trunk: cables, covers, and walking hardly shows it
 ENCODER_SPREAD = 0.001  # [rad] zero of a link encoder
 TORQUE_SPREAD = 0.15  # [Nm] zero of a joint torque sensor
-WRENCH_SPREAD = (1.5, 1.5, 3.0, 0.06, 0.06, 0.05)  # [N, Nm] zero of a foot sensor
+WRENCH_SPREAD = (1.0, 1.0, 2.2, 0.045, 0.045, 0.035)  # [N, Nm] zero of a foot sensor
 GAIN_SPREAD = 0.015  # of a foot sensor
 CLOCK_SPREAD = 0.0015  # [s] between streams
 DRIVER_SPREAD = 0.0007  # [s] between what one driver reads
@@ -158,7 +158,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                     add("", stance, f"lead_{axis}", LEAD_SPREAD, LEAD_SPREAD, "m", _lead(foot, k))
         add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance, low=0.0)
     for k, key in enumerate(("mass", "x", "y", "z")):
-        reach = (1.0, 0.15, 0.15, 0.05)[k]  # first moments [kg m] until the mass is known
+        reach = (0.06 * robot.mass, 0.06, 0.04, 0.03)[k]  # first moments [kg m] until the mass is known
         add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1)
     for k, key in enumerate("xyz"):
         # Walking hardly shows the height of a COM.
@@ -237,6 +237,8 @@ def candidates(known: list[Figure]) -> list[Candidate]:
         out.append(Candidate(effect, where, tuple(indices)))
         if len(indices) > 1:  # a pull along x needs no figure for y: what is not needed counts against an effect
             out += [Candidate(effect, where, (i,)) for i in indices if effect != "payload" or known[i].key == "mass"]
+        if effect == "payload":
+            out.append(Candidate(effect, where, tuple(indices[:2])))
     return out
 
 

@@ -217,7 +217,7 @@ def _effects(finding: Finding) -> list[dict[str, Any]]:
             parameters[figure.key] = {"value": value, "unit": figure.unit, "interval": [value - half, value + half]}
         if option.effect == "payload" and "x" in parameters:
             mass = parameters["mass"]["value"]
-            for key in "xyz":
+            for key in set("xyz") & set(parameters):
                 moment = parameters[key]
                 low, high = sorted((moment["interval"][0] / mass, moment["interval"][1] / mass))
                 parameters[key] = {"value": moment["value"] / mass, "unit": "m", "interval": [low, high]}
