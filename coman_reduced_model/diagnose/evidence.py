@@ -113,7 +113,7 @@ class Evidence:
         energy = self.energy - 2.0 * float(mu @ self.moment) + float(mu @ self.gram @ mu)
         s = np.sqrt(variance)  # in units of the prior, so that absent figures do no harm to the conditioning
         H = s[:, None] * self.gram * s[None, :]
-        factor = cho_factor(H + np.diag(1.0 + 1e-10 * np.diag(H).max() * np.ones(len(s))), lower=True)
+        factor = cho_factor(H + np.diag(1.0 + 1e-14 * np.diag(H).max() * np.ones(len(s))), lower=True)
         b = s * moment
         y = cho_solve(factor, b)
         log = 0.5 * (float(b @ y) - energy) - float(np.log(np.diag(factor[0])).sum())
@@ -225,7 +225,8 @@ def _first_guess(values: Array, pieces: Array) -> Array:
     second = np.diff(values, 2)
     inside = np.ones(len(values), dtype=bool)
     inside[pieces] = False
-    second = second[inside[1:-1] & inside[2:]] if len(second) else second
+    within = second[inside[1:-1] & inside[2:]]
+    second = within if len(within) else second  # pieces of one or two ticks: rather too much noise than none
     variance = (1.4826 * float(np.median(np.abs(second)))) ** 2 / (6.0 - 8.0 * correlation[1] + 2.0 * correlation[2])
     phi = np.linalg.solve(toeplitz(correlation[:ORDER]) + 1e-3 * np.eye(ORDER), correlation[1:])
     return np.concatenate([[np.sqrt(max(variance * (1.0 - phi @ correlation[1:]), 1e-18))], phi])

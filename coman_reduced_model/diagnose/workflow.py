@@ -17,13 +17,14 @@ from ..bag.reader import Bag
 from ..core.config import Config, EffectConfig, config_to_yaml
 from ..core.effects import CATALOGUE
 from ..core.pipeline import Pipeline
+from ..core.robot import Robot
 from ..core.types import Array, Flags
-from ..errors import ConfigError
+from ..errors import BagError, ConfigError
 from ..offline import find_robot, input_streams, predictions, to_json
 from ..output import OutputFolder
 from ..topics import TopicNames
 from .diagnosis import ALONE, ENOUGH, Case, Finding, Prepared, prepare, search, smallest, total
-from .hypotheses import LINKS, PLAN, Candidate
+from .hypotheses import LINKS, PLAN, Candidate, candidates, figures
 from .recording import Recording, load, moving
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
@@ -84,14 +85,23 @@ def diagnose(
     report = progress or (lambda fraction, what: None)
     told = [_told(text) for text in assume]
     paths = [*train, *hold]
+    for i, path in enumerate(paths):
+        if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
+            raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
     recordings, prepared = [], []
     helper = ProcessPoolExecutor(1, get_context("spawn"))
     nominal = [helper.submit(com_errors, path, config, urdf, names) for path in paths]
-    for i, path in enumerate(paths):
-        recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
-        recordings.append(recording)
-        prepared.append(prepare(recording, robot, config))
-    prepared = _alike(prepared)
+    try:
+        for i, path in enumerate(paths):
+            recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
+            recordings.append(recording)
+            prepared.append(prepare(recording, robot, config))
+            _same_robot(path, robot, paths[0], prepared[0][1].robot)
+        prepared = _alike(prepared)
+        _check_told(told, prepared[0])
+    except BaseException:
+        helper.shutdown(wait=False, cancel_futures=True)  # a refusal must not wait for predictions of the other bags
+        raise
     report(0.15, "looking at the residuals")
     finding = search(
         prepared[: len(train)], prepared[len(train) :], told or None, lambda f, w: report(0.15 + 0.65 * f, w)
@@ -153,6 +163,28 @@ def _told(text: str) -> tuple[str, str]:
     if name not in CATALOGUE or (rest and key != "where"):
         raise ConfigError(f"--assume {text}: wanted NAME or NAME:where=PLACE (names: {', '.join(CATALOGUE)})")
     return name, where
+
+
+def _same_robot(path: str | Path, robot: Robot, first: str | Path, expected: Robot) -> None:
+    if robot.joint_names != expected.joint_names:
+        raise BagError(f"{path}: of another robot than {first}: its joints are {', '.join(robot.joint_names)}")
+    if not np.isclose(robot.mass, expected.mass, rtol=1e-3):
+        raise BagError(
+            f"{path}: of another robot than {first}: {robot.mass:.4g} kg by its URDF, not {expected.mass:.4g}"
+        )
+
+
+def _check_told(told: Sequence[tuple[str, str]], prepared: Prepared) -> None:
+    """Refuse what `search` could not fit, and would take for absent."""
+    places: dict[str, list[str]] = {}
+    for option in candidates(figures(prepared[0], prepared[1])):
+        places.setdefault(option.effect, []).append(place(option))
+    for name, where in told:
+        if name not in places:
+            raise ConfigError(f"--assume {name}: cannot be fitted to these bags (can be: {', '.join(places)})")
+        if where not in places[name]:
+            allowed = ", ".join(dict.fromkeys(f"where={each}" if each else "no place" for each in places[name]))
+            raise ConfigError(f"--assume {name}: at {where or 'no place'}: allowed: {allowed}")
 
 
 def _alike(prepared: list[Prepared]) -> list[Prepared]:
