@@ -26,6 +26,7 @@ from ..topics import TopicNames
 from .diagnosis import ALONE, ENOUGH, Case, Finding, Prepared, prepare, search, smallest, total
 from .hypotheses import LINKS, PLAN, Candidate, candidates, figures
 from .recording import Recording, load, moving
+from .words import sentence
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
 Progress = Callable[[float, str], None]
@@ -408,31 +409,3 @@ def _not_checked(recordings: Sequence[Recording], held: bool) -> list[str]:
     for recording in recordings:
         lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
     return lines
-
-
-def sentence(result: Mapping[str, Any]) -> str:
-    """The verdict for a person."""
-    if result["verdict"] == "none":
-        return "nothing is missing that this data could show"
-    if result["verdict"] == "not_excited":
-        return "nothing was found, but this recording does not walk: most effects could not show"
-    if result["verdict"] == "unknown":
-        worst = next(iter(result["too_much"]), "")
-        return f"something is missing that no effect of the catalogue explains (most of it in {worst.split('|')[0]})"
-    parts = []
-    for effect in result["effects"]:
-        figures = ", ".join(_figure(key, p) for key, p in effect["parameters"].items())
-        at = f" at {effect['where']}" if effect["where"] else ""
-        called = effect["class"] or effect["name"]
-        parts.append(f"{called.replace('_', ' ')}{at} ({figures})")
-    return "; ".join(parts)
-
-
-def _figure(key: str, parameter: Mapping[str, Any]) -> str:
-    value, unit = parameter["value"], parameter["unit"]
-    half = 0.5 * (parameter["interval"][1] - parameter["interval"][0])
-    if unit == "rad":
-        return f"{key} {np.degrees(value):.2f} +- {np.degrees(half):.2f} degrees"
-    if unit == "s":
-        return f"{key.replace('_', ' ')} {1e3 * value:.1f} +- {1e3 * half:.1f} ms"
-    return f"{key} {value:.3g} +- {half:.2g}{'' if unit == '1' else ' ' + unit}"
