@@ -18,6 +18,10 @@ from hypothesis import settings
 
 ROOT = Path(__file__).resolve().parents[1]
 
+# How long tests wait for what has to come [s]: only a test that fails takes it. A machine that others use as well may
+# give a process a tenth of a core for a minute.
+PATIENCE = 120.0
+
 # A deadline for each example measures how busy the machine is, not the code.
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
@@ -71,7 +75,7 @@ class Process:
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def wait_for(self, text: str, timeout: float = 20.0) -> None:
+    def wait_for(self, text: str, timeout: float = PATIENCE) -> None:
         """Return once the output contains the text.
 
         Raises:
@@ -90,7 +94,7 @@ class Process:
                 )
             time.sleep(0.02)
 
-    def wait(self, timeout: float = 30.0) -> int:
+    def wait(self, timeout: float = PATIENCE) -> int:
         """Exit code of a process that ends by itself within the timeout [s]."""
         try:
             code = self._process.wait(timeout)
@@ -112,7 +116,7 @@ class Process:
         if self.running:
             os.killpg(self.pid, number)
 
-    def stop(self, timeout: float = 10.0) -> int:
+    def stop(self, timeout: float = PATIENCE) -> int:
         """Ctrl-C and wait; the exit code."""
         self.interrupt()
         return self.wait(timeout)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from coman_reduced_model_msgs.msg import ComPrediction
+from conftest import PATIENCE
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
@@ -21,6 +22,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.config import Config
@@ -37,6 +39,7 @@ from coman_reduced_model.messages import (
     wrench_to,
 )
 from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.replay import Progress
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait
@@ -95,7 +98,7 @@ class Peer:
         while (left := end - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
 
-    def wait(self, condition: Callable[[], Any], what: str, timeout: float = 20.0) -> None:
+    def wait(self, condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> None:
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, f"{what}: not within {timeout} s; diagnostics: {self.statuses}"
@@ -133,7 +136,7 @@ class Standing:
 
     def wait_until_heard(self) -> None:
         publishers = (self.joints, self.motors, *self.wrenches.values())
-        self.peer.wait(lambda: all(p.get_subscription_count() for p in publishers), "the node subscribes", 60.0)
+        self.peer.wait(lambda: all(p.get_subscription_count() for p in publishers), "the node subscribes")
 
     def joint(self, q: np.ndarray = Q, names: tuple[str, ...] = NAMES, stamp: int | None = None) -> Any:
         message = JointMessage(self.stamp if stamp is None else stamp, names, q, np.zeros(len(q)), None)
@@ -192,6 +195,20 @@ def record_walk(folder: Path, steps: int = 4) -> Path:
                     bag.write(f"/{DESCRIPTION}", start, types.String(data=robot_urdf()))
                 bag.write(topic, message.stamp_ns + 300_000, convert(types, message))
     return path
+
+
+def paced(peer: Peer, bag: Bag) -> Callable[[Progress], bool]:
+    """For `Replay.play`: it waits where the predictor is a second behind, so that a busy machine loses nothing."""
+    each = sum(bag.counts.values()) / bag.counts["/joint_states"]
+
+    def keep_going(progress: Progress) -> bool:
+        peer.executor.spin_once(timeout_sec=0.0)
+        due = progress.messages / each - 200.0
+        if len(peer.predictions) < due:
+            peer.wait(lambda: len(peer.predictions) >= due, f"{due:.0f} predictions (only {len(peer.predictions)})")
+        return True
+
+    return keep_going
 
 
 def vector(value: Any) -> np.ndarray:

@@ -229,6 +229,8 @@ class Bag:
                 merged.register(get_types_from_msg(text, kind))
             except Exception as error:
                 self.warnings.append(f"{self.path}: the definition of {kind} cannot be read: {error}")
+        # Where the bag's definition of one of our messages is damaged or absent, ours serves.
+        merged.register({kind: fields for kind, fields in store.fielddefs.items() if kind not in merged.fielddefs})
         return merged
 
 
