@@ -33,10 +33,11 @@ live: setup  ## virtual robot, trajectory and predictor until Ctrl-C, with a vie
 	@$(BIN)/coman live
 
 test: lint  ## lint, types and all tests: what CI runs
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
+	$(BIN)/python -m pytest -m ros
 
 test-quick: setup  ## the tests that take seconds
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not ros"
 
 lint: setup  ## ruff (rules and format) and mypy on the core
 	$(BIN)/ruff check
