@@ -31,6 +31,7 @@ from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead
 from .robot import Robot
 from .springs import LegSprings
+from .stride import Stride
 from .trunk import carried, geometry, lifts, step_legs
 from .types import Array, Foot, Phase
 
@@ -38,6 +39,7 @@ from .types import Array, Foot, Phase
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.0025  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
+_FADES = 0.1  # [s] time constant of a horizontal deflection whose future nothing tells
 _NO_POSE = (np.eye(3), np.zeros(3))
 
 
@@ -59,6 +61,7 @@ class LegTerms:
     held: Array  # (k,) [rad] other leg's joints for none of the support leg, both soles standing
     H: Array  # (k, 8) from `lifts`
     reach: float  # [m] lever at which friction resists twisting the other sole
+    com: Array  # (3,) in the support sole [m]
 
 
 class TrunkModel(Dynamics):
@@ -85,18 +88,22 @@ class TrunkModel(Dynamics):
         self._v, self._a = np.zeros((2, robot.model.nv))
         self._no_torque = np.zeros(robot.model.nv)
         self._still = np.zeros(len(robot.joint_names))
+        self._stride = Stride(self._friction)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
+        self.stop()
+        self._stride.reset()
+
+    def stop(self) -> None:
+        """End the free run and the filter: an input is missing. The last stride is kept."""
         self.state = None
         self._foot = Foot.NONE
         self._free: Array | None = None  # (2m,) free run: joints of both legs and their rates
         self._filtered: Array | None = None  # (2m,) the measurement
         self._terms: LegTerms | None = None
         self._theta = np.empty(0)  # (m,) motor positions at the beginning of the step that ends at this sample
-
-    stop = reset
 
     def prepare(self, now: Now) -> bool:
         """Assemble the equation of motion and bring the filter of the measurement to this sample."""
@@ -140,13 +147,21 @@ class TrunkModel(Dynamics):
         self._tell()
 
     def ahead(self, now: Now, horizons: Array) -> Array:
-        """The COM as planned from here, the deflection as it is."""
+        """Through the stride before, if the robot repeats it.
+
+        Else as planned from here (without a plan as fast as now), while the horizontal deflection fades.
+        """
+        assert self._terms is not None and self._filtered is not None
+        self._stride.add(now, self._terms)
+        repeated = self._stride.ahead(now, self._terms, self._filtered, horizons)
+        if repeated is not None:
+            return repeated
         plan = plan_ahead(now.sample, now.foot)
-        plans = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
-        out = now.com + plans
-        for axis in self._following:
-            out[:, axis] = self.reference[axis] + plans[:, axis]
-        return out
+        left = np.outer(np.exp(-horizons / _FADES), np.ones(3))  # of the deflection
+        left[:, 2] = 1.0  # the sag stays
+        left[:, self._following] = 0.0
+        moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
+        return self.reference + moved + left * (now.com - self.reference)
 
     def _step(self, state: Array, dt: float) -> Array:
         t, m = self._terms, len(state) // 2
@@ -163,8 +178,7 @@ class TrunkModel(Dynamics):
         assert t is not None and free is not None
         m = len(t.x)
         moved = free[:m] - t.x
-        com, _ = self._posture.com_in_sole(t.foot)
-        self.state = np.concatenate((com + t.J[:3] @ moved, t.J[:3] @ free[m:]))
+        self.state = np.concatenate((t.com + t.J[:3] @ moved, t.J[:3] @ free[m:]))
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
         self.tilt = tilt(self._posture.R[t.foot]) + t.J[3:5] @ moved
@@ -216,7 +230,8 @@ class TrunkModel(Dynamics):
         H = lifts(V_o, posture.R[other], posture.p[other], sole)
         held = x[n:] + off - B @ x[:n]
         reach = 0.5 * float(min(sole[1] - sole[0], sole[3] - sole[2]))
-        return LegTerms(foot, double, x, theta, M, K, D, f, J, V, B, held, H, reach)
+        com, _ = posture.com_in_sole(foot)
+        return LegTerms(foot, double, x, theta, M, K, D, f, J, V, B, held, H, reach, com)
 
     def _springs(
         self, foot: Foot, J: Array, share: float, deflection: Array, rate: Array, motor_rate: Array

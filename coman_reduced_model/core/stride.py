@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the motors will do: what they did one stride ago, as long as the robot repeats itself.
+
+A prediction ahead needs the future course of the motors, of the phases and of the posture. No message tells them, but
+a walking robot repeats itself every two steps. The stride before is remembered sample by sample, as the motors and the
+equations of motion that `TrunkModel` assembled there; the state is not: it starts from the measurement and goes its own
+way through those equations. Where the robot does not repeat itself (it sets off, stops, or changes its gait) there is
+no course, and `Stride.ahead` says so.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import apply, compiled, mul
+from .dynamics import Now
+from .trunk import step_legs
+from .types import Array, Phase
+
+if TYPE_CHECKING:
+    from .trunk_model import LegTerms
+
+_STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
+_EVERY = 0.0195  # [s] between two simulations: in between the last one is read further
+_SPACING = 0.0035  # [s] between remembered samples at least
+_CAPACITY, _KEPT = 1536, 1024  # remembered samples at most, and how many are kept when there are more: 3.6 s and more
+_WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
+_SEARCH = np.arange(-8, 9) * 0.005  # [s] about the lag between the phases
+_ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
+_PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
+
+
+class Memory(NamedTuple):
+    """Samples of the past, oldest first; fields as in `LegTerms`, joints of the support leg first.
+
+    T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
+    """
+
+    stamp: NDArray[np.int64]
+    foot: NDArray[np.int64]
+    double: NDArray[np.bool_]
+    theta: Array
+    x: Array
+    com: Array
+    J: Array
+    M: Array
+    K: Array
+    D: Array
+    f: Array
+    B: Array
+    held: Array
+    H: Array
+    T_odom_sole: Array
+    plan: Array
+
+
+class Stride:
+    """Remembers samples, finds the stride before, and simulates the model through it."""
+
+    def __init__(self, friction: float) -> None:
+        """`friction` between soles and ground."""
+        self._friction = friction
+        self._memory: Memory | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._n = 0
+        self._lag_ns = 0  # 0: no stride known
+        self._phase = Phase.FLIGHT
+        self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
+        self._course_ns = 0
+        self._course: Array | None = None  # (k, 3) COM in odom [m] from _course_ns on, every _STEP
+
+    def add(self, now: Now, terms: LegTerms) -> None:
+        """Remember a sample; at a change of phase, find out how long the stride is."""
+        stamp, plan = now.sample.stamp_ns, now.sample.reference
+        if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
+            row: dict[str, Any] = {"stamp": stamp, "T_odom_sole": now.T_odom_sole}
+            row["plan"] = np.nan if plan is None else plan.com
+            memory = self._room(terms)
+            for name, column in zip(Memory._fields, memory, strict=True):
+                column[self._n] = row[name] if name in row else getattr(terms, name)
+            self._n += 1
+        if (phase := now.support.phase) != self._phase:
+            change, self._phase = (self._phase, phase), phase
+            before, self._began[change] = self._began.get(change), now.began_ns
+            self._lag_ns = 0
+            if before is not None and before - _WINDOW * 1e9 > self._past.stamp[0] - _SEARCH[0] * 1e9:
+                self._lag_ns = find_lag(stamp, now.began_ns - before, self._past, self._n)
+
+    def ahead(self, now: Now, terms: LegTerms, state: Array, horizons: Array) -> Array | None:
+        """COM (k, 3) [m] in the support sole at horizons (k,) ascending [s]; None: the robot does not repeat itself.
+
+        Args:
+            now: this sample.
+            terms: the equations of motion at it.
+            state: (2m,) measured joints and their rates, the support leg's first.
+            horizons: (k,) ascending [s].
+        """
+        stamp = now.sample.stamp_ns
+        if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < _EVERY:
+            self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + _EVERY)
+        if self._course is None:
+            return None
+        t = (stamp - self._course_ns) * 1e-9 + horizons
+        grid = np.arange(len(self._course)) * _STEP
+        com = np.stack([np.interp(t, grid, axis) for axis in self._course.T], axis=1)
+        return (com - now.T_odom_sole[:3, 3]) @ now.T_odom_sole[:3, :3]
+
+    @property
+    def _past(self) -> Memory:
+        assert self._memory is not None
+        return self._memory
+
+    def _room(self, terms: LegTerms) -> Memory:
+        if self._memory is None:
+            m, n, k = len(terms.x), terms.V.shape[1], len(terms.held)
+            shapes = {
+                "theta": (m,), "x": (m,), "com": (3,), "J": (6, m), "M": (m, m), "K": (m, m), "D": (m, m), "f": (m,),
+                "B": (k, n), "held": (k,), "H": (k, 8), "T_odom_sole": (4, 4), "plan": (3,),
+            }  # fmt: skip
+            types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
+            self._memory = Memory(
+                *(np.zeros((_CAPACITY, *shapes.get(f, ())), types.get(f, np.float64)) for f in Memory._fields)
+            )
+        if self._n == _CAPACITY:
+            for column in self._memory:
+                column[:_KEPT] = column[-_KEPT:]
+            self._n = _KEPT
+        return self._memory
+
+    def _simulate(self, now: Now, terms: LegTerms, state: Array, span: float) -> Array | None:
+        past, n, stamp = self._past, self._n, now.sample.stamp_ns
+        then = stamp - self._lag_ns
+        if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
+            return None
+        moved = np.zeros((int(np.ceil(span / _STEP)) + 1, 3))
+        plan = now.sample.reference
+        if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
+            # What the plan has changed since the stride before; its odom is not ours.
+            t = np.arange(len(moved)) * _STEP
+            ahead = np.vstack((plan.com, plan.preview_com))
+            own = np.arange(len(ahead)) * plan.preview_dt
+            when = (past.stamp[:n] - then) * 1e-9
+            for axis in range(3):
+                moved[:, axis] = np.interp(t, own, ahead[:, axis]) - np.interp(t, when, past.plan[:n, axis])
+            moved -= moved[0]
+            if not np.abs(moved).max() < _PLAN:
+                return None
+            sole = (plan.T_odom_left if now.foot == 1 else plan.T_odom_right)[:3, :3]
+            moved = moved @ sole @ now.T_odom_sole[:3, :3].T
+        m = len(state) // 2
+        course = follow(
+            stamp, then, len(moved), _STEP, int(terms.foot), terms.double, terms.theta, terms.x,
+            terms.B, terms.held, state[:m], state[m:], now.T_odom_sole, past, n, self._friction, terms.reach,
+        )  # fmt: skip
+        return course + moved if len(course) else None
+
+
+@compiled
+def swapped(v: Array) -> Array:
+    """Joints of both legs (m,) with the other leg's first."""
+    n = v.shape[0] // 2
+    return np.concatenate((v[n:], v[:n]))
+
+
+@compiled
+def nearest(t: int, stamp: NDArray[np.int64], n: int, i: int) -> int:
+    """Index below n of the stamp nearest to t, searched from i."""
+    while i > 0 and abs(stamp[i - 1] - t) <= abs(stamp[i] - t):
+        i -= 1
+    while i + 1 < n and abs(stamp[i + 1] - t) < abs(stamp[i] - t):
+        i += 1
+    return i
+
+
+@compiled
+def motors_at(t: int, past: Memory, n: int, i: int, foot: int) -> Array:
+    """Motor positions (m,) at a stamp t near sample i, linear between samples, the leg of `foot` first."""
+    if (past.stamp[i] > t and i > 0) or i + 1 >= n:
+        i -= 1
+    w = (t - past.stamp[i]) / (past.stamp[i + 1] - past.stamp[i])
+    a = past.theta[i] if past.foot[i] == foot else swapped(past.theta[i])
+    b = past.theta[i + 1] if past.foot[i + 1] == foot else swapped(past.theta[i + 1])
+    return (1.0 - w) * a + w * b
+
+
+@compiled
+def mismatch(stamp: int, lag: int, past: Memory, n: int) -> tuple[float, float]:
+    """Largest and mean square difference of the motors [rad], [rad^2] over `_WINDOW` to what they did a lag before."""
+    largest, square, count = 0.0, 0.0, 0
+    i = j = n - 1
+    while i >= 0 and past.stamp[i] >= stamp - _WINDOW * 1e9:
+        j = nearest(past.stamp[i] - lag, past.stamp, n, j)
+        off = np.abs(past.theta[i] - motors_at(past.stamp[i] - lag, past, n, j, past.foot[i]))
+        largest = max(largest, off.max())
+        square += (off * off).mean()
+        count += 1
+        i -= 1
+    return largest, square / max(1, count)
+
+
+@compiled
+def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
+    """The lag [ns] near a guess at which the last `_WINDOW` is most like what was then."""
+    costs = np.empty(_SEARCH.shape[0])
+    for k in range(costs.shape[0]):
+        costs[k] = mismatch(stamp, guess + int(_SEARCH[k] * 1e9), past, n)[1]
+    k = min(max(int(np.argmin(costs)), 1), costs.shape[0] - 2)
+    bend = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
+    shift = 0.5 * (costs[k - 1] - costs[k + 1]) / bend if bend > 0.0 else 0.0
+    step = _SEARCH[1] - _SEARCH[0]
+    return guess + int((_SEARCH[k] + min(1.0, max(-1.0, shift)) * step) * 1e9)
+
+
+@compiled
+def follow(
+    stamp: int, then: int, points: int, step: float, foot: int, double: bool, theta: Array, x_now: Array, B: Array,
+    held: Array, x: Array, w: Array, T_odom_sole: Array, past: Memory, n: int, friction: float, reach: float,
+) -> Array:  # fmt: skip
+    """The model from a measured state through the stride before.
+
+    Args:
+        stamp, then: now and the same point of the stride before [ns].
+        points, step: of the course, and their spacing [s].
+        foot, double, theta, x_now, B, held: `LegTerms` now.
+        x, w: (m,) measured joints and rates.
+        T_odom_sole: (4, 4) pose of the support sole now.
+        past, n: the memory.
+        friction, reach: as in `trunk.stand`.
+
+    Returns:
+        COM (points, 3) [m] in odom; empty where the last stride was another one.
+    """
+    nothing = np.empty((0, 3))
+    q = nearest(then, past.stamp, n, n - 1)
+    low, high = past.theta[q].copy(), past.theta[q].copy()
+    for i in range(q, n, 4):
+        there = past.theta[i] if past.foot[i] == past.foot[q] else swapped(past.theta[i])
+        low, high = np.minimum(low, there), np.maximum(high, there)
+    if not mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * (high - low).max():
+        return nothing
+    # The stride before in odom of now: by the support sole, which then may have become it a little later or earlier.
+    same = q
+    for i in range(1, 40):
+        if past.foot[same] == foot:
+            break
+        if q + i < n and past.foot[q + i] == foot:
+            same = q + i
+        elif q - i >= 0 and past.foot[q - i] == foot:
+            same = q - i
+    if past.foot[same] != foot:
+        return nothing
+    R_then = past.T_odom_sole[same, :3, :3]
+    R = mul(T_odom_sole[:3, :3].copy(), R_then.T.copy())
+    p = T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
+
+    legs = x.shape[0] // 2
+    off = theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
+    x, w = x.copy(), w.copy()
+    first, stood = True, double
+    away = np.zeros(legs)  # where the other foot stands, in its joints, against where it stood
+    out = np.empty((points, 3))
+    for k in range(points):
+        t = then + int(k * step * 1e9)
+        if k > 0:
+            q = nearest(t - int(0.5 * step * 1e9), past.stamp, n, q)
+            if past.foot[q] != foot:  # the support changes
+                foot = past.foot[q]
+                x, w, off = swapped(x), swapped(w), swapped(off)
+                if first or not stood:
+                    stood = False
+                elif past.double[q]:
+                    away = x[legs:] - apply(past.B[q], x[:legs]) - past.held[q]
+            if past.double[q]:
+                if first and stood:  # it stands now
+                    away = held + apply(B, x_now[:legs]) - apply(past.B[q], x_now[:legs]) - past.held[q]
+                elif not stood:  # it lands where the leg is
+                    away = x[legs:] - apply(past.B[q], x[:legs])
+                    away -= past.x[q, legs:] - apply(past.B[q], past.x[q, :legs])
+            stood, first = past.double[q], False
+            before, after = motors_at(t - int(step * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
+            x, w, _ = step_legs(
+                x, w, step, step, stood, past.M[q], past.K[q], past.D[q], past.f[q], before + off, after + off,
+                past.B[q], past.held[q] + away, past.H[q], friction, reach,
+            )  # fmt: skip
+        q = nearest(t, past.stamp, n, q)
+        x_q = x if past.foot[q] == foot else swapped(x)
+        sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x_q - past.x[q])
+        out[k] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
+    return out

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stride before as the motors' future: how long it is, and what predictions through it are worth."""
+
+import numpy as np
+import pytest
+
+from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.joiner import REFERENCE
+from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.core.stride import Memory, find_lag, mismatch
+from coman_reduced_model.offline import find_robot, input_streams, predictions
+from coman_reduced_model.resources import bag_path
+from coman_reduced_model.topics import TopicNames
+
+WHOLE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+
+
+@pytest.mark.parametrize("period", [0.9, 1.4, 1.8])
+def test_the_stride_is_found_within_a_millisecond(period):
+    """Motors that repeat themselves, sampled unevenly; the phases say the period only within 25 ms."""
+    rng = np.random.default_rng(0)
+    t = np.arange(600) * 0.005 + rng.uniform(-0.001, 0.001, 600)
+    phases = rng.uniform(0.0, 6.0, 12)
+    theta = 0.3 * np.sin(2.0 * np.pi * t[:, None] / period + phases) + 1e-4 * rng.standard_normal((600, 12))
+    empty = {name: np.zeros((600, 1)) for name in Memory._fields}
+    stamp, foot = 10**18 + np.round(t * 1e9).astype(np.int64), np.ones(600, dtype=np.int64)
+    wide = dict.fromkeys(("M", "K", "D", "B", "H", "J", "T_odom_sole"), np.zeros((600, 1, 1)))
+    past = Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1, "theta": theta}))
+    lag = find_lag(int(stamp[-1]), round((period + 0.025) * 1e9), past, 600)
+    assert lag * 1e-9 == pytest.approx(period, abs=1e-3)
+    assert mismatch(int(stamp[-1]), lag, past, 600)[0] < 5e-3
+    assert mismatch(int(stamp[-1]), lag + 100_000_000, past, 600)[0] > 0.05
+
+
+@pytest.mark.parametrize(("name", "plan"), [("test1", True), ("test2", True), ("test2", False)])
+def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_known(name, plan):
+    settings = Config().replaced({"effects.active": WHOLE, "prediction.horizons": [0.1, 0.2, 0.4]})
+    with Bag(bag_path(name)) as bag:
+        streams = input_streams(bag, settings, TopicNames())
+        if not plan:
+            streams = {topic: stream for topic, stream in streams.items() if stream != REFERENCE}
+        pipeline = Pipeline(find_robot(settings, bag, TopicNames()), settings)
+        for _ in predictions(bag, pipeline, streams):
+            pass
+    rmse = pipeline.predictor.judge.rmse()
+    for h in ("0.1", "0.2"):
+        assert rmse[h]["model"][0] < (0.7 if plan else 0.9) * min(
+            rmse[h][other][0] for other in ("rigid", "lipm", "persistence")
+        )
+    assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["rigid"][2]
