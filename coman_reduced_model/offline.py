@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import time
@@ -136,6 +137,7 @@ def predict_bag(
         pipeline = Pipeline(robot, config)
         statistics = RunStatistics(config.streams.restart_gap)
         topics = {names(topic): kind for topic, kind in OUTPUT_TYPES.items()}
+        gc.freeze()  # what is loaded by now need not be looked at again and again
         began = time.perf_counter()
         with BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION),)) as writer:
             writer.write(names(DESCRIPTION), bag.start_ns, bag_types().String(data=robot.urdf))
@@ -144,6 +146,7 @@ def predict_bag(
                 statistics.add(prediction)
                 output.write(prediction)
         elapsed = time.perf_counter() - began
+        gc.unfreeze()
         summary = _summary(bag, config, robot, pipeline, statistics, elapsed)
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
         (folder / CONFIG_FILE).write_text(config_to_yaml(config, f"used for {bag.path.name}"), encoding="utf-8")

@@ -3,17 +3,41 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
 
 from ..errors import OutputError
 from .types import typestore
 
 _FOREVER = QosTime(9223372036, 854775807)
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode and length of the record; channel, sequence, log and publish time
+_CHUNK_SIZE = 2**20  # [bytes] after which a chunk is compressed and written
+
+
+class _Mcap(McapWriter):
+    """The writer of rosbags; a message is packed in one go, which takes a fifth of the time."""
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        chunk, channel = self.chunk, connection.id
+        for span in (self, chunk):
+            span.message_start_time = min(timestamp, span.message_start_time)
+            span.message_end_time = max(timestamp, span.message_end_time)
+        self.channel_stats[channel] += 1
+        chunk.msgs[channel].append((timestamp, chunk.bio.tell()))
+        chunk.bio.write(_MESSAGE.pack(5, 22 + len(data), channel, 0, timestamp, timestamp))
+        chunk.bio.write(data)
+        if chunk.bio.tell() > _CHUNK_SIZE:
+            self.close_chunk()
+
+
+class _Writer(Writer):
+    STORAGE_PLUGINS = {StoragePlugin.MCAP: _Mcap}
 
 
 def qos(depth: int = 10, transient_local: bool = False) -> Qos:
@@ -53,7 +77,7 @@ class BagWriter:
         self.counts = dict.fromkeys(topics, 0)
         self._store = typestore()
         try:
-            self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer = _Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
         except Exception as error:

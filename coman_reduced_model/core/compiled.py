@@ -51,13 +51,21 @@ _drop_stale_caches()
 @compiled
 def mul(A: Array, B: Array) -> Array:
     """The product (n, m) of A (n, k) and B (k, m)."""
-    C = np.zeros((A.shape[0], B.shape[1]))
+    C = np.empty((A.shape[0], B.shape[1]))
+    mul_into(C, A, B)
+    return C
+
+
+@compiled
+def mul_into(C: Array, A: Array, B: Array) -> None:
+    """`mul` into a matrix (n, m) that there is already, and that is neither A nor B."""
     for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            C[i, j] = 0.0
         for k in range(A.shape[1]):
             a = A[i, k]
             for j in range(B.shape[1]):
                 C[i, j] += a * B[k, j]
-    return C
 
 
 @compiled

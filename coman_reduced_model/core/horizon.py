@@ -72,12 +72,13 @@ def predict_horizons(
 
 
 @compiled
-def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array) -> tuple[Array, Array]:
-    """Persistence p + p' h and the LIPM from the measured state with the measured ZMP, (k, 3) each [m].
+def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array) -> Array:
+    """Persistence p + p' h and the LIPM from the measured state with the measured ZMP, (2, k, 3) [m].
 
     Height is constant in the LIPM. A ZMP of NaN gives a LIPM of NaN.
     """
-    persistence, lipm = np.empty((horizons.shape[0], 3)), np.empty((horizons.shape[0], 3))
+    out = np.empty((2, horizons.shape[0], 3))
+    persistence, lipm = out[0], out[1]
     omega = np.sqrt(gravity / max(com[2], 0.05))
     for h in range(horizons.shape[0]):
         c, s = np.cosh(omega * horizons[h]), np.sinh(omega * horizons[h])
@@ -85,7 +86,7 @@ def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, ho
             persistence[h, i] = com[i] + com_vel[i] * horizons[h]
             lipm[h, i] = zmp[i] + (com[i] - zmp[i]) * c + com_vel[i] / omega * s
         lipm[h, 2] = com[2] + 0.0 * zmp[0]
-    return persistence, lipm
+    return out
 
 
 class HorizonJudge:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import compiled, inverse, mul
+from .compiled import compiled, inverse, mul, mul_into
 from .types import Array
 
 
@@ -28,14 +28,15 @@ def phi_functions(Z: Array) -> tuple[Array, Array, Array]:
     while norm > 0.5 and squarings < 60:
         norm *= 0.5
         squarings += 1
-    part = np.empty((n, n))
+    part, other = np.empty((n, n)), np.empty((n, n))
     phi_2 = np.zeros((n, n))
     for i in range(n):
         phi_2[i, i] = 1.0 / 14.0
         for j in range(n):
             part[i, j] = Z[i, j] / 2.0**squarings
     for k in range(13, 1, -1):  # Horner: 1/2 (1 + Z/3 (1 + Z/4 (...)))
-        phi_2 = mul(part, phi_2)
+        mul_into(other, part, phi_2)
+        phi_2, other = other, phi_2
         for i in range(n):
             phi_2[i, i] += 1.0
             for j in range(n):
@@ -46,13 +47,16 @@ def phi_functions(Z: Array) -> tuple[Array, Array, Array]:
     E = mul(part, phi_1)
     for i in range(n):
         E[i, i] += 1.0
+    square, shifted = np.empty((n, n)), np.empty((n, n))
     for _ in range(squarings):
-        square, shifted = mul(phi_1, phi_1), mul(E, phi_1)
+        mul_into(square, phi_1, phi_1)
+        mul_into(shifted, E, phi_1)
         for i in range(n):
             for j in range(n):
                 phi_2[i, j] = 0.25 * square[i, j] + 0.5 * phi_2[i, j]
                 phi_1[i, j] = 0.5 * (phi_1[i, j] + shifted[i, j])
-        E = mul(E, E)
+        mul_into(other, E, E)
+        E, other = other, E
     return E, phi_1, phi_2
 
 

@@ -203,6 +203,8 @@ class Joiner:
         accepted = stream.accept(stream.true_stamp(stamp), value)
         samples = self._went_back(stream) if stream.jumped else []
         stream.items.extend(accepted)
+        if stream not in self._expected:  # nothing waits for it
+            return samples
         return samples + self._ready() if samples else self._ready()
 
     def _joint_items(self, stream: Stream, message: JointMessage) -> tuple[Item, ...]:

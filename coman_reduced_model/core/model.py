@@ -99,11 +99,11 @@ class Model:
             foot, J, load, deflection, still if rate is None else rate, still if motor_rate is None else motor_rate
         )
         r = posture.com - posture.p[foot]
-        length = float(r @ r) ** 0.5
+        length = float(r.dot(r)) ** 0.5
         limit = self.config.model.singular_limit
         K, D, singular = spring_damper(J[: self._rows], leg.K_q, leg.D_q, length, limit)
         bias = _NOTHING
-        if leg.torque.any():  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
+        if np.count_nonzero(leg.torque):  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
             bias = -(K @ (J[: self._rows] @ np.linalg.solve(leg.K_q, leg.torque)))[:3]
         return K[:3, :3], D[:3, :3], bias, singular
 
@@ -139,14 +139,14 @@ class Model:
             posture, foot, weight * share if both else weight, *known.get(foot, ())
         )
         scale_K, scale_D = self._divided(share, landed) if double and not both else (self._tuning_K, self._tuning_D)
-        K, D, force = _pull(K, D, scale_K, scale_D, *references[foot])
+        K, D, force = _pulled(K, D, scale_K, scale_D, *references[foot])
         terms = Terms(self._M, K, D, force + bias, self.axes, singular)
         if both:
             K, D, bias, singular = self.leg_stiffness(
                 posture, foot.other, weight * (1.0 - share), *known.get(foot.other, ())
             )
             R, _ = posture.sole_to_sole(foot, foot.other)
-            K, D, force = _pull(R @ K @ R.T, R @ D @ R.T, scale_K, scale_D, *references[foot.other])
+            K, D, force = _pulled(R @ K @ R.T, R @ D @ R.T, scale_K, scale_D, *references[foot.other])
             terms.K += K
             terms.D += D
             terms.force += force + R @ bias
@@ -184,12 +184,18 @@ class Model:
         return self._tuning_K / divisors, self._tuning_D / divisors
 
 
-@compiled
-def _pull(K: Array, D: Array, scale_K: Array, scale_D: Array, p_r: Array, v_r: Array) -> tuple[Array, Array, Array]:
+def _pulled(K: Array, D: Array, scale_K: Array, scale_D: Array, p_r: Array, v_r: Array) -> tuple[Array, Array, Array]:
     """The leg's K and D times their factors, and the force K p_r + D v_r of the reference."""
     K_s, D_s, force = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3)
+    _pull(K, D, scale_K, scale_D, p_r, v_r, K_s, D_s, force)
+    return K_s, D_s, force
+
+
+@compiled
+def _pull(
+    K: Array, D: Array, scale_K: Array, scale_D: Array, p_r: Array, v_r: Array, K_s: Array, D_s: Array, force: Array
+) -> None:
     for i in range(3):
         for j in range(3):
             K_s[i, j], D_s[i, j] = K[i, j] * scale_K[i, j], D[i, j] * scale_D[i, j]
             force[i] += K_s[i, j] * p_r[j] + D_s[i, j] * v_r[j]
-    return K_s, D_s, force

@@ -108,7 +108,9 @@ class Predictor:
 
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
         if ready:
-            flags |= self._free_run(now) | dynamics.flags
+            for flag in (self._free_run(now), dynamics.flags):
+                if flag:  # joining flags takes longer than this
+                    flags |= flag
         else:
             dynamics.stop()
             flags |= Flags.NO_REFERENCE | Flags.NOT_INITIALISED
@@ -139,7 +141,7 @@ class Predictor:
             dynamics.advance(now)
             assert dynamics.state is not None
             error = dynamics.state[:3] - now.com
-            if error @ error < _LOST * _LOST:
+            if error.dot(error) < _LOST * _LOST:
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)

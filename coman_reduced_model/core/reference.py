@@ -32,19 +32,19 @@ def plan_ahead(sample: Sample, foot: Foot) -> tuple[Array, Array, float]:
     if plan is None or len(plan.preview_com) == 0 or not plan.preview_dt > 0.0:
         return _NOTHING, _NOTHING, 0.0
     R = (plan.T_odom_left if foot == Foot.LEFT else plan.T_odom_right)[:3, :3]
-    moved = _change(plan.preview_com, plan.com, R)
-    return moved, _change(plan.preview_com_vel, plan.com_vel, R), plan.preview_dt
+    out = np.zeros((2, len(plan.preview_com) + 1, 3))
+    _change(plan.preview_com, plan.com, R, out[0])
+    _change(plan.preview_com_vel, plan.com_vel, R, out[1])
+    return out[0], out[1], plan.preview_dt
 
 
 @compiled
-def _change(preview: Array, now: Array, R: Array) -> Array:
-    """Zero and then the preview (n, 3) minus what is now (3,), in the axes R (3, 3)."""
-    out = np.zeros((preview.shape[0] + 1, 3))
+def _change(preview: Array, now: Array, R: Array, out: Array) -> None:
+    """Add the preview (n, 3) minus what is now (3,), in the axes R (3, 3), to out (n + 1, 3) from its second row on."""
     for k in range(preview.shape[0]):
         for i in range(3):
             for j in range(3):
                 out[k + 1, i] += (preview[k, j] - now[j]) * R[j, i]
-    return out
 
 
 @compiled

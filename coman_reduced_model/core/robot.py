@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import RobotError
-from .compiled import apply, compiled, mul
+from .compiled import apply, compiled
 from .config import LegConfig, RobotConfig
 from .stiffness import leg_jacobian
 from .types import Array, Foot
@@ -200,8 +200,8 @@ class Posture:
         robot = self.robot
         robot.scatter(q, self._q)
         self._v[robot.idx_v] = qd
-        pin.computeJointJacobians(robot.model, self.data, self._q)
         pin.centerOfMass(robot.model, self.data, self._q, self._v, False)
+        pin.computeJointJacobians(robot.model, self.data)  # where the joints are is known from the line before
         pin.updateFramePlacements(robot.model, self.data)
         self._J = {}
 
@@ -219,15 +219,19 @@ class Posture:
 
     def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
         """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
-        return _com_in_sole(self.com, self.com_vel, self.sole_jacobian(foot), self._v, self.R[foot], self.p[foot])
+        out = np.empty((2, 3))  # what compiled code fills costs less than what it returns
+        _com_in_sole(self.com, self.com_vel, self.sole_jacobian(foot), self._v, self.R[foot], self.p[foot], out)
+        return out[0], out[1]
 
     def sole_to_sole(self, foot: Foot, other: Foot) -> tuple[Array, Array]:
         """Pose of the sole `other` in the frame of the sole `foot`: rotation (3, 3), position (3,)."""
-        return _pose_in(self.R[foot], self.p[foot], self.R[other], self.p[other])
+        T = np.empty((4, 3))
+        _pose_in(self.R[foot], self.p[foot], self.R[other], self.p[other], T)
+        return T[:3], T[3]
 
 
 @compiled
-def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array) -> tuple[Array, Array]:
+def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array, out: Array) -> None:
     twist = apply(J_sole, v)
     r, vel = np.empty(3), np.empty(3)
     for i in range(3):
@@ -236,15 +240,18 @@ def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, 
     vel[0] -= twist[4] * r[2] - twist[5] * r[1]
     vel[1] -= twist[5] * r[0] - twist[3] * r[2]
     vel[2] -= twist[3] * r[1] - twist[4] * r[0]
-    return apply(R.T, r), apply(R.T, vel)
+    for i in range(3):
+        out[0, i] = R[0, i] * r[0] + R[1, i] * r[1] + R[2, i] * r[2]
+        out[1, i] = R[0, i] * vel[0] + R[1, i] * vel[1] + R[2, i] * vel[2]
 
 
 @compiled
-def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array) -> tuple[Array, Array]:
-    r = np.empty(3)
+def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array, out: Array) -> None:
     for i in range(3):
-        r[i] = p_other[i] - p[i]
-    return mul(R.T, R_other), apply(R.T, r)
+        out[3, i] = 0.0
+        for j in range(3):
+            out[i, j] = R[0, i] * R_other[0, j] + R[1, i] * R_other[1, j] + R[2, i] * R_other[2, j]
+            out[3, i] += R[j, i] * (p_other[j] - p[j])
 
 
 def _build(urdf: str, source: str) -> pin.Model:

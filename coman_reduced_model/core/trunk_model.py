@@ -19,6 +19,7 @@ share of stiffness, is how the load passes from leg to leg.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import asin, atan2
 
 import numpy as np
 import pinocchio as pin
@@ -260,4 +261,4 @@ def _swapped(state: Array) -> Array:
 def tilt(R_base_sole: Array) -> Array:
     """Roll and pitch (2,) [rad] of the trunk on a flat sole, from the sole's orientation (3, 3) in the base frame."""
     R = R_base_sole  # its transpose is the trunk in the sole
-    return np.array([np.arctan2(R[1, 2], R[2, 2]), np.arcsin(max(-1.0, min(1.0, -R[0, 2])))])
+    return np.array([atan2(R[1, 2], R[2, 2]), asin(max(-1.0, min(1.0, -R[0, 2])))])
