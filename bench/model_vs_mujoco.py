@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One step of the reduced model beside one step of the full-body simulation of the same robot.
+"""The reduced models beside a full-order simulation of the same robot: cost of 5 ms, and the COM error each reaches.
 
-    python bench/model_vs_mujoco.py
+    python bench/model_vs_mujoco.py [GAIT]        # a shipped walk, default test1
 
-Both stand on two legs under the same springs; one core, interleaved in one run, so that the ratio holds on any machine.
-A model step is kinematics, stiffness and integration (`Posture.update`, `Model.terms`, `step`) for 5 ms, and once more
-the integration alone; a MuJoCo step is `mj_step` at the simulator's own step, and as many as 5 ms take.
+All are driven by the motor positions in the bag, sample by sample and in turn in one process, so that the ratios hold
+on any machine; times are CPU time. The models are reset at each touchdown (`coman predict`); MuJoCo starts once, where
+the plan says that the robot stands, and knows the very springs, masses and ground of the robot that made the bag: its
+error is what sensor noise and an open-loop walk leave. COM in the support sole against the measured one.
 """
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -19,84 +20,87 @@ from rich.console import Console
 from rich.table import Table
 
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.integrator import step
-from coman_reduced_model.core.model import Model
-from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, Phase, SupportState
-from coman_reduced_model.resources import config_path
+from coman_reduced_model.core.gait import plan_walk
+from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.types import Foot
+from coman_reduced_model.resources import bag_path
+from coman_reduced_model.sim.motion import plan_motion
+from coman_reduced_model.sim.record import robot_gait
+from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
+from coman_reduced_model.tuning.recording import Recording, read_recording
 
-DT = 0.005
-ROUNDS = 3000
+EFFECTS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+MODELS = {"the paper's model": (), "with the four effects": EFFECTS}
+
+
+class Replay:
+    """The motors of a bag, as a motion of the virtual robot."""
+
+    def __init__(self, recording: Recording, robot: VirtualRobot, gait: str) -> None:
+        samples = [s for s in recording.samples if s.motor_q is not None and s.motor_qd is not None]
+        self._t = np.array([s.stamp_ns - robot.start_ns for s in samples]) * 1e-9
+        order = [recording.robot.joint_names.index(name) for name in robot.table.joint_names]
+        self._q = np.array([s.motor_q for s in samples])[:, order]
+        self._qd = np.array([s.motor_qd for s in samples])[:, order]
+        self.start = plan_motion(COMAN, plan_walk(robot_gait(COMAN, gait)))[0].start
+
+    def __call__(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        q, qd = (np.stack([np.interp(t, self._t, joint) for joint in part.T], axis=1) for part in (self._q, self._qd))
+        return q, qd
 
 
 def main() -> None:
-    robot = Robot(config_path("coman.urdf").read_text(), Config().robot)
-    model, posture = Model(robot, Config()), robot.posture()
-    bend = {"HipSag": -0.3, "KneeSag": 0.6, "AnkSag": -0.3}
-    q = np.array([bend.get(name[1:], 0.0) for name in robot.joint_names])
-    still = np.zeros(len(q))
-    posture.update(q, still)
-    reference = posture.com_in_sole(Foot.LEFT)
-    state = np.concatenate(reference)
-    support = SupportState(Phase.DOUBLE, Foot.LEFT, 0.5)
-
-    def terms():
-        posture.update(q, still)
-        return model.terms(posture, support, {Foot.LEFT: posture.com_in_sole(Foot.LEFT)}, False)
-
-    found = terms()
-    moment = (found.K, found.D, found.force, *reference)
-
-    def integrate():
-        step(state, found.M, found.axes, moment, moment, DT)
-
-    def whole():
-        now = terms()
-        here = (now.K, now.D, now.force, *reference)
-        step(state, now.M, now.axes, here, here, DT)
-
+    gait = sys.argv[1] if len(sys.argv) > 1 else "test1"
+    plain = Config().replaced({"prediction.horizons": []})
+    recording = read_recording(bag_path(gait), plain)
+    models = {n: Predictor(recording.robot, plain.replaced({"effects.active": e})) for n, e in MODELS.items()}
+    for model in models.values():  # compiled, caches warm
+        for sample in list(recording.copies())[:400]:
+            model.update(sample)
+        model.reset()
     simulation = VirtualRobot()
+    motion = Replay(recording, simulation, gait)
+    simulation.reset(motion)
     physics, data = simulation.model, simulation.data
-    order = [physics.joint(name).qposadr[0] for name in robot.joint_names]
-    data.qpos[order] = q
-    mujoco.mj_kinematics(physics, data)
-    data.qpos[2] -= data.site("l_sole").xpos[2]
-    for actuator in range(physics.nu):
-        data.ctrl[actuator] = data.qpos[physics.jnt_qposadr[physics.actuator_trnid[actuator, 0]]]
-    for _ in range(round(0.5 / physics.opt.timestep)):  # until the feet carry the robot
-        mujoco.mj_step(physics, data)
-    start = data.qpos.copy(), data.qvel.copy()
+    dt, lead, sites = physics.opt.timestep, simulation.damping / simulation.stiffness, {1: "l_sole", 2: "r_sole"}
 
-    def simulate():
-        mujoco.mj_step(physics, data)
+    seconds: dict[str, list[float]] = {name: [] for name in (*models, "MuJoCo")}
+    errors: dict[str, list[np.ndarray]] = {name: [] for name in ("rigid robot", *models, "MuJoCo")}
+    steps = 0
+    for sample in recording.copies():
+        for name, model in models.items():
+            begin = time.process_time()
+            made = model.update(sample)
+            seconds[name].append(time.process_time() - begin)
+            errors[name].append(made.residual)
+        due = round((sample.stamp_ns - simulation.start_ns) * 1e-9 / dt)
+        q, qd = motion(np.arange(steps, due) * dt)
+        begin = time.process_time()
+        for row in q + lead * qd:
+            data.ctrl[:] = row
+            mujoco.mj_step(physics, data)
+        if due > steps:
+            seconds["MuJoCo"].append((time.process_time() - begin) / (due - steps))
+        steps = max(due, steps)
+        if made.support.support_foot == Foot.NONE:
+            continue
+        mujoco.mj_kinematics(physics, data)
+        mujoco.mj_comPos(physics, data)
+        sole = data.site(sites[made.support.support_foot])
+        com = (data.subtree_com[0] - sole.xpos) @ sole.xmat.reshape(3, 3)
+        errors["MuJoCo"].append(made.measured_com - com)
+        errors["rigid robot"].append(made.measured_com - made.reference_com)
 
-    candidates: dict[str, Callable[[], object]] = {
-        "reduced model, integration alone": integrate,
-        "reduced model, one sample": whole,
-        "MuJoCo, one step": simulate,
-    }
-    seconds = {name: np.empty(ROUNDS) for name in candidates}
-    for i in range(-50, ROUNDS):
-        if i % 50 == 0:  # before it falls
-            data.qpos[:], data.qvel[:] = start
-        for name, call in candidates.items():
-            begin = time.perf_counter()
-            call()
-            if i >= 0:
-                seconds[name][i] = time.perf_counter() - begin
-    contacts = data.ncon
-
-    per_step = float(np.median(seconds["MuJoCo, one step"]))
-    per_sample = per_step * DT / physics.opt.timestep
-    table = Table("", "median [us]", "p99 [us]", "of one MuJoCo step", f"of MuJoCo's {DT * 1e3:g} ms")
-    for name, values in seconds.items():
-        median, p99 = np.percentile(values, [50, 99])
-        table.add_row(
-            name, f"{median * 1e6:.1f}", f"{p99 * 1e6:.1f}", f"{median / per_step:.2f}", f"{median / per_sample:.3f}"
-        )
-    size = f"{physics.nv} freedoms, {contacts} contacts, step {physics.opt.timestep * 1e3:g} ms"
-    table.title = f"MuJoCo {mujoco.__version__}: {size}"
+    cost = {name: float(np.median(values)) for name, values in seconds.items()}
+    one, full = cost["MuJoCo"], cost["MuJoCo"] * 0.005 / dt
+    cost["MuJoCo"] = full
+    title = f"{gait}; MuJoCo {mujoco.__version__}: {physics.nv} freedoms, step {dt * 1e3:g} ms, {one * 1e6:.0f} us each"
+    table = Table("", "5 ms cost [us]", "of MuJoCo's", "RMS error x, y, z [mm]", title=title)
+    for name, values in errors.items():
+        rms = np.sqrt(np.nanmean(np.square(values), axis=0)) * 1e3
+        paid = (f"{cost[name] * 1e6:.0f}", f"{cost[name] / full:.2f}") if name in cost else ("", "")
+        table.add_row(name, *paid, ", ".join(f"{axis:.2f}" for axis in rms))
     Console(width=120).print(table)
 
 

@@ -16,6 +16,7 @@ from .model import Model, Terms
 from .reference import motor_com, plan_ahead, planned_com
 from .robot import Robot
 from .types import Array, Flags, Foot, Phase
+from .zmp_filter import ZmpFilter
 
 _NAN3 = np.full(3, np.nan)
 _PAST = 100  # samples: the longest that a change of phase may be known late, 0.1 s at 1 kHz
@@ -142,7 +143,18 @@ class PointMass(Dynamics):
 
 
 class Pendulum(PointMass):
-    """p'' = (g / z) (p - p_zmp) with the measured ZMP, for a robot without reference; the height stays."""
+    """p'' = (g / z) (p - p_zmp) with the measured ZMP, for a robot without reference; the height stays.
+
+    The free run takes the ZMP as it is measured; predictions ahead start from the state of a filter of its own.
+    """
+
+    def __init__(self, robot: Robot, config: Config, model: Model) -> None:
+        super().__init__(robot, config, model)
+        self._filter = ZmpFilter()
+
+    def reset(self) -> None:
+        super().reset()
+        self._filter.reset()
 
     def prepare(self, now: Now) -> bool:
         if now.zmp is None:
@@ -150,7 +162,11 @@ class Pendulum(PointMass):
         self._terms = self.model.pendulum(now.com[2], now.zmp)
         self._push(self._terms, now)
         self._pull = now.zmp, np.zeros(3)
+        self._filter.update(now.sample.stamp_ns, now.T_odom_sole, now.com, now.zmp, self.model.gravity)
         return True
+
+    def ahead(self, now: Now, horizons: Array) -> Array:
+        return self._filter.ahead(now.com, horizons, self.model.gravity)
 
     def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
         """There is nothing to follow."""

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 _STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
 _EVERY = 0.0195  # [s] between two simulations: in between the last one is read further
-_SPACING = 0.0035  # [s] between remembered samples at least
-_CAPACITY, _KEPT = 1536, 1024  # remembered samples at most, and how many are kept when there are more: 3.6 s and more
+_SPACING = 0.0095  # [s] between remembered samples at least
+_CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
 _WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
 _SEARCH = np.arange(-8, 9) * 0.005  # [s] about the lag between the phases
 _ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated

@@ -39,7 +39,7 @@ from .types import Array, Foot, Phase
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
-_LONGEST = 0.0025  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
+_LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
 _FADES = 0.1  # [s] time constant of a horizontal deflection whose future nothing tells
 _NO_POSE = (np.eye(3), np.zeros(3))
 
