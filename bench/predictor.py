@@ -3,8 +3,8 @@
 
     python bench/predictor.py [BAG]           # a bag of the robot of config/coman.yaml; default: the shipped test1
 
-One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. `x call` is the median
-over that of an empty numpy call (`np.empty(3)`) timed after every sample: a figure that carries over to other machines.
+One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. `x call` is
+the median over that of an empty numpy call (`np.empty(3)`) timed after every sample: a figure that carries over.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def main() -> None:
     )
     for name, changes in VARIANTS.items():
         config = Config().replaced(changes)
-        timed(Predictor(robot, config), samples[:400])  # compiled, caches warm
+        timed(Predictor(robot, config), samples[:1200])  # compiled, caches warm
         updates, calls = timed(Predictor(robot, config), samples)
         median, p99 = np.percentile(updates, [50, 99]) * 1e6
         ratio = np.median(updates) / np.median(calls)

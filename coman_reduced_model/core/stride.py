@@ -127,6 +127,9 @@ class Stride:
             self._memory = Memory(
                 *(np.zeros((_CAPACITY, *shapes.get(f, ())), types.get(f, np.float64)) for f in Memory._fields)
             )
+            # Compiled or loaded now, not in the middle of a walk.
+            find_lag(0, 0, self._memory, 0)
+            self._follow(0, 0, 1, terms, np.zeros(2 * m), np.eye(4))
         if self._n == _CAPACITY:
             for column in self._memory:
                 column[:_KEPT] = column[-_KEPT:]
@@ -153,12 +156,15 @@ class Stride:
                 return None
             sole = (plan.T_odom_left if now.foot == 1 else plan.T_odom_right)[:3, :3]
             moved = moved @ sole @ now.T_odom_sole[:3, :3].T
-        m = len(state) // 2
-        course = follow(
-            stamp, then, len(moved), _STEP, int(terms.foot), terms.double, terms.theta, terms.x,
-            terms.B, terms.held, state[:m], state[m:], now.T_odom_sole, past, n, self._friction, terms.reach,
-        )  # fmt: skip
+        course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
         return course + moved if len(course) else None
+
+    def _follow(self, stamp: int, then: int, points: int, terms: LegTerms, state: Array, T_odom_sole: Array) -> Array:
+        m = len(state) // 2
+        return follow(
+            stamp, then, points, _STEP, int(terms.foot), terms.double, terms.theta, terms.x, terms.B, terms.held,
+            state[:m], state[m:], T_odom_sole, self._past, self._n, self._friction, terms.reach,
+        )  # fmt: skip
 
 
 @compiled
@@ -237,6 +243,8 @@ def follow(
         COM (points, 3) [m] in odom; empty where the last stride was another one.
     """
     nothing = np.empty((0, 3))
+    if n < 2:
+        return nothing
     q = nearest(then, past.stamp, n, n - 1)
     low, high = past.theta[q].copy(), past.theta[q].copy()
     for i in range(q, n, 4):
