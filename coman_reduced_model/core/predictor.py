@@ -127,7 +127,7 @@ class Predictor:
             sample, support, T_odom_sole, flags, com, com_vel,
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
-        if ready:
+        if ready and self.model.turning:
             prediction.measured_tilt, prediction.predicted_tilt = tilt(R[foot]), dynamics.tilt
         return prediction
 

@@ -166,8 +166,9 @@ class Prediction:
     T_odom_sole: Array  # (4, 4) pose of the support sole in odom
     horizons: list[HorizonPrediction]
     flags: Flags
-    measured_tilt: Array = field(default_factory=lambda: _NAN2)  # (2,) roll, pitch of the trunk [rad]
-    predicted_tilt: Array = field(default_factory=lambda: _NAN2)  # (2,) NaN without trunk_rotation
+    # (2,) roll, pitch of the trunk [rad]; NaN without trunk_rotation
+    measured_tilt: Array = field(default_factory=lambda: _NAN2)
+    predicted_tilt: Array = field(default_factory=lambda: _NAN2)
 
     @property
     def residual(self) -> Array:
