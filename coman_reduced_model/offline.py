@@ -8,6 +8,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -137,20 +138,29 @@ def predict_bag(
         pipeline = Pipeline(robot, config)
         statistics = RunStatistics(config.streams.restart_gap)
         topics = {names(topic): kind for topic, kind in OUTPUT_TYPES.items()}
-        gc.freeze()  # what is loaded by now need not be looked at again and again
         began = time.perf_counter()
-        with BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION),)) as writer:
+        writing = BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION),))
+        with _collecting_what_is_new(), writing as writer:
             writer.write(names(DESCRIPTION), bag.start_ns, bag_types().String(data=robot.urdf))
             output = _Output(writer, names, config)
             for prediction in predictions(bag, pipeline, streams, progress):
                 statistics.add(prediction)
                 output.write(prediction)
         elapsed = time.perf_counter() - began
-        gc.unfreeze()
         summary = _summary(bag, config, robot, pipeline, statistics, elapsed)
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
         (folder / CONFIG_FILE).write_text(config_to_yaml(config, f"used for {bag.path.name}"), encoding="utf-8")
     return summary
+
+
+@contextmanager
+def _collecting_what_is_new() -> Iterator[None]:
+    """The garbage collector does not look at what is loaded by now again and again."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def predictions(
