@@ -27,6 +27,9 @@ class OutputFolder:
         self.path = Path(path)
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{path}: exists and is no folder")
+        parent = next(each for each in self.path.absolute().parents if each.exists())
+        if not os.access(parent, os.W_OK):
+            raise OutputError(f"{path}: cannot be written: {parent} may not be written to")
         if self.path.is_dir() and not force and any(self.path.iterdir()):
             raise OutputError(f"{path}: the folder exists and is not empty; --force replaces what this command writes")
 

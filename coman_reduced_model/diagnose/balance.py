@@ -83,7 +83,9 @@ class World:
         for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
             stiffness[robot.legs[foot]], damping[robot.legs[foot]] = leg.stiffness, leg.damping
         none = np.zeros(len(robot.joint_names))
-        return cls(robot, robot.model, stiffness, damping, config.robot.gravity, none, none, none)
+        model = robot.model.copy()
+        model.gravity.linear = np.array([0.0, 0.0, -config.robot.gravity])
+        return cls(robot, model, stiffness, damping, config.robot.gravity, none, none, none)
 
     def changed(self, **fields: object) -> World:
         """A copy with other figures."""
@@ -382,7 +384,6 @@ def _inertial(
     """Generalised forces (m, nv) of motion and weight, and the rotation (m, 3, 3) world <- root."""
     robot, model = world.robot, world.model
     data, m = model.createData(), len(motion.q)
-    model.gravity.linear = np.array([0.0, 0.0, -world.gravity])
     configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
     against, twist, rate = (_blend(each, share) for each in (up, motion.twist, motion.twist_rate))
     if yielding is not None:
@@ -455,7 +456,8 @@ def without_noise(recording: Recording, world: World) -> Recording:
     """
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
     if recording.motor_q is not None and recording.tau is not None:
-        for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
+        known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
+        for j in np.flatnonzero(known):
             stretch = gaussian_filter1d(recording.motor_q[:, j] - recording.q[:, j], 0.5 * RATE, mode="nearest")
             bent = _stretch(world, j, recording.tau[:, j], 1.0 / RATE)
             level = gaussian_filter1d(bent, 0.5 * RATE, mode="nearest")

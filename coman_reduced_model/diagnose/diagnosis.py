@@ -11,9 +11,12 @@ from operator import add
 import numpy as np
 
 from ..core.config import Config
+from ..core.effects import CATALOGUE
+from ..core.effects import Effect as BaseEffect
 from ..core.robot import Robot
 from ..core.types import Array
-from .balance import Masks, State, World, evaluate, masks, on_flat_soles
+from ..errors import BagError
+from .balance import TICKS, Masks, State, World, evaluate, masks, on_flat_soles
 from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, prior_variance, quieter, scores, weigh, weighed
 from .floor import floor
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
@@ -24,6 +27,7 @@ ALONE = 9.0  # the same where no held-out bag can contradict
 AGREES = 2.0  # nats that it must add on the held-out bags
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
+STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 STEPS, SETTLED = 4, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
 Progress = Callable[[float, str], None]
@@ -56,10 +60,35 @@ class Case:
 
 
 def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
-    """A recording with what is believed of its robot."""
-    world = World.nominal(robot, config)
+    """A recording with what is believed of its robot.
+
+    Raises:
+        BagError: it hardly ever stands steadily.
+    """
+    recording, world = _with_known(recording, World.nominal(robot, config), config)
     where = masks(recording, world)
-    return recording, world, on_flat_soles(where, evaluate(recording, world, where))
+    where = on_flat_soles(where, evaluate(recording, world, where))
+    if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
+        raise BagError(
+            f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
+            f"wrenches, and {STEADY_S:g} s are needed: has it fallen, or do wrenches and support.* not fit together?"
+        )
+    return recording, world, where
+
+
+def _with_known(recording: Recording, world: World, config: Config) -> tuple[Recording, World]:
+    """Effects that the configuration has already belong to the nominal robot.
+
+    Those of sensors, drives and loads came in while the recording was read.
+    """
+    for effect in config.effects:
+        kind = CATALOGUE[effect.name]
+        if (kind.correct, kind.late, kind.load) != (BaseEffect.correct, BaseEffect.late, BaseEffect.load):
+            continue
+        for figure in figures(recording, world):
+            if (figure.effect, figure.where) == (effect.name, effect.where):
+                recording, world = figure.apply(recording, world, effect.values[figure.key] - figure.nominal)
+    return recording, world
 
 
 def examine(prepared: Prepared, known: list[Figure], at: Array) -> Case:
@@ -172,8 +201,23 @@ def search(
             continue
         finding.chosen.append(Effect(best.option, best.gain, confirmed))
         finding.at, finding.train, finding.hold = at, cases, held
+        _drop_what_the_last_one_explains(finding, looked, enough)
         if progress:
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
+
+
+def _drop_what_the_last_one_explains(finding: Finding, looked: _Looked, enough: float) -> None:
+    """Backward elimination: an effect that was chosen first may have stood for one that was found later."""
+    for effect in finding.chosen[:-1]:
+        others = [i for i in finding.released if i not in effect.option.figures]
+        (alone,) = scores(_sum(finding.train), [effect.option], others)
+        if alone.gain >= enough:
+            continue
+        finding.chosen.remove(effect)
+        finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
+        fit = _sum(finding.train).fit(finding.released)
+        finding.at, finding.train, finding.fit = _settle(finding.known, looked, finding.at, fit, finding.released)
+        finding.hold = looked.at(finding.at, "hold") if finding.hold else []
 
 
 def _believe(

@@ -18,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ..core.types import Array
 from .balance import SMOOTHING, TICKS, Masks, State, evaluate, without_noise
+from .floor import least
 from .hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
@@ -155,7 +156,10 @@ class Noise:
 def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
     """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group."""
     resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
-    noise = {key: Noise(_first_guess(row, problem.pieces[key]), resolution[key]) for key, row in problem.rows.items()}
+    noise = {
+        key: Noise(_no_less(_first_guess(row, problem.pieces[key]), key), resolution[key])
+        for key, row in problem.rows.items()
+    }
     for _ in range(ROUNDS):
         evidence = weighed(problem, at, noise)
         # Everything released: the noise must not hold what some figure explains.
@@ -163,11 +167,17 @@ def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Noise], dict
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
             key: Noise(
-                _autoregression(left, problem.pieces[key]), max(resolution[key], _offset(left, problem.pieces[key]))
+                _no_less(_autoregression(left, problem.pieces[key]), key),
+                max(resolution[key], _offset(left, problem.pieces[key])),
             )
             for key, left in remainder.items()
         }
     return evidence, noise, remainder
+
+
+def _no_less(autoregression: Array, key: str) -> Array:
+    """The same, with innovations no smaller than the best sensors have (a tenth of their noise: it is smoothed)."""
+    return np.concatenate([[max(autoregression[0], 0.1 * least(key))], autoregression[1:]])
 
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:

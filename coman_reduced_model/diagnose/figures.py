@@ -16,6 +16,7 @@ from ..core.types import Array, Phase
 from ..report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
 from ..report.figures import NoData
 from .diagnosis import Case, Finding
+from .recording import RATE
 from .words import channel, channel_unit
 
 SHOWN_S = 6.0  # [s] of a recording that a figure over time shows: more steps say no more
@@ -150,7 +151,7 @@ def _against(pair: Pair, what: str, joint: str) -> Array:
         raise NoData(f"No joint torques were recorded, so the law of {joint} cannot be drawn.")
     torque = case.state.smoothed(case.recording.tau)[:, j]
     if what == "torque rate":
-        torque = np.gradient(torque, case.recording.dt)
+        torque = np.gradient(torque, 1.0 / RATE)
     return np.asarray(torque[case.where.ticks])
 
 

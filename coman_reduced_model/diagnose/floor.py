@@ -14,6 +14,17 @@ from ..core.types import Array
 from .balance import Masks, State, evaluate
 
 DRAWS = 2
+# By law, what the best of sensors leaves [rad, Nm, N, m]: a simulator whose sensors have no noise at all must not make
+# every hair's breadth an effect.
+LEAST = {
+    "spring": 2e-5, "torque": 0.01, "force": 0.1, "moment": 0.01, "feet": 3e-5, "tilt": 5e-5, "plan": 3e-5,
+    "unloaded": 0.005,
+}  # fmt: skip
+
+
+def least(key: str) -> float:
+    """Of a channel or group."""
+    return LEAST[key.partition("/")[0]]
 
 
 def floor(state: State, where: Masks) -> dict[str, float]:
@@ -35,7 +46,7 @@ def floor(state: State, where: Masks) -> dict[str, float]:
                 difference = difference[np.isfinite(difference)]
                 if len(difference):
                     sums.setdefault(f"{name}|{part}", []).append(float(np.mean(difference**2)))
-    return {key: float(np.sqrt(np.mean(values))) for key, values in sums.items()}
+    return {key: max(float(np.sqrt(np.mean(values))), least(key)) for key, values in sums.items()}
 
 
 def _like(values: Array, rng: np.random.Generator) -> Array:

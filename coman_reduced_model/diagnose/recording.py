@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..bag.decode import decoder
 from ..bag.reader import Bag
 from ..core.config import Config
+from ..core.effects import active_effects
 from ..core.joiner import IMU
 from ..core.pipeline import Pipeline
 from ..core.robot import Robot
@@ -40,9 +42,9 @@ class Recording:
     Attributes:
         name: of the bag.
         t: (n,) [s] since the first sample.
-        q, qd: (n, nj) link side [rad], [rad/s].
+        q: (n, nj) link side [rad].
         tau: (n, nj) measured torques [Nm], NaN columns where a joint has none; None: no efforts at all.
-        motor_q, motor_qd: (n, nj) motor side; None: no motor states.
+        motor_q: (n, nj) motor side [rad]; None: no motor states.
         wrench: by foot (n, 6) force, torque of the ground at the sole, in its frame [N, Nm].
         up: (n, 3) against gravity by the IMU, in the root link's frame; None: no orientation.
         plan, moved: (n, 2) x, y of the COM in the frame of the stance sole, as com/reference plans it and as the motor
@@ -55,10 +57,8 @@ class Recording:
     name: str
     t: Array
     q: Array
-    qd: Array
     tau: Array | None
     motor_q: Array | None
-    motor_qd: Array | None
     wrench: dict[Foot, Array]
     up: Array | None
     plan: Array | None
@@ -68,10 +68,6 @@ class Recording:
     valid: Array
     count: Array
     warnings: tuple[str, ...] = ()
-
-    @property
-    def dt(self) -> float:
-        return float(self.t[1] - self.t[0])
 
     def changed(self, **fields: object) -> Recording:
         """A copy with other arrays: what a hypothesis makes of the measurement."""
@@ -85,7 +81,7 @@ def load(
     names: TopicNames | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Recording, Robot]:
-    """Read a bag.
+    """Read a bag; the robot has the loads, and the recording the corrections, of effects that are configured already.
 
     Raises:
         ComanError: the bag, the robot or the configuration cannot be used, or it is too short to say anything.
@@ -114,7 +110,11 @@ def load(
             if progress and count % 2000 == 0:
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
+        for effect in active_effects(config.effects, pipeline.robot):
+            for sample in samples:
+                effect.correct(sample)
         warnings = tuple([*bag.warnings, *pipeline.status().warnings])
+    robot = pipeline.robot
     return _grid(Path(path).name, samples, imu, imu_frame, robot, config, warnings), robot
 
 
@@ -151,10 +151,10 @@ def _grid(
     states = [detector.update(s.stamp_ns, float(s.left_wrench[2]), float(s.right_wrench[2])) for s in complete]  # type: ignore[index]
     phases, shares = np.array([s.phase for s in states]), np.array([s.left_share for s in states])
     left, right = array("left_wrench"), array("right_wrench")
-    q, qd = array("q"), array("qd")
-    assert left is not None and right is not None and q is not None and qd is not None
+    q = array("q")
+    assert left is not None and right is not None and q is not None
     return Recording(
-        name, t, q, qd, _efforts(array("tau")), array("motor_q"), array("motor_qd"),
+        name, t, q, _efforts(array("tau")), array("motor_q"),
         {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame),
         *_plan(complete, phases, shares, robot, at, t),
         phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
@@ -203,14 +203,15 @@ def _efforts(tau: Array | None) -> Array | None:
 def _resample(at: Array, values: Array, t: Array) -> Array:
     """Averages over a grid interval where the samples are denser than the grid, else linear between them."""
     per_cell = (t[1] - t[0]) / max(float(np.median(np.diff(at))), 1e-9)
-    if per_cell > 1.9:
-        width = round(per_cell)
-        kernel = np.ones(width) / width
-        values = np.apply_along_axis(lambda column: np.convolve(column, kernel, "same"), 0, values)
+    width = 2 * (round(per_cell) // 2) + 1  # odd, so that nothing moves in time
     out = np.empty((len(t), values.shape[1]))
     for k in range(values.shape[1]):
         finite = np.isfinite(values[:, k])
-        out[:, k] = np.interp(t, at[finite], values[finite, k]) if finite.any() else np.nan
+        if finite.any():
+            column = np.interp(at, at[finite], values[finite, k])
+            out[:, k] = np.interp(t, at, uniform_filter1d(column, width, mode="nearest") if width > 1 else column)
+        else:
+            out[:, k] = np.nan
     return out
 
 

@@ -41,6 +41,7 @@ CLASSES = {
     "ground_slope": "constant_force",
     "external_force": "constant_force",
 }
+STRUCTURE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 CONFIDENCE = 1.96  # standard deviations of an interval
 
 
@@ -83,6 +84,7 @@ def diagnose(
         ComanError: a bag, the robot or the configuration cannot be used.
     """
     began = time.perf_counter()
+    config = with_structure(config)
     report = progress or (lambda fraction, what: None)
     told = [_told(text) for text in assume]
     paths = [*train, *hold]
@@ -115,10 +117,9 @@ def diagnose(
     others = [helper.submit(com_errors, path, model, urdf, names) for path in paths[1::2]] if finding.chosen else []
     mine = [com_errors(path, model, urdf, names) for path in paths[::2]] if finding.chosen else []
     for i, future in enumerate(nominal):
-        times, error = future.result()
-        after = (mine[i // 2] if i % 2 == 0 else others[i // 2].result())[1] if finding.chosen else error
-        n = min(len(error), len(after))
-        com.append((times[:n], error[:n], after[:n]))
+        before = future.result()
+        after = (mine[i // 2] if i % 2 == 0 else others[i // 2].result()) if finding.chosen else before
+        com.append(_paired(before, after))
     helper.shutdown()
     result = {
         "verdict": (verdict := _verdict(finding, excess, recordings[: len(train)], bool(told))),
@@ -249,7 +250,7 @@ def _effects(finding: Finding) -> list[dict[str, Any]]:
             value, half = figure.nominal + finding.fit.x[i], CONFIDENCE * deviation[i]
             parameters[figure.key] = {"value": value, "unit": figure.unit, "interval": [value - half, value + half]}
         if option.effect == "payload" and "x" in parameters:
-            mass = parameters["mass"]["value"]
+            mass = parameters["mass"]["value"] or np.nan
             for key in set("xyz") & set(parameters):
                 moment = parameters[key]
                 low, high = sorted((moment["interval"][0] / mass, moment["interval"][1] / mass))
@@ -277,6 +278,18 @@ def _class(finding: Finding, option: Candidate) -> str | None:
     return name if rivals and max(rivals) > 0.5 * totals.get(option.effect, 0.0) else None
 
 
+def with_structure(config: Config) -> Config:
+    """The configuration with the structural effects, without which the paper's point mass hides what is missing."""
+    if config.prediction.reference != "motor" or any(effect.name in STRUCTURE for effect in config.effects):
+        return config
+    added = [EffectConfig(name, "", _nominal(name)) for name in STRUCTURE]
+    return dataclasses.replace(config, effects=(*added, *config.effects))
+
+
+def _nominal(name: str) -> dict[str, float]:
+    return {p.name: float(p.nominal) for p in CATALOGUE[name].parameters}  # type: ignore[arg-type]
+
+
 def with_effects(config: Config, finding: Finding) -> Config:
     """The configuration with what was found added to its effects."""
     added = []
@@ -284,7 +297,7 @@ def with_effects(config: Config, finding: Finding) -> Config:
         kind = CATALOGUE.get(entry["name"])
         if kind is None:
             continue
-        values = {p.name: float(p.nominal) for p in kind.parameters}  # type: ignore[arg-type]
+        values = _nominal(entry["name"])
         bounds = {p.name: (p.low, p.high) for p in kind.parameters}
         for key, value in entry["parameters"].items():
             values[key] = float(np.clip(value["value"], *bounds[key]))
@@ -369,8 +382,10 @@ def _gap(
     for _, old_error, new_error in com:
         for k, axis in enumerate("xyz"):
             for which, error in (("before", old_error), ("after", new_error)):
-                sums[which].setdefault(f"com/{axis}", []).append(float(np.nanmean(error[:, k] ** 2)))
-            sums["floor"].setdefault(f"com/{axis}", []).append(COM_FLOOR**2)
+                if len(error):
+                    sums[which].setdefault(f"com/{axis}", []).append(float(np.mean(error[:, k] ** 2)))
+            if len(old_error):
+                sums["floor"].setdefault(f"com/{axis}", []).append(COM_FLOOR**2)
     return {which: {key: float(np.sqrt(np.mean(v))) for key, v in entry.items()} for which, entry in sums.items()}
 
 
@@ -380,7 +395,7 @@ COM_FLOOR = 0.0002  # [m] of the measured COM with 12-bit encoders
 def com_errors(
     path: str | Path, config: Config, urdf: str | Path | None = None, names: TopicNames | None = None
 ) -> tuple[Array, Array]:
-    """Times (n,) since the first, measured minus predicted COM (n, 3) of the free run; NaN where there is none."""
+    """Stamps (n,) [ns] and measured minus predicted COM (n, 3) of the free run, where there is one."""
     names = names or TopicNames()
     quick = dataclasses.replace(config, prediction=dataclasses.replace(config.prediction, horizons=()))
     with Bag(path) as bag:
@@ -388,10 +403,16 @@ def com_errors(
         rows = [
             (p.stamp_ns, p.residual)
             for p in predictions(bag, pipeline, input_streams(bag, quick, names))
-            if not p.flags & Flags.REJECTED_STATE
+            if not p.flags & Flags.REJECTED_STATE and np.isfinite(p.residual).all()
         ]
-    times = np.array([stamp for stamp, _ in rows], dtype=float) * 1e-9
-    return times - (times[0] if len(times) else 0.0), np.array([residual for _, residual in rows]).reshape(-1, 3)
+    return np.array([stamp for stamp, _ in rows], dtype=np.int64), np.array([r for _, r in rows]).reshape(-1, 3)
+
+
+def _paired(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """Times [s] since the first, and the errors (n, 3) at the stamps that both have: a late stream loses some."""
+    stamps, i, j = np.intersect1d(before[0], after[0], return_indices=True)
+    since = stamps - stamps[:1] if len(stamps) else stamps
+    return since * 1e-9, before[1][i], after[1][j]
 
 
 def _not_checked(recordings: Sequence[Recording], held: bool) -> list[str]:
