@@ -20,7 +20,7 @@ from .balance import TICKS, Masks, State, World, evaluate, masks, on_flat_soles
 from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, prior_variance, quieter, scores, weigh, weighed
 from .floor import floor
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
-from .recording import Recording
+from .recording import Recording, moving
 
 ENOUGH = 4.5  # nats that an effect must add on the training bags
 ALONE = 9.0  # the same where no held-out bag can contradict
@@ -46,16 +46,20 @@ class Case:
     noise: dict[str, Noise]
     floor: dict[str, float]  # by group
 
-    def left(self, fit: Fit, released: Sequence[int]) -> dict[str, Array]:
-        """By group, what is left of the residuals when this recording has its own best healthy scatter.
+    def own(self, fit: Fit, released: Sequence[int]) -> Array:
+        """Deviations (P,) of the figures: this recording's own best healthy scatter, and the `released` as fitted.
 
-        The figures `released` are as fitted (within their uncertainty).
+        The latter within their uncertainty.
         """
         mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
         covariance = fit.covariance
         for i in released:
             mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18
-        step = self.evidence.posterior(mean, variance).x - self.evidence.at
+        return self.evidence.posterior(mean, variance).x
+
+    def left(self, x: Array) -> dict[str, Array]:
+        """By group, what figures at deviations x (P,) leave of the residuals."""
+        step = x - self.evidence.at
         return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
 
 
@@ -141,11 +145,23 @@ class Finding:
         assert self.fit is not None
         most: dict[str, float] = {}
         for case in [*self.train, *self.hold]:
-            for key, value in case.left(self.fit, self.released).items():
+            for key, value in case.left(case.own(self.fit, self.released)).items():
                 if case.floor.get(key, 0.0) > 0.0:
                     ratio = float(np.sqrt(np.mean(value**2))) / case.floor[key]
                     most[key] = max(most.get(key, 0.0), ratio)
         return most
+
+    def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
+        """By group, what is left of a recording without and with what was found: the effects are all the difference.
+
+        Both have the healthy scatter that is best with the effects: without them, it would take their place as far as
+        it can, and nothing would show.
+        """
+        assert self.fit is not None
+        x = after.own(self.fit, self.released)
+        healthy = x.copy()
+        healthy[self.released] = 0.0
+        return before.left(healthy), after.left(x)
 
     @property
     def released(self) -> list[int]:
@@ -159,6 +175,8 @@ def search(
     progress: Progress | None = None,
 ) -> Finding:
     """Forward selection, with a new linearisation after each choice and a look at the held-out bags.
+
+    Of a robot that does not walk, nothing is chosen: what moves so little is settling, not physics.
 
     Args:
         train, hold: as `prepare` gives them.
@@ -186,7 +204,7 @@ def search(
             score for score in finding.last
             if score.physical and score.gain > enough and _visible(finding.train, score) > VISIBLE
         ]  # fmt: skip
-        if len(finding.chosen) >= MOST or not strong:
+        if len(finding.chosen) >= MOST or not strong or not any(moving(recording.phase) for recording, _, _ in train):
             return finding
         best = _closest(finding, looked, [s for s in strong[:RIVALS] if s.total > CLOSE * strong[0].total])
         released = [*finding.released, *best.option.figures]

@@ -114,7 +114,7 @@ class Evidence:
         energy = self.energy - 2.0 * float(mu @ self.moment) + float(mu @ self.gram @ mu)
         s = np.sqrt(variance)  # in units of the prior, so that absent figures do no harm to the conditioning
         H = s[:, None] * self.gram * s[None, :]
-        factor = cho_factor(H + np.diag(1.0 + 1e-10 * np.diag(H).max() * np.ones(len(s))), lower=True)
+        factor = cho_factor(H + np.diag(1.0 + 1e-14 * np.diag(H).max() * np.ones(len(s))), lower=True)
         b = s * moment
         y = cho_solve(factor, b)
         log = 0.5 * (float(b @ y) - energy) - float(np.log(np.diag(factor[0])).sum())

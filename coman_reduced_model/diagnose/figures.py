@@ -52,10 +52,8 @@ class Pair:
 
     @cached_property
     def left(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """By group, what is left before and after, each with its own best healthy scatter."""
-        assert self.finding.fit is not None
-        before = self.before.left(self.before.evidence.fit(), [])
-        return before, self.after.left(self.finding.fit, self.finding.released)
+        """By group, what is left without and with what was found."""
+        return self.finding.gaps(self.before, self.after)
 
     def over_ticks(self, name: str) -> tuple[Array, Array]:
         """A channel (m,) before and after at the recording's ticks; NaN where it says nothing."""
@@ -158,10 +156,10 @@ def _against(pair: Pair, what: str, joint: str) -> Array:
 def com_error(name: str, com: tuple[Array, Array, Array], changed: bool) -> Figure:
     """Measured minus predicted COM of the free run over time, before and after."""
     times, before, after = com
+    if not len(times):
+        raise NoData(f"{name}: the COM was not predicted.")
     span = _span(times)
     inside = (times >= span[0]) & (times <= span[1])
-    if not np.isfinite(before[inside]).any():
-        raise NoData(f"{name}: the COM was not predicted.")
     figure, plots = new_figure(3, 1, 5.2, sharex=True)
     for k, (ax, axis) in enumerate(zip(plots, ("x, forward", "y, left", "z, up"), strict=True)):
         ax.plot(*thin(times[inside], 1e3 * before[inside, k]), label="before", **BEFORE)

@@ -23,8 +23,8 @@ LEAST = {
 
 
 def least(key: str) -> float:
-    """Of a channel or group."""
-    return LEAST[key.partition("/")[0]]
+    """Of a channel or group; zero of one that is not known."""
+    return LEAST.get(key.partition("/")[0], 0.0)
 
 
 def floor(state: State, where: Masks) -> dict[str, float]:

@@ -101,7 +101,8 @@ def diagnose(
             prepared.append(prepare(recording, robot, config))
             _same_robot(path, robot, paths[0], prepared[0][1].robot)
         prepared = _alike(prepared)
-        _check_told(told, prepared[0])
+        if told:
+            _check_told(told, prepared[0])
     except BaseException:
         helper.shutdown(wait=False, cancel_futures=True)  # a refusal must not wait for predictions of the other bags
         raise
@@ -209,6 +210,8 @@ def _verdict(finding: Finding, excess: Mapping[str, float], train: Sequence[Reco
         return "effect" if finding.chosen else "none"
     if too_much(finding, excess):
         return "unknown"
+    if not any(moving(recording.phase) for recording in train):
+        return "not_excited"
     if finding.chosen:
         return "effect"
     return "none" if all(moving(recording.phase) for recording in train) else "not_excited"
@@ -324,10 +327,8 @@ def _ranking(finding: Finding) -> list[dict[str, Any]]:
 def localisation(finding: Finding) -> list[dict[str, Any]]:
     """Where the measurement disagrees with the nominal robot beyond healthy scatter, largest first."""
     out = []
-    healthy = None
-    for case in finding.before[0]:
-        healthy = case.evidence.fit()
-        for key, left in case.left(healthy, []).items():
+    for case, after in zip(finding.before[0], finding.train, strict=True):
+        for key, left in finding.gaps(case, after)[0].items():
             level = case.floor.get(key, 0.0)
             if level <= 0.0:
                 continue
@@ -367,18 +368,13 @@ def _gap(
     COM channels are errors of the free run [m]; the others are structured residuals in their own units, free of the
     scatter of healthy robots.
     """
-    assert finding.fit is not None
     sums: dict[str, dict[str, list[float]]] = {"before": {}, "after": {}, "floor": {}}
     for old, new in zip(before, after, strict=True):
-        lefts = {
-            "before": (old, old.left(old.evidence.fit(), [])),
-            "after": (new, new.left(finding.fit, finding.released)),
-        }
-        for which, (case, left) in lefts.items():
+        for which, left in zip(("before", "after"), finding.gaps(old, new), strict=True):
             for key, value in left.items():
                 sums[which].setdefault(key.partition("|")[0], []).append(float(np.mean(value**2)))
-                if which == "after":
-                    sums["floor"].setdefault(key.partition("|")[0], []).append(case.floor.get(key, 0.0) ** 2)
+        for key in new.problem.rows:
+            sums["floor"].setdefault(key.partition("|")[0], []).append(new.floor.get(key, 0.0) ** 2)
     for _, old_error, new_error in com:
         for k, axis in enumerate("xyz"):
             for which, error in (("before", old_error), ("after", new_error)):

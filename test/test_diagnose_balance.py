@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Laws of the structured residuals on recordings made of formulas, and what a hypothesis does to a recording."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from synthetic import robot
+
+from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.types import Foot, Phase
+from coman_reduced_model.diagnose.balance import World, bent_stretch, evaluate, lagged, masks
+from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted
+from coman_reduced_model.diagnose.recording import FEET, RATE, Recording, moving
+
+SECONDS = 4.0
+t = np.arange(0.0, SECONDS, 1.0 / RATE)
+JOINT = "LKneeSag"
+
+
+@cache
+def standing() -> tuple[Recording, World]:
+    """Straight up on both feet, half of the weight through each sole below the COM; springs under slow torques."""
+    world = World.nominal(robot(), Config())
+    n, nj = len(t), len(robot().joint_names)
+    posture = robot().posture()
+    posture.update(np.zeros(nj), np.zeros(nj))
+    half = 0.5 * robot().mass * world.gravity
+    wrench = {}
+    for foot in FEET:
+        com, _ = posture.com_in_sole(foot)
+        wrench[foot] = np.tile([0.0, 0.0, half, half * com[1], -half * com[0], 0.0], (n, 1))
+    tau = 12.0 * np.sin(2.0 * np.pi * (0.3 + 0.02 * np.arange(nj)) * t[:, None] + np.arange(nj))
+    q = np.zeros((n, nj))
+    motor = np.column_stack(
+        [lagged(tau[:, j], world.damping[j] / world.stiffness[j]) / world.stiffness[j] for j in range(nj)]
+    )
+    recording = Recording(
+        "standing", t, q, tau, motor, wrench, np.tile([0.0, 0.0, 1.0], (n, 1)), None, None,
+        np.full(n, Phase.DOUBLE), np.full(n, 0.5), np.ones(n, dtype=bool), np.zeros(nj),
+    )  # fmt: skip
+    return recording, world
+
+
+def residuals(recording: Recording, world: World | None = None) -> dict[str, np.ndarray]:
+    return evaluate(recording, world or standing()[1], masks(*standing())).residuals
+
+
+def figure(name: str):
+    return next(f for f in figures(*standing()) if f.name == name)
+
+
+def rms(values: np.ndarray) -> float:
+    assert np.isfinite(values).any()
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def index(name: str = JOINT) -> int:
+    return robot().joint_names.index(name)
+
+
+# --- the laws ---
+
+
+def test_a_standing_robot_is_in_balance():
+    found = residuals(standing()[0])
+    for name, value in found.items():
+        if name.startswith(("force", "moment", "tilt", "feet")):
+            assert rms(value) < 1e-6, name
+        if name.startswith("spring"):
+            assert rms(value[10:-10]) < 1e-9, name  # away from the ends, where smoothing and lag begin
+    assert not any(np.isfinite(v).any() for name, v in found.items() if name.startswith("unloaded"))
+
+
+def test_mass_that_the_urdf_lacks_shows_in_the_force_only_if_it_is_above_the_com():
+    recording, world = standing()
+    heavier = world.add_mass(2.0, np.zeros(3), robot().base_id)
+    found = residuals(recording, heavier)
+    assert np.nanmean(found["force/z"]) == pytest.approx(-2.0 * world.gravity, abs=1e-6)  # sensors say too little
+    assert rms(found["force/x"]) < 1e-6
+    assert world.model.inertias[1].mass < heavier.model.inertias[1].mass  # the original is as it was
+
+
+def test_a_sensor_that_reads_too_much():
+    recording, _ = standing()
+    half = 0.5 * robot().mass * 9.81
+    wrench = {**recording.wrench, Foot.LEFT: recording.wrench[Foot.LEFT] * 1.1}
+    assert np.nanmean(residuals(recording.changed(wrench=wrench))["force/z"]) == pytest.approx(0.1 * half, rel=1e-3)
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_the_robot_leans_with_the_floor(axis):
+    recording, world = standing()
+    k, a = ("roll", "pitch").index(axis), 0.02
+    up = np.array([0.0, np.sin(a), np.cos(a)]) if k == 0 else np.array([-np.sin(a), 0.0, np.cos(a)])
+    leaning = recording.changed(up=np.tile(up, (len(t), 1)))
+    assert abs(np.nanmean(residuals(leaning)[f"tilt/{axis}"])) == pytest.approx(np.sin(a), rel=1e-6)
+    assert rms(residuals(leaning, world.changed(slope=a * np.eye(2)[k]))[f"tilt/{axis}"]) < 1e-5  # of second order
+
+
+def test_soles_at_different_heights_and_angles():
+    recording, _ = standing()
+    q = recording.q.copy()
+    q[:, index("LAnkLat")] += 0.03
+    found = residuals(recording.changed(q=q))
+    assert abs(np.nanmean(found["feet/roll"])) == pytest.approx(0.03, rel=1e-3)
+    assert rms(found["feet/pitch"]) < 1e-3 < rms(found["feet/z"])
+    assert rms(found["feet/x"]) < 1e-6  # where it stood at touchdown is where it stands
+
+
+def test_a_foot_that_slides_shows_as_it_goes():
+    recording, _ = standing()
+    q = recording.q.copy()
+    q[:, index("RHipSag")] += 0.02 * t / SECONDS
+    assert np.ptp(residuals(recording.changed(q=q))["feet/x"]) > 0.004
+
+
+# --- springs ---
+
+
+@settings(max_examples=8)
+@given(st.floats(-0.9, 0.9), st.floats(0.5, 8.0), st.floats(5.0, 20.0))
+def test_a_bent_spring_is_what_an_integrator_says(bend, d, amplitude):
+    k, dt = 130.0, 0.005
+    cubic = bend / 3.0 / (1.5 * amplitude / k) ** 2
+    torque = amplitude * np.sin(2.0 * np.pi * t[:400])
+
+    def rate(at, x):
+        return (np.interp(at, t, amplitude * np.sin(2.0 * np.pi * t)) - k * x * (1.0 + cubic * x**2)) / d
+
+    exact = solve_ivp(rate, (0.0, t[399]), [0.0], t_eval=t[:400], max_step=dt, rtol=1e-8, atol=1e-10).y[0]
+    found = bent_stretch(np.ascontiguousarray(torque), k, d, cubic, dt)
+    assert found == pytest.approx(exact, abs=0.06 * amplitude / k)  # backward Euler is of first order
+    assert np.abs(found - exact).mean() < 0.03 * amplitude / k
+
+
+def test_a_straight_spring_is_the_same_bent_by_nothing():
+    torque = 10.0 * np.sin(3.0 * t)
+    assert bent_stretch(torque, 130.0, 3.0, 1e-12, 0.005) == pytest.approx(
+        lagged(torque, 3.0 / 130.0) / 130.0, abs=2e-3
+    )
+
+
+def test_a_lag_is_exact_on_a_ramp_and_leads_the_other_way():
+    ramp = 2.0 * t[:, None]
+    assert lagged(ramp, 0.05)[-100:] == pytest.approx(ramp[-100:] - 2.0 * 0.05, abs=1e-9)
+    assert lagged(ramp, -0.05)[50:-50] == pytest.approx(ramp[50:-50] + 2.0 * 0.05, abs=1e-9)
+    step = np.where(t > 1.0, 1.0, 0.0)[:, None]
+    assert lagged(step, 0.2)[240 + 1, 0] == pytest.approx(1.0 - np.exp(-1.0), abs=0.02)
+
+
+def stretched(change) -> Recording:
+    """The standing robot with another stretch (n,) of one joint's spring, for its torque (n,)."""
+    recording, _ = standing()
+    motor, j = recording.motor_q.copy(), index()
+    motor[:, j] = change(recording.tau[:, j], motor[:, j])
+    return recording.changed(motor_q=motor)
+
+
+def told(recording: Recording, name: str, value: float) -> float:
+    """What of the spring's residual is left when a figure is assumed, over what it was."""
+    which = figure(name)
+    before = residuals(recording)[f"spring/{JOINT}"]
+    moved, world = which.apply(recording, standing()[1], value)
+    after = evaluate(moved, world, masks(recording, standing()[1])).residuals[f"spring/{JOINT}"]
+    return rms(after) / rms(before)
+
+
+def test_a_softer_spring_is_explained_by_its_stiffness():
+    k, d = (float(getattr(standing()[1], name)[index()]) for name in ("stiffness", "damping"))
+    soft = stretched(lambda tau, _: lagged(tau, d / (0.8 * k)) / (0.8 * k))
+    assert told(soft, f"joint_stiffness@{JOINT}.scale", -0.2) < 2e-3
+    assert told(soft, f"joint_stiffness@{JOINT}.scale", 0.2) > 1.5
+
+
+def test_play_is_explained_by_backlash():
+    played = stretched(lambda tau, nominal: nominal + 0.5 * 0.02 * np.sign(tau))
+    before = residuals(played)[f"spring/{JOINT}"]
+    which = figure(f"backlash@{JOINT}.width")
+    where = masks(played, standing()[1])
+    moved, world = which.apply(played, standing()[1], 0.02)
+    after = evaluate(moved, world, where).residuals[f"spring/{JOINT}"]
+    assert rms(after) < 0.35 * rms(before)
+
+
+def test_a_hardening_spring_is_explained_by_its_cubic():
+    k, d = (float(getattr(standing()[1], name)[index()]) for name in ("stiffness", "damping"))
+    cubic = 0.4 / (12.0 / k) ** 2
+    hard = stretched(lambda tau, _: bent_stretch(np.ascontiguousarray(tau), k, d, cubic, 1.0 / RATE))
+    assert told(hard, f"spring_nonlinearity@{JOINT}.cubic", cubic) < 0.05
+
+
+# --- hypotheses: a figure undoes what it describes ---
+
+
+def test_a_late_stream_is_put_back():
+    wave = np.sin(2.0 * np.pi * t)[:, None]
+    assert shifted(shifted(wave, -0.02), 0.02)[10:-10] == pytest.approx(wave[10:-10], abs=1e-9)
+    assert shifted(wave, 0.013)[10:-10, 0] == pytest.approx(np.sin(2.0 * np.pi * (t + 0.013))[10:-10], abs=2e-4)
+
+
+def undone(name: str, value: float, corrupted: Recording) -> Recording:
+    return figure(name).apply(corrupted, standing()[1], value)[0]
+
+
+def test_sensor_faults_are_undone_exactly():
+    recording, _ = standing()
+    q = recording.q.copy()
+    q[:, index()] += 0.02
+    assert undone(f"encoder_bias@{JOINT}.bias", 0.02, recording.changed(q=q)).q == pytest.approx(recording.q, abs=1e-15)
+
+    def spoiled(change) -> Recording:
+        wrench = {foot: change(v) if foot == Foot.LEFT else v for foot, v in recording.wrench.items()}
+        return recording.changed(wrench=wrench)
+
+    for name, value, change in (
+        ("wrench_scale@left.scale", 0.15, lambda v: 1.15 * v),
+        ("wrench_bias@left.ty", 0.8, lambda v: v + 0.8 * np.eye(6)[4]),
+        ("wrench_delay@left.delay", 0.02, lambda v: shifted(v, -0.02)),
+    ):
+        found = undone(name, value, spoiled(change)).wrench
+        for foot in FEET:
+            assert found[foot][10:-10] == pytest.approx(recording.wrench[foot][10:-10], abs=1e-9), name
+
+
+def test_late_links_and_motors_are_undone():
+    recording, _ = standing()
+    late = recording.changed(tau=shifted(recording.tau, -0.02))
+    assert undone("encoder_delay@all.delay", 0.02, late).tau[10:-10] == pytest.approx(recording.tau[10:-10], abs=1e-9)
+    # Motors that lag behind what their states say: the states are slowed as much.
+    found = figure("transport_delay@.delay").apply(recording, standing()[1], 0.02)[0]
+    assert found.motor_q[10:-10] == pytest.approx(shifted(recording.motor_q, -0.02)[10:-10], abs=1e-12)
+
+
+def test_figures_are_named_once_and_leave_their_input_alone():
+    recording, world = standing()
+    known = figures(recording, world)
+    names = [f.name for f in known]
+    assert len(set(names)) == len(names)
+    copies = recording.q.copy(), recording.tau.copy(), recording.motor_q.copy(), world.stiffness.copy()
+    mass = robot().mass
+    for each in known:
+        if recording.plan is not None or not each.where == "plan":
+            each.apply(recording, world, each.step)
+    for kept, now in zip(copies, (recording.q, recording.tau, recording.motor_q, world.stiffness), strict=True):
+        assert (kept == now).all()
+    assert robot().mass == mass
+    for option in candidates(known):
+        assert {known[i].effect for i in option.figures} == {option.effect}
+
+
+def test_without_motor_states_there_are_no_springs_to_judge():
+    recording, world = standing()
+    effects = {f.effect for f in figures(recording.changed(motor_q=None, tau=None), world)}
+    assert not effects & {"joint_stiffness", "backlash", "motor_lag", "transport_delay", "motor_compliance"}
+    assert {"payload", "encoder_bias", "wrench_scale", "wrench_delay"} <= effects
+
+
+# --- masks ---
+
+
+def test_contacts_and_gaps_are_left_out_and_feet_in_the_air_found():
+    recording, world = standing()
+    phase = np.select([t < 1.0, t < 2.0, t < 3.0], [Phase.DOUBLE, Phase.LEFT, Phase.DOUBLE], Phase.RIGHT)
+    valid = ~((t > 0.4) & (t < 0.5))
+    where = masks(recording.changed(phase=phase, valid=valid), world)
+    at = t[where.ticks]
+    assert not where.steady[(np.abs(at - 1.0) < 0.05) | (np.abs(at - 2.0) < 0.05) | ((at > 0.4) & (at < 0.5))].any()
+    assert where.steady[(at > 1.2) & (at < 1.8)].all()
+    assert where.air[Foot.RIGHT][(at > 1.2) & (at < 1.8)].all() and not where.air[Foot.RIGHT][at < 1.1].any()
+    assert not where.air[Foot.LEFT][at < 3.1].any()
+    assert where.double[(at > 2.1) & (at < 2.9)].all() and not where.double[(at > 1.0) & (at < 2.0)].any()
+    slid = where.slid[Foot.RIGHT]  # it has landed at 2 s
+    assert np.ptp(slid[where.double & (at > 2.0)]) > 0.8 and not slid[at < 2.0].any()
+    assert moving(phase) and not moving(recording.phase)
