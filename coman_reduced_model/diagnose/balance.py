@@ -40,6 +40,7 @@ STICKING = 0.02  # [rad/s] below which friction has no clear sign
 TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.006  # [rad] by which a sole that is believed flat has turned, in truth
+TIPPED_SHARE = 0.7  # of the time
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -146,14 +147,17 @@ def masks(recording: Recording, world: World) -> Masks:
 
 
 def on_flat_soles(where: Masks, state: State) -> Masks:
-    """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there."""
+    """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there.
+
+    Unless that is nearly always: then it is no edge.
+    """
     tipped = np.zeros(len(where.ticks), dtype=bool)
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
         if tilt is not None:
             tipped |= np.abs(tilt - np.nanmedian(tilt)) > TIPPED
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
-    if tipped[where.steady].mean() > 0.5:
+    if tipped[where.steady].mean() > TIPPED_SHARE:
         return where
     return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
 

@@ -23,6 +23,7 @@ from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 from .recording import Recording, moving
 
 ENOUGH = 4.5  # nats that an effect must add on the training bags
+SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
 ALONE = 9.0  # the same where no held-out bag can contradict
 AGREES = 2.0  # nats that it must add on the held-out bags
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
@@ -173,6 +174,7 @@ def search(
     hold: Sequence[Prepared] = (),
     told: Sequence[tuple[str, str]] | None = None,
     progress: Progress | None = None,
+    enough: float | None = None,
 ) -> Finding:
     """Forward selection, with a new linearisation after each choice and a look at the held-out bags.
 
@@ -182,10 +184,11 @@ def search(
         train, hold: as `prepare` gives them.
         told: effects by name and place, if they are known: then only their figures are sought.
         progress: called now and then.
+        enough: evidence that an effect needs [nats]; default: ENOUGH, or ALONE without held-out recordings.
     """
     known = figures(train[0][0], train[0][1])
     finding = Finding(known, np.zeros(len(known)))
-    enough = ENOUGH if hold else ALONE
+    enough = enough or (ENOUGH if hold else ALONE)
     options = candidates(known)
     looked = _Looked(known, train, hold)
     finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold") if hold else []

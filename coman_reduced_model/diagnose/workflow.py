@@ -23,7 +23,7 @@ from ..errors import BagError, ConfigError
 from ..offline import find_robot, input_streams, predictions, to_json
 from ..output import OutputFolder
 from ..topics import TopicNames
-from .diagnosis import ALONE, ENOUGH, Case, Finding, Prepared, prepare, search, smallest, total
+from .diagnosis import ALONE, ENOUGH, SUSPECTED, Case, Finding, Prepared, prepare, search, smallest, total
 from .hypotheses import LINKS, PLAN, Candidate, candidates, figures
 from .recording import Recording, load, moving
 from .words import sentence
@@ -107,19 +107,23 @@ def diagnose(
         helper.shutdown(wait=False, cancel_futures=True)  # a refusal must not wait for predictions of the other bags
         raise
     report(0.15, "looking at the residuals")
-    finding = search(
-        prepared[: len(train)], prepared[len(train) :], told or None, lambda f, w: report(0.15 + 0.65 * f, w)
-    )
+    mine, held = prepared[: len(train)], prepared[len(train) :]
+    finding = search(mine, held, told or None, lambda f, w: report(0.15 + 0.65 * f, w))
     excess = finding.leftover()
+    if held and not told and too_much(finding, excess):
+        # Something is missing for sure: less evidence will do for what explains all of it.
+        other = search(mine, held, enough=SUSPECTED)
+        if not too_much(other, left := other.leftover()):
+            finding, excess = other, left
     model = with_effects(config, finding)
     report(0.8, "predicting the COM")
     com = []
     # Every other bag here, the rest in the other process.
     others = [helper.submit(com_errors, path, model, urdf, names) for path in paths[1::2]] if finding.chosen else []
-    mine = [com_errors(path, model, urdf, names) for path in paths[::2]] if finding.chosen else []
+    here = [com_errors(path, model, urdf, names) for path in paths[::2]] if finding.chosen else []
     for i, future in enumerate(nominal):
         before = future.result()
-        after = (mine[i // 2] if i % 2 == 0 else others[i // 2].result()) if finding.chosen else before
+        after = (here[i // 2] if i % 2 == 0 else others[i // 2].result()) if finding.chosen else before
         com.append(_paired(before, after))
     helper.shutdown()
     result = {
