@@ -28,6 +28,8 @@ ALONE = 9.0  # the same where no held-out bag can contradict
 AGREES = 2.0  # nats that it must add on the held-out bags
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
+FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
+LARGEST = 3.0  # times its reach: what is larger is no such effect, whatever the fit says
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 STEPS, SETTLED = 4, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
@@ -72,7 +74,14 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
     """
     recording, world = _with_known(recording, World.nominal(robot, config), config)
     where = masks(recording, world)
-    where = on_flat_soles(where, evaluate(recording, world, where))
+    state = evaluate(recording, world, where)
+    for axis in ("roll", "pitch"):
+        tilt = state.residuals.get(f"tilt/{axis}")
+        if tilt is not None and (off := abs(np.nanmedian(tilt))) > FAR:
+            told = f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
+            recording = recording.changed(up=None, warnings=(*recording.warnings, told))
+            state = evaluate(recording, world, where)
+    where = on_flat_soles(where, state)
     if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
         raise BagError(
             f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
@@ -214,6 +223,9 @@ def search(
         at, cases, fit = _settle(known, looked, finding.at, fit=evidence.fit(released), released=released)
         if any(fit.x[i] < known[i].low for i in best.option.figures):
             finding.refused.append((best.option, "of the wrong sign, seen closely"))
+            continue
+        if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in best.option.figures):
+            finding.refused.append((best.option, "it would have to be larger than any such effect is"))
             continue
         held = looked.at(at, "hold") if hold else []
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")

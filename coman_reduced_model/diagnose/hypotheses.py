@@ -159,7 +159,9 @@ def figures(recording: Recording, world: World) -> list[Figure]:
         add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance, low=0.0)
     for k, key in enumerate(("mass", "x", "y", "z")):
         reach = (0.06 * robot.mass, 0.06, 0.04, 0.03)[k]  # first moments [kg m] until the mass is known
-        add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1)
+        trunk = robot.model.inertias[robot.model.frames[robot.base_id].parentJoint].mass
+        lightest = -0.8 * trunk if k == 0 else -np.inf
+        add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1, low=lightest)
     for k, key in enumerate("xyz"):
         # Walking hardly shows the height of a COM.
         add(
