@@ -29,10 +29,10 @@ AGREES = 2.0  # nats that it must add on the held-out bags
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
-LARGEST = 3.0  # times its reach: what is larger is no such effect, whatever the fit says
+LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
-STEPS, SETTLED = 4, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
+STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
 Progress = Callable[[float, str], None]
 Prepared = tuple[Recording, World, Masks]
 
@@ -334,12 +334,17 @@ def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array
 
 
 def _visible(cases: Sequence[Case], score: Score) -> float:
-    """The most that a candidate amounts to in any residual, in units of its noise floor (root mean square)."""
+    """The most that a candidate amounts to in any residual, in units of its noise floor (root mean square).
+
+    Or of an encoder's resolution: the error of a slow encoder is no noise, and comes again with every step.
+    """
     most = 0.0
     for case in cases:
         for key, columns in case.problem.columns.items():
             made = columns[:, list(score.option.figures)] @ score.values
-            most = max(most, float(np.sqrt(np.mean(made**2))) / max(case.floor.get(key, 0.0), 1e-12))
+            count = case.problem.resolution.get(key.partition("|")[0], 0.0)
+            level = max(case.floor.get(key, 0.0), count / np.sqrt(12.0), 1e-12)
+            most = max(most, float(np.sqrt(np.mean(made**2))) / level)
     return most
 
 

@@ -308,7 +308,8 @@ def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[
         narrow = prior_variance(evidence.figures, released, k)[k]
         total, values = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], wide)
         slack, _ = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], narrow)
-        physical = all(x > evidence.figures[i].low for x, i in zip(values, k, strict=True))
+        # The sign only: by how much, linear extrapolation cannot say.
+        physical = all(x > 0.0 or evidence.figures[i].low < 0.0 for x, i in zip(values, k, strict=True))
         out.append(Score(option, total, total - max(0.0, slack), values, physical))
     return sorted(out, key=lambda score: -score.total)
 

@@ -122,6 +122,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                 _stiffness(which),
                 nominal=1.0,
                 slack=0.0 if single else 0.04,
+                low=-0.9,
             )
             add(
                 "joint_damping",
@@ -133,6 +134,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                 _damping(which),
                 nominal=1.0,
                 slack=0.0 if single else 0.15,
+                low=-1.0,
             )
         add("encoder_bias", where, "bias", ENCODER_SPREAD * single, 0.02, "rad", _encoder(which)) if single else None
     for where, which in joints.items():
