@@ -60,10 +60,11 @@ def overview_figure(scores: Sequence[Score]) -> Figure:
     """Bars: x and z, a group a model, a bar a robot."""
     robots = list(dict.fromkeys(s.robot for s in scores))
     figure, plots = new_figure(1, 2, 3.2)
+    shown = [name for name in _SHOWN if name == "rigid robot" or any(s.variant == name for s in scores)]
     for ax, axis in zip(plots, "xz", strict=True):
         for k, robot in enumerate(robots):
             heights = []
-            for model in _SHOWN:
+            for model in shown:
                 own = [
                     s
                     for s in scores
@@ -71,11 +72,11 @@ def overview_figure(scores: Sequence[Score]) -> Figure:
                 ]
                 values = [(s.rigid_m if model == "rigid robot" else s.rmse_m)[axis] for s in own]
                 heights.append(1e3 * float(np.sqrt(np.mean(np.square(values)))) if values else np.nan)
-            place = np.arange(len(_SHOWN)) + (k - (len(robots) - 1) / 2) * 0.8 / len(robots)
+            place = np.arange(len(shown)) + (k - (len(robots) - 1) / 2) * 0.8 / len(robots)
             bars = ax.bar(place, heights, 0.74 / len(robots), color=SERIES[k], label=robot)
             ax.bar_label(bars, [f"{h:.1f}" if np.isfinite(h) else "" for h in heights], fontsize=7.5, padding=1)
         title(ax, figures.DIRECTIONS[axis])
-        ax.set_xticks(range(len(_SHOWN)), [name.replace(", ", ",\n").replace(" ", "\n", 1) for name in _SHOWN])
+        ax.set_xticks(range(len(shown)), [name.replace(", ", ",\n").replace(" ", "\n", 1) for name in shown])
         ax.set_ylabel("RMS error [mm]")
         ax.grid(False, axis="x")
     legend(figure, plots[0])
