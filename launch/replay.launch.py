@@ -4,6 +4,7 @@
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, Shutdown
 from launch.substitutions import LaunchConfiguration
+from launch_ros.substitutions import ExecutableInPackage
 
 from coman_reduced_model.ros.launching import PACKAGE, declare, include
 
@@ -16,9 +17,9 @@ def generate_launch_description():
             *declare("config", "urdf", "log_level"),
             include("predict.launch.py", "config", "urdf", "log_level", use_sim_time="true"),
             ExecuteProcess(
-                # Waiting lets the predictor find the topics: what is played before is lost to it.
-                cmd=["ros2", "run", PACKAGE, "coman", "replay", LaunchConfiguration("bag")]
-                + ["--rate", LaunchConfiguration("rate"), "--wait", "5"],
+                # What is played before the predictor listens is lost to it.
+                cmd=[ExecutableInPackage("coman", PACKAGE), "replay", LaunchConfiguration("bag")]
+                + ["--rate", LaunchConfiguration("rate"), "--await", "joint_states"],
                 output="screen",
                 on_exit=Shutdown(reason="the bag has ended"),
             ),

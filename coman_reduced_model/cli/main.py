@@ -2,7 +2,7 @@
 """The application: its commands, and what becomes of errors.
 
 Exit codes: 0 success; 2 bad usage or bad input, with one line that says what and where; 1 a failure of our own;
-130 Ctrl-C.
+130 Ctrl-C, where that is not the usual end (live, replay).
 """
 
 from __future__ import annotations

@@ -16,6 +16,8 @@ from .common import BagArgument, JsonOption, NamespaceOption, RemapOption, print
 if TYPE_CHECKING:
     from ..ros.replay import Progress
 
+_PATIENCE_S = 120.0  # a predictor that has never run on a machine compiles for a minute before it listens
+
 
 def replay(
     bag: BagArgument,
@@ -26,6 +28,10 @@ def replay(
     wait: Annotated[
         float, typer.Option("--wait", metavar="S", min=0.0, help="Give nodes so long to connect [s].")
     ] = 1.0,
+    listener: Annotated[
+        list[str] | None,
+        typer.Option("--await", metavar="TOPIC", help="Begin when somebody listens to it (120 s at most); repeatable."),
+    ] = None,
     exclude: Annotated[
         list[str] | None, typer.Option("--exclude", metavar="TOPIC", help="Do not play; repeatable.")
     ] = None,
@@ -33,7 +39,10 @@ def replay(
     remap: RemapOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Play a bag into ROS 2 in its own time, with /clock. Only this machine hears it unless you set the range."""
+    """Play a bag into ROS 2 in its own time, with /clock, until its end or Ctrl-C.
+
+    Only this machine hears it unless you set ROS_AUTOMATIC_DISCOVERY_RANGE.
+    """
     from ..topics import TopicNames
 
     TopicNames(namespace, remap or ())  # says what is wrong with a name better than rcl does
@@ -48,12 +57,14 @@ def replay(
         raise ComanError(f"replay needs ROS 2 and the built messages ({error}): source them, or `make setup`") from None
     arguments = [item for rule in remap or () for item in ("-r", rule)]
     rclpy.init(args=["--ros-args", *arguments] if arguments else [], signal_handler_options=SignalHandlerOptions.NO)
-    node = None
+    node = player = None
     try:
         node = rclpy.create_node("replay", namespace=namespace or None)
         player = Replay(node, bag, tuple(topic.lstrip("/") for topic in exclude or ()))
         warn([*player.bag.warnings, *(f"{topic}: not played: {why}" for topic, why in player.progress.skipped.items())])
         time.sleep(wait)
+        if listener:
+            player.wait_for_subscribers([topic.lstrip("/") for topic in listener], _PATIENCE_S)
         with progress("replaying") as report:
 
             def keep_going(state: Progress) -> bool:
@@ -63,13 +74,18 @@ def replay(
                     report(done, f"{state.messages} messages{behind}")
                 return True
 
-            result = player.play(rate, loop, keep_going)
-        player.close()
+            player.play(rate, loop, keep_going)
+    except KeyboardInterrupt:  # how a replay is usually ended
+        if player is None:
+            raise
     finally:
         with suppress(Exception):
+            if player is not None:
+                player.close()
             if node is not None:
                 node.destroy_node()
             rclpy.try_shutdown()
+    result = player.progress
     if json:
         print_json(
             {"bag": str(bag), "messages": result.messages, "max_lag_s": result.max_lag_s, "skipped": result.skipped}
