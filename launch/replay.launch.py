@@ -17,9 +17,9 @@ def generate_launch_description():
             *declare("config", "urdf", "log_level"),
             include("predict.launch.py", "config", "urdf", "log_level", use_sim_time="true"),
             ExecuteProcess(
-                # What is played before the predictor listens is lost to it.
+                # What is played before the predictor listens is lost to it. (Displays, too, listen to joint_states.)
                 cmd=[ExecutableInPackage("coman", PACKAGE), "replay", LaunchConfiguration("bag")]
-                + ["--rate", LaunchConfiguration("rate"), "--await", "joint_states"],
+                + ["--rate", LaunchConfiguration("rate"), "--await", "left_foot/wrench"],
                 output="screen",
                 on_exit=Shutdown(reason="the bag has ended"),
             ),
