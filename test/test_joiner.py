@@ -16,7 +16,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Flags, Foot, ImuMessage, JointMessage, Phase, WrenchMessage
+from coman_reduced_model.core.types import Flags, Foot, ImuMessage, JointMessage, Phase, Reference, WrenchMessage
 
 MS = 1_000_000
 
@@ -190,6 +190,33 @@ def test_streams_that_are_not_needed_delay_nothing():
         add(joiner, *message)
     (sample,) = add(joiner, *joint(10))
     assert sample.motor_q == pytest.approx(np.full(12, 0.5)) and sample.imu is not None and sample.reference is None
+
+
+def planned(ms, preview=10):
+    """A plan on a parabola, previewed every 20 ms."""
+    t = 1e-3 * (ms + 20.0 * np.arange(preview + 1))[:, None]
+    com, com_vel = 0.3 * t + 0.5 * t**2 * [1, 0, 0], 0.3 + t * [1, 0, 0]
+    soles = np.eye(4), np.eye(4)
+    rest = com[1:], com_vel[1:]
+    return REFERENCE, Reference(
+        T0 + round(ms * MS), com[0], com_vel[0], np.zeros(3), np.zeros(3), *soles, Phase.DOUBLE, 0, 0.02, *rest
+    )
+
+
+@pytest.mark.parametrize("late_ms", [0.0, 3.0, 20.0, 47.0])
+def test_a_plan_that_is_late_is_told_for_now(late_ms):
+    """Nothing waits for the plan where motor states are the reference: its own preview tells where it is by now."""
+    stamp = 500.0
+    samples, _ = joined([planned(stamp - late_ms), motor(stamp), joint(stamp), *both(stamp)])
+    got, (_, wanted) = samples[0].reference, planned(stamp)
+    assert got.stamp_ns == wanted.stamp_ns
+    n = len(got.preview_com)
+    assert n >= 9 - late_ms // 20.0
+    for field in ("com", "com_vel"):  # linear between points 20 ms apart
+        np.testing.assert_allclose(getattr(got, field), getattr(wanted, field), atol=1e-4)
+        np.testing.assert_allclose(getattr(got, f"preview_{field}"), getattr(wanted, f"preview_{field}")[:n], atol=1e-4)
+    samples, _ = joined([planned(stamp - late_ms, preview=0), motor(stamp), joint(stamp), *both(stamp)])
+    assert samples[0].reference.stamp_ns == planned(stamp - late_ms)[1].stamp_ns  # it cannot tell
 
 
 def test_a_reference_that_is_expected_and_missing_is_none_not_zero():

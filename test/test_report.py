@@ -295,3 +295,10 @@ def test_parts_for_other_reports():
     assert "n/a" in draw("heat", figure, "where it disagrees").svg
     with pytest.raises(NoData):
         overlay(time, {"measured": np.full(450, np.nan)}, "pitch [deg]")
+
+
+def test_a_live_run_shows_the_skill_that_the_node_told(tmp_path):
+    predictions = walk(3)
+    summary = summary_of(predictions, horizon_rmse_m={}, skill={"0.2": {"x": 0.25, "y": -0.5, "z": None}})
+    page = write_report(write(tmp_path, predictions, summary)).read_text()
+    assert "0.2 s" in page and "+0.25" in page and "-0.50" in page and "No horizon prediction" not in page

@@ -30,6 +30,7 @@ from .config import Config
 from .differentiate import Differentiator
 from .effects import active_effects
 from .joint_map import JointMap, JointState
+from .reference import later
 from .streams import (
     CAPACITY,
     IMU,
@@ -336,7 +337,7 @@ class Joiner:
         before, after = self._reference.bracket(stamp, self._reach)
         if before is None or after is None or before[0] == stamp:
             found = before or after
-            return None if found is None else found[1]
+            return None if found is None else later(found[1], stamp - found[0])
         return _mixed(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), stamp)
 
 

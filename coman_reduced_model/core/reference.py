@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .compiled import compiled
@@ -10,6 +12,31 @@ from .robot import Posture
 from .types import Array, Foot, Reference, Sample
 
 _NOTHING = np.empty((0, 3))
+
+
+def later(plan: Reference, late_ns: int) -> Reference:
+    """The plan so much later [ns], by its own preview: messages may be late, but what they say is not about the past.
+
+    Where the preview ends, without one, or for a plan that is yet to come, the plan as it is.
+    """
+    n = len(plan.preview_com)
+    if late_ns <= 0 or not n or not plan.preview_dt > 0.0:
+        return plan
+    i, w = divmod(late_ns * 1e-9 / plan.preview_dt, 1.0)
+    first = int(i)
+    if first >= n:
+        return plan
+    com, com_vel = np.vstack((plan.com, plan.preview_com)), np.vstack((plan.com_vel, plan.preview_com_vel))
+    com = (1.0 - w) * com[first:-1] + w * com[first + 1 :]
+    com_vel = (1.0 - w) * com_vel[first:-1] + w * com_vel[first + 1 :]
+    return replace(
+        plan,
+        stamp_ns=plan.stamp_ns + late_ns,
+        com=com[0],
+        com_vel=com_vel[0],
+        preview_com=com[1:],
+        preview_com_vel=com_vel[1:],
+    )
 
 
 def planned_com(reference: Reference, foot: Foot) -> tuple[Array, Array]:

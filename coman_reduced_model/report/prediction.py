@@ -216,19 +216,25 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         "Persistence: the COM keeps its velocity. LIPM: inverted pendulum about the measured ZMP.",
         plots,
     )
+
+    def told(horizon: str, axis: str) -> str:
+        value = (skill.get(horizon) or {}).get(axis)
+        return "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
+
+    note = (
+        "Skill: 1 - RMSE of the model / RMSE of the best baseline. Above 0 it is better than all of them, 1 is perfect."
+    )
+    if not errors and skill:  # of a live run, which tells no more
+        rows = [[f"{horizon} s", *(told(horizon, axis) for axis in AXES)] for horizon in skill]
+        return Section("Prediction ahead", [Table(["skill, horizon", *AXES], rows, note)], "ahead")
     if isinstance(made, Notice):
         return Section("Prediction ahead", [made], "ahead")
     rows = []
     for horizon, by in errors.items():
         for axis in AXES:
-            value = (skill.get(horizon) or {}).get(axis)
-            told = "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
             cells = [millimetres((by.get(name) or {}).get(axis)).removesuffix(" mm") for name in _PREDICTORS]
-            rows.append([f"{horizon} s, {axis}", *cells, told])
+            rows.append([f"{horizon} s, {axis}", *cells, told(horizon, axis)])
     head = ["horizon, axis", *(f"{name} [mm]" for name in _PREDICTORS.values()), "skill"]
-    note = (
-        "Skill: 1 - RMSE of the model / RMSE of the best baseline. Above 0 it is better than all of them, 1 is perfect."
-    )
     return Section("Prediction ahead", [made, Table(head, rows, note)], "ahead")
 
 
