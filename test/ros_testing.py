@@ -70,11 +70,11 @@ def compile_once() -> None:
 class Peer:
     """A node of the test's own process: publishes inputs, collects predictions and diagnostics."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "") -> None:
         compile_once()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-        self.node = Node("peer", context=self.context)
+        self.node = Node("peer", context=self.context, namespace=namespace)
         self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.types = ros_types()

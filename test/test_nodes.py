@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from coman_reduced_model_msgs.msg import ComReference, SupportState
 from conftest import PATIENCE, Process, child_environment
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
@@ -22,6 +23,7 @@ from ros_testing import Peer, Standing, compile_once, numbers, paced, record_wal
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config, load_config
@@ -267,6 +269,43 @@ def test_parameters_at_run_time(start, peer):
     assert described[0].read_only and "[s]" in described[0].description
     assert not described[1].read_only and described[1].floating_point_range[0].to_value == 0.9
     assert node.stop() == 0
+
+
+def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
+    peer = Peer("robot1")
+    try:
+        got = {topic: [] for topic in ("support", "measured", "predicted", "reference_point", "markers")}
+        kinds = (SupportState, PointStamped, PointStamped, PointStamped, MarkerArray)
+        for (topic, received), kind in zip(got.items(), kinds, strict=True):
+            peer.node.create_subscription(kind, f"/robot1/com/{topic}", received.append, 10)
+        node = start.node("predictor", "-r", "__ns:=/robot1")
+        standing = Standing(peer)
+        standing.describe()
+        standing.wait_until_heard()
+        peer.wait(lambda: peer.node.count_publishers("/robot1/com/markers"), "the outputs")
+        peer.spin(0.5)
+        standing.samples(100)
+        peer.wait(lambda: len(peer.predictions) == 100, "a prediction for each joint state")
+        peer.wait(lambda: all(got.values()), f"all topics, not only {[topic for topic in got if got[topic]]}")
+        peer.wait(lambda: "robot1/predictor: prediction" in peer.statuses, "diagnostics under the node's full name")
+        by_stamp = {stamp_of(message): message for message in peer.predictions}
+        for topic in ("measured", "predicted", "reference_point"):
+            assert {point.header.frame_id for point in got[topic]} == {"odom"}
+            for point in got[topic]:  # odom is the first support sole, which has not moved
+                wanted = getattr(by_stamp[stamp_of(point)], f"{topic.removesuffix('_point')}_position")
+                np.testing.assert_allclose(vector(point.point), vector(wanted), atol=1e-9)
+        markers = {marker.ns: marker for marker in got["markers"][-1].markers}
+        assert set(markers) == {"measured", "predicted", "support_foot", "horizon"}
+        assert {marker.header.frame_id for marker in markers.values()} == {"odom"}
+        assert {marker.action for marker in markers.values()} == {Marker.ADD}
+        com = by_stamp[stamp_of(markers["measured"])].measured_position
+        np.testing.assert_allclose(vector(markers["measured"].pose.position), vector(com), atol=1e-9)
+        support = got["support"][-1]
+        assert support.phase == SupportState.DOUBLE and support.left_share == pytest.approx(0.5)
+        assert support.header.frame_id == by_stamp[stamp_of(support)].header.frame_id
+        assert node.stop() == 0
+    finally:
+        peer.close()
 
 
 def test_quality_of_service(start, peer):
