@@ -220,6 +220,7 @@ def _summary(
 ) -> dict[str, Any]:
     status, judge = pipeline.status(), pipeline.judge
     run = statistics.summary()
+    mismatches = _mismatches(bag, pipeline)
     return {
         "bag": str(bag.path),
         "version": __version__,
@@ -235,13 +236,25 @@ def _summary(
         "incomplete": {name: stream.incomplete for name, stream in status.streams.items() if stream.incomplete},
         "streams": {name: asdict(stream) for name, stream in status.streams.items()},
         "restarts": status.restarts,
-        "warnings": [*bag.warnings, *status.warnings],
+        "warnings": [*bag.warnings, *status.warnings, *(each["text"] for each in mismatches)],
+        "mismatches": mismatches,
         "extra_joints": list(status.extra_joints),
         "unlisted_joints": list(status.unlisted_joints),
         "elapsed_s": elapsed,
         "realtime_factor": run["duration_s"] / elapsed,
         "config": config.flat(),
     }
+
+
+def _mismatches(bag: Bag, pipeline: Pipeline) -> list[dict[str, Any]]:
+    """What the monitor told during the run, each channel as it was first told; times from the start of the bag."""
+    found = []
+    for each in pipeline.monitor.first.values() if pipeline.monitor is not None else ():
+        since, told = ((stamp - bag.start_ns) * 1e-9 for stamp in (each.since_ns, each.told_ns))
+        values = {key: value for key, value in asdict(each).items() if not key.endswith("_ns")}
+        text = f"mismatch: {each}, since {since:.1f} s"
+        found.append({**values, "since_s": since, "told_s": told, "text": text})
+    return found
 
 
 def to_json(value: Any) -> str:

@@ -79,12 +79,13 @@ def velocity(t: float) -> np.ndarray:
 
 def walk(seconds: float = 3.0, rate: float = 200.0, offset_s: float = 0.0003, reference: bool = False) -> list[Message]:
     """All streams in the order of their stamps; each is `offset_s` later than the one before."""
-    weight = robot().mass * 9.81
+    weight, legs = robot().mass * 9.81, Config().robot
     messages: list[tuple[int, str, Any]] = []
     for k in range(round(seconds * rate)):
         t = k / rate
         stamps = [T0 + round((t + i * offset_s) * 1e9) for i in range(5)]
-        effort = 0.1 * np.cos(t + np.arange(12))
+        # What stretches the springs by 10 mrad, and a little that does not go with it.
+        effort = 0.01 * np.array(legs.left.stiffness + legs.right.stiffness) + 0.1 * np.cos(t + np.arange(12))
         messages.append((stamps[0], JOINTS, JointMessage(stamps[0], names(), posture(t), velocity(t), effort)))
         u = t + offset_s
         motor = JointMessage(stamps[1], names(), posture(u) + 0.01, velocity(u), None)

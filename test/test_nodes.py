@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ from ros_testing import Peer, Standing, compile_once, numbers, paced, record_wal
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from synthetic import T0, write_bag
+from synthetic import walk as synthetic_walk
 from visualization_msgs.msg import Marker, MarkerArray
 
 from coman_reduced_model.bag.reader import Bag
@@ -527,3 +530,30 @@ def test_live_view_on_a_dumb_terminal(ros_domain):
         assert "Traceback" not in process.output and "predictions; RMS error" in process.output
     finally:
         process.kill()
+
+
+def test_diagnostics_name_what_breaks_in_mid_walk(start, peer, tmp_path):
+    """An encoder slips at 6 s: /diagnostics are silent before, and warn with its joint's spring within five seconds."""
+
+    def change(stream, message):
+        late = stream == "joint_states" and (message.stamp_ns - T0) * 1e-9 >= 6.0
+        slip = 0.012 * (np.array(message.names) == "LKneeSag") if late else 0.0
+        return replace(message, position=message.position + slip) if late else message
+
+    node = start.node("predictor")
+    replay = Replay(peer.node, write_bag(tmp_path / "walk", synthetic_walk(11.5), change))
+    replay.wait_for_subscribers(("joint_states", "motor_states", "left_foot/wrench", "right_foot/wrench"), PATIENCE)
+    keep_going, told = paced(peer, replay.bag), []
+
+    def watching(progress):
+        level, message, _ = peer.statuses.get("predictor: mismatch", (0, "", {}))
+        if level and not told:
+            told.append(((stamp_of(peer.predictions[-1]) - T0) * 1e-9, level, message))
+        return keep_going(progress)
+
+    replay.play(1.0, keep_going=watching)
+    replay.close()
+    assert told, peer.statuses
+    seconds, level, message = told[0]
+    assert 6.0 < seconds <= 11.0 and level == 1 and message.startswith("spring/LKneeSag changed by -1")
+    assert node.stop() == 0

@@ -162,6 +162,14 @@ class OutputConfig:
 
 
 @dataclass(frozen=True)
+class MonitorConfig:
+    """Watching whether the robot still is what it was, and what its description says (core/monitor.py)."""
+
+    enabled: bool = par(True, "", "watch laws of mechanics for mismatches: /diagnostics, warnings of summary.json")
+    threshold: float = par(5.5, "1", "standard deviations, twice running, that make a mismatch", 1.0, 1e3)
+
+
+@dataclass(frozen=True)
 class GaitConfig:
     """The walk that the trajectory node plans; names and bounds as in core/gait.py."""
 
@@ -223,6 +231,7 @@ class Config:
     model: ModelConfig = field(default_factory=ModelConfig)
     prediction: PredictionConfig = field(default_factory=PredictionConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
+    monitor: MonitorConfig = field(default_factory=MonitorConfig)
     gait: GaitConfig = field(default_factory=GaitConfig)
     virtual_robot: VirtualRobotConfig = field(default_factory=VirtualRobotConfig)
     effects: tuple[EffectConfig, ...] = ()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .config import Config
 from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
+from .monitor import Mismatch, Monitor
 from .plausibility import Plausibility
 from .predictor import Predictor
 from .streams import Refused
@@ -47,6 +48,7 @@ class Status:
     extra_joints: tuple[str, ...]  # in messages, not in the URDF: ignored
     unlisted_joints: tuple[str, ...]  # in the URDF, not in messages: held at zero
     warnings: tuple[str, ...]  # what looks wrong and what to look at, a line each
+    mismatches: tuple[Mismatch, ...]  # laws that the robot does not keep now, the clearest first
 
 
 class Pipeline:
@@ -62,6 +64,7 @@ class Pipeline:
         self.predictor = Predictor(robot, config)
         self.robot = self.predictor.robot  # with what effects load it with
         self.plausibility = Plausibility(self.robot, config)
+        self.monitor = Monitor(self.robot, config) if config.monitor.enabled else None
         self.on_sample: Callable[[Sample], None] | None = None
         self.samples = 0
         self.restarts = 0
@@ -132,11 +135,16 @@ class Pipeline:
             self.restarts += 1
             self.predictor.reset()
             self.plausibility.reset()
+            if self.monitor is not None:
+                self.monitor.reset()
         self.samples += 1
         if self.on_sample is not None:
             self.on_sample(sample)
         self.plausibility.update(sample)
-        return self.predictor.update(sample)
+        prediction = self.predictor.update(sample)
+        if self.monitor is not None:
+            self.monitor.update(sample, self.predictor.link, prediction)
+        return prediction
 
     def status(self) -> Status:
         """Counters, rates and warnings so far."""
@@ -165,6 +173,7 @@ class Pipeline:
             joiner.extra_joints,
             joiner.unlisted_joints,
             tuple(self._warnings(streams)),
+            () if self.monitor is None else tuple(self.monitor.mismatches),
         )
 
     def _warnings(self, streams: dict[str, StreamStatus]) -> list[str]:

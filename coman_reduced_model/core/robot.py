@@ -205,6 +205,11 @@ class Posture:
         pin.updateFramePlacements(robot.model, self.data)
         self._J = {}
 
+    @property
+    def configuration(self) -> Array:
+        """(nq,) of the model, the trunk at the origin: a view."""
+        return self._q
+
     def sole_jacobian(self, foot: Foot) -> Array:
         """(6, nv) velocity [linear; angular] of the sole against the trunk, in base axes at the sole."""
         if foot not in self._J:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""/diagnostics of the predictor: input, prediction and latency, each with a sentence that says what to look at."""
+"""/diagnostics of the predictor: input, prediction, mismatch, latency, each with a sentence on what to look at."""
 
 from __future__ import annotations
 
@@ -96,6 +96,7 @@ class Diagnostics:
             array.status = [
                 self._status("input", *self._input(status, now, seconds)),
                 self._status("prediction", *self._prediction(status)),
+                self._status("mismatch", *self._mismatch(status)),
                 self._status("latency", *self._latency(seconds)),
             ]
             self._counted = self._count
@@ -191,6 +192,18 @@ class Diagnostics:
         if singular > 0.5:
             return WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
         return OK, message, values
+
+    def _mismatch(self, status: Any) -> tuple[bytes, str, dict[str, Any]]:
+        monitor = self._node.pipeline.monitor
+        if monitor is None:
+            return OK, "not watched (monitor.enabled)", {}
+        values: dict[str, Any] = {"support phases compared": monitor.phases}
+        lines = [f"{each}, since {each.since_ns * 1e-9:.2f} s" for each in status.mismatches]
+        for each, line in zip(status.mismatches, lines, strict=True):
+            values[each.channel] = line
+        if lines:
+            return WARN, lines[0] + (f"; {len(lines) - 1} more" if len(lines) > 1 else ""), values
+        return OK, "the robot is as it was, and as it is described", values
 
     def _latency(self, seconds: float) -> tuple[bytes, str, dict[str, Any]]:
         count = min(self._count - self._counted, _CAPACITY)

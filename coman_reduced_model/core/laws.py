@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Laws that hold on any robot, averaged over a support phase: what core/monitor.py watches.
+
+Averaging over a phase does what a filter would do offline: the mean of a rate is the difference of the ends over the
+duration, so that dampers and momentum are accounted for and nothing is differentiated; and one value a phase is nearly
+white. Channels are named as in diagnose/balance.py:
+
+`spring/JOINT`    motor - link - torque / k + (d / k) rate; the torque as measured, else as ground and weight ask [rad]
+`torque/JOINT`    measured torque against ground and weight [Nm]
+`force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
+`moment/AXIS`     foot forces about the COM [Nm]
+`feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
+`feet/slide_x, slide_y`  by how much that changes in a double support [m]
+`tilt/roll, pitch`  trunk by the IMU against the support sole, taken as level [rad]
+`unloaded/FOOT/..`  what the sensor of a foot in the air reads [N, Nm]
+`plan/x, y`       where the motors carry the COM against where com/reference plans it [m]
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from .compiled import apply, compiled
+from .config import Config
+from .effects import Effect, active_effects
+from .types import Array, Foot, Prediction, Sample
+
+if TYPE_CHECKING:
+    from .robot import Posture, Robot
+
+KINDS = ("left", "right", "double support after left", "double support after right", "standing")
+_SPRINGS = 0.05  # share by which springs of healthy robots differ from the data sheet
+# By law: unit; usual standard deviation of a mean from phase to phase, in single and in double support; the same from
+# one healthy robot to the next (0: not known). Forces in weights, torques and moments in weight times COM height.
+_USUAL = {
+    "spring": ("rad", 0.00015, 0.0003, 0.001),
+    "torque": ("Nm", 0.0025, 0.004, 0.0),
+    "force/x": ("N", 0.006, 0.01, 0.0),
+    "force/y": ("N", 0.006, 0.01, 0.0),
+    "force/z": ("N", 0.004, 0.006, 0.03),
+    "moment": ("Nm", 0.003, 0.005, 0.0),
+    "feet/z": ("m", 0.0003, 0.0003, 0.0015),
+    "feet/roll": ("rad", 0.0007, 0.0007, 0.003),
+    "feet/pitch": ("rad", 0.0007, 0.0007, 0.003),
+    "feet": ("m", 0.0007, 0.0007, 0.0),
+    "tilt": ("rad", 0.001, 0.001, 0.0),
+    "unloaded/f": ("N", 0.003, 0.003, 0.015),
+    "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002),
+    "plan": ("m", 0.0001, 0.0002, 0.0),
+}
+_NAN3 = np.full(3, np.nan)
+_NAN4 = np.full(4, np.nan)
+_IDENTITY = np.eye(3)
+_NO_POSE = np.eye(4)
+
+
+class Laws:
+    """The mean residuals of the phase under way.
+
+    Attributes:
+        names, units: of the n channels; units are rad, m, N or Nm.
+        noise: (kinds, n) usual standard deviation from phase to phase.
+        looks: taken since `begin`.
+    """
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        self._robot, self._gravity, self._mass = robot, config.robot.gravity, robot.mass
+        self._data = robot.model.createData()
+        self._joints = np.concatenate([robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]])
+        self._columns: Array = robot.idx_v  # type: ignore[assignment]
+        self._split = len(robot.legs[Foot.LEFT])
+        self._k = np.array(config.robot.left.stiffness + config.robot.right.stiffness)
+        self._lag = np.array(config.robot.left.damping + config.robot.right.damping) / self._k
+        nl = len(self._joints)
+        joints = [robot.joint_names[j] for j in self._joints]
+        feet = [f"unloaded/{foot}/{kind}{axis}" for foot in ("left", "right") for kind in "ft" for axis in "xyz"]
+        self.names = (
+            *(f"{law}/{joint}" for law in ("spring", "torque") for joint in joints),
+            *(f"{law}/{axis}" for law in ("force", "moment") for axis in "xyz"),
+            *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
+            *(*feet, "plan/x", "plan/y"),
+        )
+        laws = [_usual(name) for name in self.names]
+        self.units = tuple(unit for unit, *_ in laws)
+        weight = self._mass * self._gravity
+        scale = {"N": weight, "Nm": weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2])}
+        figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest in laws]).T
+        self.noise = figures[[0, 0, 1, 1, 1]]
+        self._healthy = figures[2] ** 2
+        bent = [e for e in active_effects(config.effects, robot) if type(e).springs is not Effect.springs]
+        if any(e.parameters for e in bent):  # springs that an effect describes: watched for changes alone
+            self._healthy[:nl] = 0.0
+        at = {name: i for i, name in enumerate(self.names)}
+        self._shows = np.ones((len(KINDS), len(laws)), dtype=bool)
+        self._shows[:2, at["feet/z"] : at["tilt/roll"]] = False
+        self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
+        self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
+        self._rate = np.zeros(len(laws))  # channels with a rate in them
+        self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
+        self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
+        rows = len(laws) + 2 * nl  # then how far springs are bent, and where the joints are
+        self._now, self._sums, self._ends = np.empty(rows), np.zeros(rows), np.zeros((2, rows))
+        self._none = np.full(len(robot.joint_names), np.nan)
+        self._imu = ("", _IDENTITY)
+        self.begin()
+
+    def begin(self) -> None:
+        """A phase begins."""
+        self.looks = 0
+        self._sums[:] = 0.0
+
+    def look(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
+        """Take a look at a sample with both wrenches, the posture and the prediction made of it."""
+        robot, foot, left, right = self._robot, prediction.support.support_foot, sample.left_wrench, sample.right_wrench
+        assert left is not None and right is not None
+        J_com = pin.jacobianCenterOfMass(robot.model, self._data, link.configuration)
+        motor = self._none if sample.motor_q is None else sample.motor_q
+        tau = self._none if sample.tau is None else sample.tau
+        plan, sole, up, frame = _NAN3, _NO_POSE, _NAN4, ""
+        if sample.reference is not None and sample.motor_q is not None:
+            plan = sample.reference.com
+            sole = sample.reference.T_odom_left if foot == Foot.LEFT else sample.reference.T_odom_right
+        if sample.imu is not None and sample.imu.orientation is not None:
+            up, frame = sample.imu.orientation, sample.imu.frame_id
+        if frame != self._imu[0]:
+            self._imu = frame, self._imu_rotation(frame.lstrip("/"))
+        _look(
+            self._now, self._ends, self._sums, self.looks == 0, self._joints, self._columns, self._split, self._k,
+            self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.sole_jacobian(Foot.LEFT),
+            link.R[Foot.RIGHT], link.p[Foot.RIGHT], link.sole_jacobian(Foot.RIGHT), left, right,
+            foot == Foot.LEFT, link.com, prediction.measured_com_vel, J_com, self._mass, self._gravity, up,
+            self._imu[1], prediction.reference_com, plan, sole,
+        )  # fmt: skip
+        self.looks += 1
+
+    def _imu_rotation(self, frame: str) -> Array:
+        model = self._robot.model
+        if not model.existFrame(frame, pin.FrameType.BODY):
+            return _IDENTITY
+        return np.array(model.frames[model.getFrameId(frame, pin.FrameType.BODY)].placement.rotation)
+
+    def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array]:
+        """Of a phase of a kind with so long between its first and its last look.
+
+        Returns:
+            Residuals (n,), NaN where they say nothing; their variance (n,) over healthy robots, 0 where not known; and
+            posture and motion of the joints (2 nl,) [rad], by which phases are known to be alike.
+        """
+        n, nl = len(self.names), len(self._joints)
+        mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
+        values = mean[:n] + self._rate * way[:n] / seconds
+        values[self._slide] = way[self._slide]
+        values[~self._shows[kind]] = np.nan
+        healthy = self._healthy.copy()
+        if np.isfinite(values[nl : 2 * nl]).all():
+            healthy[:nl] += (healthy[:nl] > 0.0) * (_SPRINGS * mean[n : n + nl]) ** 2
+        else:  # what ground and weight ask for leaves out the inertia of the legs
+            healthy[:nl] = 0.0
+        return values, healthy, np.append(mean[n + nl :], way[n + nl :])
+
+
+def _usual(name: str) -> tuple[str, float, float, float]:
+    law = name.split("/")[0]
+    return _USUAL.get(name) or _USUAL[f"unloaded/{name[-2]}" if law == "unloaded" else law]
+
+
+@compiled
+def _look(
+    x: Array, ends: Array, sums: Array, first: bool, joints: Array, columns: Array, split: int, stiffness: Array,
+    lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, J_l: Array, R_r: Array, p_r: Array,
+    J_r: Array, left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float,
+    gravity: float, imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
+) -> None:  # fmt: skip
+    """Residuals now into x, what is differentiated into the row of `ends`, both into `sums`; rows as in `Laws`.
+
+    Feet by rotation, position and Jacobian in the base frame, their wrenches in their own; `imu` quaternion x y z w;
+    `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where the sole is `sole`.
+    """
+    nl, n = joints.shape[0], x.shape[0] - 2 * joints.shape[0]
+    end = ends[1]
+    R = R_l if on_left else R_r
+    f_l, t_l = apply(R_l, left[:3]), apply(R_l, left[3:])
+    f_r, t_r = apply(R_r, right[:3]), apply(R_r, right[3:])
+    measured = False  # some drivers fill the field with zeros for lack of a sensor
+    for i in range(nl):
+        measured |= tau[joints[i]] != 0.0
+    for i in range(nl):
+        j, c = joints[i], columns[joints[i]]
+        need = 0.0
+        for k in range(3):
+            need += mass * gravity * R[k, 2] * J_com[k, c]
+            if i < split:
+                need -= J_l[k, c] * f_l[k] + J_l[3 + k, c] * t_l[k]
+            else:
+                need -= J_r[k, c] * f_r[k] + J_r[3 + k, c] * t_r[k]
+        torque, stretch = tau[j] if measured else np.nan, motor[j] - q[j]
+        x[nl + i] = torque - need
+        x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
+        end[i] = lag[i] * stretch
+        x[n + i] = abs(stretch)
+        x[n + nl + i] = end[n + nl + i] = q[j] if np.isnan(motor[j]) else motor[j]
+    m = 2 * nl
+    force, moment = f_l + f_r, t_l + t_r
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        moment[k] += (p_l[a] - com[a]) * f_l[b] - (p_l[b] - com[b]) * f_l[a]
+        moment[k] += (p_r[a] - com[a]) * f_r[b] - (p_r[b] - com[b]) * f_r[a]
+    gap = apply(R_l.T, p_r - p_l)
+    force, moment = apply(R.T, force), apply(R.T, moment)
+    for k in range(3):
+        x[m + k], x[m + 3 + k] = force[k], moment[k]
+        end[m + k] = -mass * com_vel[k]
+    x[m + 2] -= mass * gravity
+    r = apply(R_r.T, R_l[:, 2])
+    x[m + 6], x[m + 7], x[m + 8] = gap[2], np.arctan2(r[1], r[2]), -np.arcsin(min(1.0, max(-1.0, r[0])))
+    for k in range(2):
+        x[m + 9 + k], end[m + 9 + k] = 0.0, gap[k]
+    qx, qy, qz, qw = imu[0], imu[1], imu[2], imu[3]
+    up = np.array([2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)])
+    up = apply(R_imu, up)
+    x[m + 11], x[m + 12] = up[1] * R[2, 2] - up[2] * R[1, 2], up[2] * R[0, 2] - up[0] * R[2, 2]
+    for k in range(6):
+        x[m + 13 + k], x[m + 19 + k] = left[k], right[k]
+    for k in range(2):
+        planned = 0.0
+        for i in range(3):
+            planned += sole[i, k] * (plan[i] - sole[i, 3])
+        x[m + 25 + k] = moved[k] - planned
+    for i in range(x.shape[0]):
+        sums[i] += x[i]
+        if first:
+            ends[0, i] = end[i]

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The monitor as users meet it: silent on a good robot, and the name of the law that breaks in mid-walk, in time."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, names, robot, walk, write_bag
+
+from coman_reduced_model.cli.main import run
+from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.core.types import Foot
+from coman_reduced_model.resources import bag_path
+from coman_reduced_model.sim.disturbances import parse
+from coman_reduced_model.sim.record import record
+
+BEGINS, WITHIN = 7.0, 5.0  # [s]
+FEET = {Foot.LEFT: LEFT, Foot.RIGHT: RIGHT}
+KNEE = names().index("LKneeSag")
+
+
+def mismatches(bag, out, *arguments):
+    """What `coman predict` says of a bag."""
+    assert run(["predict", str(bag), "--out", str(out), *arguments]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    for each in summary["mismatches"]:
+        assert each["text"] in summary["warnings"] and each["channel"] in each["text"]
+    return summary["mismatches"]
+
+
+def turned(message, joint, angle):
+    position = message.position.copy()
+    position[joint] += angle
+    return replace(message, position=position)
+
+
+def watched(change, seconds=13.0, skip=(), **changes):
+    """The monitor after a synthetic walk whose messages are changed (stream, seconds, message)."""
+    pipeline = Pipeline(robot(), Config().replaced({"prediction.horizons": [], **changes}))
+    take = {
+        JOINTS: pipeline.on_joint,
+        MOTORS: pipeline.on_motor,
+        **{stream: lambda message, foot=foot: pipeline.on_wrench(foot, message) for foot, stream in FEET.items()},
+    }
+    for stream, message in walk(seconds):
+        if stream not in skip:
+            take[stream](change(stream, (message.stamp_ns - T0) * 1e-9, message))
+    return pipeline.monitor
+
+
+def told_in_time(found, channel):
+    first = next(each for each in found if each.channel == channel)
+    after = (first.told_ns - T0) * 1e-9 - BEGINS
+    assert 0.0 < after <= WITHIN
+    assert first.changed and (first.since_ns - T0) * 1e-9 >= BEGINS - 0.6  # the phase in which it began
+    return first
+
+
+@pytest.mark.parametrize("name", ["test1", "test2"])
+def test_a_good_robot_is_not_told_of(tmp_path, name):
+    assert mismatches(bag_path(name), tmp_path / "out") == []
+
+
+def test_an_encoder_that_slips_in_mid_walk_is_named_within_five_seconds(tmp_path, capsys):
+    def change(stream, message):
+        late = (message.stamp_ns - T0) * 1e-9 >= BEGINS
+        return turned(message, KNEE, 0.012) if stream == JOINTS and late else message
+
+    bag = write_bag(tmp_path / "walk", walk(13.0), change)
+    found = mismatches(bag, tmp_path / "out")
+    first = found[0]
+    assert first["channel"] == "spring/LKneeSag" and first["changed"] and first["unit"] == "rad"
+    assert BEGINS < first["told_s"] <= BEGINS + WITHIN and first["size"] == pytest.approx(-0.012, abs=0.001)
+    assert "spring/LKneeSag changed by -1" in capsys.readouterr().err
+    assert mismatches(bag, tmp_path / "off", "--set", "monitor.enabled=false") == []
+
+
+def test_it_works_with_what_there_is():
+    """Without motor side, torques and IMU the soles tell of a link encoder, and a foot's sensor of itself."""
+
+    def slipped(stream, t, message):
+        if stream == JOINTS:
+            message = replace(message, effort=None)
+            return turned(message, KNEE, 0.012) if t >= BEGINS else message
+        return message
+
+    poor = {"skip": (MOTORS,), "prediction.reference": "none"}
+    first = told_in_time(watched(slipped, **poor).first.values(), "feet/pitch")
+    assert first.size == pytest.approx(-0.012, abs=0.003)
+
+    def biased(stream, t, message):
+        if stream == RIGHT and t >= BEGINS:
+            return replace(message, torque=message.torque + [0.0, 1.0, 0.0])
+        return slipped(stream, 0.0, message)
+
+    assert told_in_time(watched(biased, **poor).first.values(), "unloaded/right/ty").size == pytest.approx(1.0, 0.05)
+
+
+def test_a_stumble_is_no_fault():
+    def change(stream, t, message):
+        return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 7.6 else message
+
+    assert not watched(change).first
+
+
+def test_another_gait_is_no_fault():
+    """From 6 s on it walks with knees more bent, whose springs bear more: 5 % off, as good ones are."""
+    bend = np.array([-0.1, 0.0, 0.0, 0.2, -0.1, 0.0] * 2)
+
+    def change(stream, t, message):
+        if stream not in (JOINTS, MOTORS):
+            return message
+        if t > 6.0:
+            message = replace(message, position=message.position + bend)
+            if stream == MOTORS:
+                return turned(message, KNEE, 1.05 * 3.0 / 180.0)
+            effort = message.effort.copy()
+            effort[KNEE] += 3.0
+            message = replace(message, effort=effort)
+        return message
+
+    monitor = watched(change, 16.0)
+    assert not monitor.first and monitor.phases > 40
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.96, False), (0.6, True)])
+def test_what_is_off_from_the_start_is_told_beyond_what_healthy_robots_differ_by(share, told):
+    def change(stream, t, message):
+        if stream == MOTORS:
+            return turned(message, KNEE, 8.0 / (share * 180.0) - 0.01)
+        if stream == JOINTS:
+            message.effort[KNEE] = 8.0
+        return message
+
+    found = watched(change, 6.0).mismatches
+    assert [each.channel for each in found] == (["spring/LKneeSag"] if told else [])
+    assert not any(each.changed for each in found)
+
+
+def test_it_is_forgotten_when_it_is_gone_and_when_the_stream_breaks_off():
+    def change(stream, t, message):
+        return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 11.0 else message
+
+    monitor = watched(change, 11.0)
+    assert monitor.mismatches
+    monitor.reset()
+    assert not monitor.mismatches and monitor.first
+    assert not watched(change, 16.0).mismatches
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "channel"),
+    [
+        ("backlash:where=LKneeSag,width=0.0122", "spring/LKneeSag"),
+        ("wrench_scale:where=right,scale=1.07", "force/z"),
+    ],
+)
+def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):
+    bag = record(
+        "test1", tmp_path / "walk", disturbances=[parse(f"{hidden},after={BEGINS}")], seed=7, duration_s=13.5
+    ).bag
+    found = mismatches(bag, tmp_path / "out")
+    first = next(each for each in found if each["channel"] == channel)
+    assert BEGINS < first["told_s"] <= BEGINS + WITHIN
+    assert all(each["told_s"] > BEGINS for each in found)
