@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How soon the monitor tells of effects that begin in mid-walk, and whether it is silent while nothing is wrong.
 
-    python bench/monitor.py [--seed 1000] [--draws 3] [--clean 20]       # some 35 minutes
+    python bench/monitor.py [--seed 1000] [--draws 1] [--clean 3]       # --draws 3 --clean 20: some 35 minutes
 
 Every draw is a robot of its own (springs, masses scattered, default sensors) on a gait of its own. Clean walks take
 31 s. Effects are medium as `judge/families.py` has them, and begin 7 to 10 s into a walk of 17 s: those that `coman
@@ -147,8 +147,8 @@ def main() -> None:
     """Record, watch, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1000, help="the first one")
-    parser.add_argument("--draws", type=int, default=3, help="of each effect")
-    parser.add_argument("--clean", type=int, default=20, help="clean walks")
+    parser.add_argument("--draws", type=int, default=1, help="of each effect")
+    parser.add_argument("--clean", type=int, default=3, help="clean walks")
     arguments = parser.parse_args()
     console = Console(width=140)
     silent, false = 0.0, 0  # seconds without anything wrong, and what was told in them
