@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the README promises of the paper's model on the walks that are shipped."""
+
+from __future__ import annotations
+
+import pytest
+
+from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.core.config import load_config
+from coman_reduced_model.offline import predict_bag
+from coman_reduced_model.resources import bag_path, config_path
+
+
+@pytest.mark.parametrize("name", ["test1", "test2"])
+def test_untuned_it_explains_the_height(name, tmp_path):
+    """Better than a third of the rigid robot, over the whole bag, setting off and stopping included."""
+    with Bag(bag_path(name)) as bag:
+        summary = predict_bag(bag, load_config(config_path()), tmp_path / "out")
+    assert summary["samples"] == summary["streams"]["joint_states"]["accepted"] > 2000
+    assert summary["judged_samples"] > 0.99 * summary["samples"] and not summary["rejected"]
+    assert summary["rmse_m"]["z"] < summary["rmse_rigid_m"]["z"] / 3.0
