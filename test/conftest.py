@@ -94,6 +94,16 @@ class Process:
                 )
             time.sleep(0.02)
 
+    def wait_until_it_takes(self, number: int, timeout: float = PATIENCE) -> None:
+        """Return once a signal no longer just kills the process: its code has begun to run."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            status = Path(f"/proc/{self.pid}/status").read_text()
+            if int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1:
+                return
+            time.sleep(0.01)
+        raise AssertionError(f"{self.command} does not take signal {number} after {timeout} s")
+
     def wait(self, timeout: float = PATIENCE) -> int:
         """Exit code of a process that ends by itself within the timeout [s]."""
         try:

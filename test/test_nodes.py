@@ -152,7 +152,7 @@ def test_stops_cleanly(start, ros_domain, signals):
     predicting.wait_for("ready: coman")
     robot.wait_for("ready")
     starting = start.node("predictor")
-    time.sleep(0.4)
+    starting.wait_until_it_takes(signal.SIGTERM)
     nodes = (robot, trajectory, waiting, predicting, starting)
     for number in signals:
         for node in nodes:
@@ -478,7 +478,13 @@ def test_virtual_robot_walks_live(start, peer):
     peer.wait(lambda: peer.predictions, "predictions")
     # On a busy machine the robot may hear of the walk too late to join it: then it joins the next one.
     trajectory = start.node("trajectory", gait__steps=4, gait__zmp_offset_x=0.02, gait__repeat=True)
-    peer.wait(lambda: peer.predictions[-1].sole_pose.position.x > 0.05, "some steps")
+
+    def hopeless():
+        return robot.output.count("too slow for real time") > 4
+
+    peer.wait(lambda: peer.predictions[-1].sole_pose.position.x > 0.05 or hopeless(), "some steps")
+    if hopeless():
+        pytest.skip("this machine is too busy now for a robot in real time")
     level, message, _ = peer.statuses["virtual_robot: simulation"]
     assert message == "follows com/reference" or "cannot keep real time" in message  # the latter on a busy machine
     phases = {m.support.phase for m in peer.predictions}

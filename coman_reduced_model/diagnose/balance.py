@@ -36,6 +36,7 @@ SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
+SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
 STICKING = 0.02  # [rad/s] below which friction has no clear sign
 TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
@@ -133,6 +134,7 @@ def masks(recording: Recording, world: World) -> Masks:
         inside = phase == other
         settled = np.convolve(~inside, np.ones(2 * round(_AIR_S * RATE) + 1), "same") == 0
         air[foot] = (settled & ~gap)[ticks]
+        air[foot] &= ~_scuffs(smooth(recording.wrench[foot][:, 2:3])[ticks, 0], air[foot], world)
     double = (steady & (phase == Phase.DOUBLE))[ticks]
     segment = number[ticks]
     touchdown = np.zeros(len(ticks), dtype=np.intp)
@@ -144,6 +146,15 @@ def masks(recording: Recording, world: World) -> Masks:
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
     slid = _slid(phase, number, ticks, touchdown)
     return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slid, _taken_up(recording, world)[ticks])
+
+
+def _scuffs(force: Array, air: Array, world: World) -> Array:
+    """(m,) where a foot in the air touches the ground: its force (m,) is far from what it usually is there."""
+    if not air.any():
+        return air
+    off = np.abs(force - np.median(force[air]))
+    far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), SCUFF_SHARE * world.robot.mass * world.gravity)
+    return np.convolve(far, np.ones(3), "same") > 0
 
 
 def on_flat_soles(where: Masks, state: State) -> Masks:

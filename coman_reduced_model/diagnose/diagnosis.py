@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add
+from typing import Literal
 
 import numpy as np
 
@@ -33,6 +34,12 @@ LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
+CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
+    "motor_lag": "drive_delay",
+    "transport_delay": "drive_delay",
+    "ground_slope": "constant_force",
+    "external_force": "constant_force",
+}
 Progress = Callable[[float, str], None]
 Prepared = tuple[Recording, World, Masks]
 
@@ -105,17 +112,22 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
     return recording, world
 
 
-def examine(prepared: Prepared, known: list[Figure], at: Array) -> Case:
-    """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal."""
+def examine(
+    prepared: Prepared, known: list[Figure], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
+) -> Case:
+    """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal.
+
+    With a case `like` it, only the derivatives by the figures `fresh` are taken anew.
+    """
     recording, world, where = prepared
     moved = recording
     for figure, value in zip(known, at, strict=True):
         if value:
             moved, world = figure.apply(moved, world, float(value))
     state = evaluate(moved, world, where)
-    problem = assemble(state, where, known)
-    evidence, noise, _ = weigh(problem, at)
-    return Case(recording, where, state, problem, evidence, noise, floor(state, where))
+    problem = assemble(state, where, known, like.problem if like else None, fresh)
+    evidence, noise, _ = weigh(problem, at, like.noise if like else None)
+    return Case(recording, where, state, problem, evidence, noise, like.floor if like else floor(state, where))
 
 
 @dataclass
@@ -179,8 +191,7 @@ class Finding:
 
 
 def search(
-    train: Sequence[Prepared],
-    hold: Sequence[Prepared] = (),
+    looked: Looked,
     told: Sequence[tuple[str, str]] | None = None,
     progress: Progress | None = None,
     enough: float | None = None,
@@ -190,17 +201,17 @@ def search(
     Of a robot that does not walk, nothing is chosen: what moves so little is settling, not physics.
 
     Args:
-        train, hold: as `prepare` gives them.
+        looked: the recordings.
         told: effects by name and place, if they are known: then only their figures are sought.
         progress: called now and then.
         enough: evidence that an effect needs [nats]; default: ENOUGH, or ALONE without held-out recordings.
     """
-    known = figures(train[0][0], train[0][1])
+    known, hold = looked.known, bool(looked.hold)
+    walks = any(moving(recording.phase) for recording, _, _ in looked.train)
     finding = Finding(known, np.zeros(len(known)))
     enough = enough or (ENOUGH if hold else ALONE)
     options = candidates(known)
-    looked = _Looked(known, train, hold)
-    finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold") if hold else []
+    finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold")
     finding.train, finding.hold = finding.before
     if told is not None:
         return _believe(finding, looked, options, told)
@@ -209,25 +220,32 @@ def search(
         finding.fit = evidence.fit(finding.released)
         refused = [option for option, _ in finding.refused]
         taken = {i for effect in finding.chosen for i in effect.option.figures}
-        rest = [option for option in options if option not in refused and not taken.intersection(option.figures)]
+        kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
+        rest = [
+            option
+            for option in options
+            if option not in refused
+            and not taken.intersection(option.figures)
+            and CLASSES.get(option.effect) not in kin
+        ]
         finding.last = scores(evidence, rest, finding.released)
         finding.first = finding.first or finding.last
         strong = [
             score for score in finding.last
             if score.physical and score.gain > enough and _visible(finding.train, score) > VISIBLE
         ]  # fmt: skip
-        if len(finding.chosen) >= MOST or not strong or not any(moving(recording.phase) for recording, _, _ in train):
+        if len(finding.chosen) >= MOST or not strong or not walks:
             return finding
         best = _closest(finding, looked, [s for s in strong[:RIVALS] if s.total > CLOSE * strong[0].total])
         released = [*finding.released, *best.option.figures]
-        at, cases, fit = _settle(known, looked, finding.at, fit=evidence.fit(released), released=released)
+        at, cases, fit = _settled(finding, looked, released)
         if any(fit.x[i] < known[i].low for i in best.option.figures):
             finding.refused.append((best.option, "of the wrong sign, seen closely"))
             continue
         if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in best.option.figures):
             finding.refused.append((best.option, "it would have to be larger than any such effect is"))
             continue
-        held = looked.at(at, "hold") if hold else []
+        held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
         if why:
             finding.refused.append((best.option, why))
@@ -239,7 +257,7 @@ def search(
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
 
 
-def _drop_what_the_last_one_explains(finding: Finding, looked: _Looked, enough: float) -> None:
+def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float) -> None:
     """Backward elimination: an effect that was chosen first may have stood for one that was found later."""
     for effect in finding.chosen[:-1]:
         others = [i for i in finding.released if i not in effect.option.figures]
@@ -248,13 +266,12 @@ def _drop_what_the_last_one_explains(finding: Finding, looked: _Looked, enough: 
             continue
         finding.chosen.remove(effect)
         finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
-        fit = _sum(finding.train).fit(finding.released)
-        finding.at, finding.train, finding.fit = _settle(finding.known, looked, finding.at, fit, finding.released)
-        finding.hold = looked.at(finding.at, "hold") if finding.hold else []
+        finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
+        finding.hold = looked.at(finding.at, "hold")
 
 
 def _believe(
-    finding: Finding, looked: _Looked, options: Sequence[Candidate], told: Sequence[tuple[str, str]]
+    finding: Finding, looked: Looked, options: Sequence[Candidate], told: Sequence[tuple[str, str]]
 ) -> Finding:
     """Fit the effects that are told, linearised twice."""
     finding.first = finding.last = scores(_sum(finding.train), options)
@@ -262,9 +279,8 @@ def _believe(
         mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
         if mine:  # the way in which it shows most
             finding.chosen.append(Effect(mine[0].option, mine[0].gain, np.nan))
-    fit = _sum(finding.train).fit(finding.released)
-    finding.at, finding.train, finding.fit = _settle(finding.known, looked, finding.at, fit, finding.released)
-    finding.hold = looked.at(finding.at, "hold") if finding.before[1] else []
+    finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
+    finding.hold = looked.at(finding.at, "hold")
     return finding
 
 
@@ -290,39 +306,49 @@ def smallest(finding: Finding, enough: float) -> list[tuple[Figure, float]]:
     return out
 
 
-class _Looked:
-    """Examined recordings, by the values that they were examined at."""
+class Looked:
+    """Recordings as `prepare` gives them, and what was seen in them, by the values of the figures."""
 
-    def __init__(self, known: list[Figure], train: Sequence[Prepared], hold: Sequence[Prepared]) -> None:
-        self._known = known
-        self._recordings = {"train": train, "hold": hold}
+    def __init__(self, train: Sequence[Prepared], hold: Sequence[Prepared] = ()) -> None:
+        self.train, self.hold = train, hold
+        self.known = figures(train[0][0], train[0][1])
         self._cases: dict[tuple[str, bytes], list[Case]] = {}
 
-    def at(self, at: Array, which: str) -> list[Case]:
+    def at(self, at: Array, which: Literal["train", "hold"]) -> list[Case]:
         key = which, at.tobytes()
         if key not in self._cases:
-            self._cases[key] = [examine(each, self._known, at) for each in self._recordings[which]]
+            self._cases[key] = [examine(each, self.known, at) for each in getattr(self, which)]
         return self._cases[key]
+
+    def near(self, at: Array, like: Sequence[Case], fresh: Sequence[int]) -> list[Case]:
+        """Training recordings in a quarter of the time."""
+        return [examine(each, self.known, at, case, fresh) for each, case in zip(self.train, like, strict=True)]
 
 
 def _sum(cases: Sequence[Case]) -> Evidence:
     return reduce(add, (case.evidence.shared() for case in cases))
 
 
-def _settle(
-    known: list[Figure], looked: _Looked, start: Array, fit: Fit, released: Sequence[int]
-) -> tuple[Array, list[Case], Fit]:
+def _settle(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
     """Gauss-Newton: where the released figures are linear and estimated agree. Steps are no longer than a reach."""
-    at, cases = start, []
+    known, at, cases = finding.known, finding.at, finding.train
+    fit = _sum(cases).fit(released)
     for _ in range(STEPS):
         before, at = at, _values(known, fit, released)
         for i in released:
             at[i] = np.clip(at[i], before[i] - known[i].reach, before[i] + known[i].reach)
-        cases = looked.at(at, "train")
+        cases = looked.near(at, finding.train, released)
         fit = _sum(cases).fit(released)
         if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
             break
     return at, cases, fit
+
+
+def _settled(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
+    """The same with all derivatives taken where it ends."""
+    at = _settle(finding, looked, released)[0]
+    cases = looked.at(at, "train")
+    return at, cases, _sum(cases).fit(released)
 
 
 def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array:
@@ -348,15 +374,14 @@ def _visible(cases: Sequence[Case], score: Score) -> float:
     return most
 
 
-def _closest(finding: Finding, looked: _Looked, rivals: Sequence[Score]) -> Score:
+def _closest(finding: Finding, looked: Looked, rivals: Sequence[Score]) -> Score:
     """What looks alike from afar is looked at closely: each linear around its own values, all with the same noise."""
     if len(rivals) == 1:
         return rivals[0]
     trials = []
     for rival in rivals:
         released = [*finding.released, *rival.option.figures]
-        fit = _sum(finding.train).fit(released)
-        trials.append((released, _settle(finding.known, looked, finding.at, fit, released)[1]))
+        trials.append((released, _settle(finding, looked, released)[1]))
     count = len(trials[0][1])
     noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
     logs = []

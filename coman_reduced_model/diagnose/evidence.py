@@ -22,7 +22,7 @@ from .floor import least
 from .hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
-ROUNDS = 4  # until the noise has settled
+ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ABSENT = 1e-4  # spread, as a share of reach, of a figure that healthy robots do not have
 
 
@@ -44,16 +44,24 @@ class Problem:
     resolution: dict[str, float]  # by channel, what one count of an encoder is
 
 
-def assemble(state: State, where: Masks, known: list[Figure]) -> Problem:
-    """Residuals and, by difference quotients, what a unit of each figure has put into them."""
+def assemble(
+    state: State, where: Masks, known: list[Figure], like: Problem | None = None, fresh: Sequence[int] = ()
+) -> Problem:
+    """Residuals and, by difference quotients, what a unit of each figure has put into them.
+
+    Args:
+        state: residuals under the hypothesis; where: the ticks at which they mean something.
+        known: all figures.
+        like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
+    """
     base = state.residuals
     # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
     # motion that does not hold the encoders' noise.
     quiet = evaluate(without_noise(state.recording, state.world), state.world, where)
-    slopes = []
-    for figure in known:
-        moved = evaluate(*figure.apply(quiet.recording, quiet.world, figure.step), where, quiet).residuals
-        slopes.append({name: (value - moved[name]) / figure.step for name, value in quiet.residuals.items()})
+    slopes: dict[int, dict[str, Array]] = {}
+    for i in range(len(known)) if like is None else fresh:
+        moved = evaluate(*known[i].apply(quiet.recording, quiet.world, known[i].step), where, quiet).residuals
+        slopes[i] = {name: (value - moved[name]) / known[i].step for name, value in quiet.residuals.items()}
     rows, columns, pieces, times = {}, {}, {}, {}
     for name, value in base.items():
         for part, chosen in (("double", where.double), ("single", ~where.double)):
@@ -62,7 +70,9 @@ def assemble(state: State, where: Masks, known: list[Figure]) -> Problem:
                 continue
             key = f"{name}|{part}"
             rows[key] = value[at]
-            columns[key] = np.column_stack([slope[name][at] for slope in slopes])
+            columns[key] = np.zeros((len(at), len(known))) if like is None else like.columns[key].copy()
+            for i, slope in slopes.items():
+                columns[key][:, i] = slope[name][at]
             times[key] = at
             pieces[key] = np.flatnonzero(np.diff(at, prepend=-9) > 1)
     robot = state.world.robot
@@ -153,14 +163,21 @@ class Noise:
     offset: float
 
 
-def weigh(problem: Problem, at: Array) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
-    """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group."""
+def weigh(
+    problem: Problem, at: Array, like: dict[str, Noise] | None = None
+) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
+    """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group.
+
+    Args:
+        problem: of one recording; at: (P,) deviations from nominal around which it is linear.
+        like: noise under a hypothesis near by, to begin with.
+    """
     resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
-    noise = {
+    noise = like or {
         key: Noise(_no_less(_first_guess(row, problem.pieces[key]), key), resolution[key])
         for key, row in problem.rows.items()
     }
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS_NEAR if like else ROUNDS):
         evidence = weighed(problem, at, noise)
         # Everything released: the noise must not hold what some figure explains.
         best = evidence.fit(range(len(at))).x - at

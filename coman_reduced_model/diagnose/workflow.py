@@ -23,7 +23,20 @@ from ..errors import BagError, ConfigError
 from ..offline import find_robot, input_streams, predictions, to_json
 from ..output import OutputFolder
 from ..topics import TopicNames
-from .diagnosis import ALONE, ENOUGH, SUSPECTED, Case, Finding, Prepared, prepare, search, smallest, total
+from .diagnosis import (
+    ALONE,
+    CLASSES,
+    ENOUGH,
+    SUSPECTED,
+    Case,
+    Finding,
+    Looked,
+    Prepared,
+    prepare,
+    search,
+    smallest,
+    total,
+)
 from .hypotheses import LINKS, PLAN, Candidate, candidates, figures
 from .recording import Recording, load, moving
 from .words import sentence
@@ -35,12 +48,6 @@ Progress = Callable[[float, str], None]
 # rigid bodies on flat soles explain the rest but for this. Chosen on seeds below 1000 of the judge.
 LIMITS = {"force": 5.5, "moment": 3.0, "torque": 3.5, "spring": 3.2, "unloaded": 6.0}
 TOLERANCE = 3.0  # times the limits where an effect that was found acts strongly: it is not exactly of that form
-CLASSES = {
-    "motor_lag": "drive_delay",
-    "transport_delay": "drive_delay",
-    "ground_slope": "constant_force",
-    "external_force": "constant_force",
-}
 STRUCTURE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 CONFIDENCE = 1.96  # standard deviations of an interval
 
@@ -108,11 +115,12 @@ def diagnose(
         raise
     report(0.15, "looking at the residuals")
     mine, held = prepared[: len(train)], prepared[len(train) :]
-    finding = search(mine, held, told or None, lambda f, w: report(0.15 + 0.65 * f, w))
+    looked = Looked(mine, held)
+    finding = search(looked, told or None, lambda f, w: report(0.15 + 0.65 * f, w))
     excess = finding.leftover()
     if held and not told and too_much(finding, excess):
         # Something is missing for sure: less evidence will do for what explains all of it.
-        other = search(mine, held, enough=SUSPECTED)
+        other = search(looked, enough=SUSPECTED)
         if not too_much(other, left := other.leftover()):
             finding, excess = other, left
     model = with_effects(config, finding)
