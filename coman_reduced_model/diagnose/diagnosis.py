@@ -23,10 +23,12 @@ from .floor import floor
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 from .recording import Recording, moving
 
-ENOUGH = 4.5  # nats that an effect must add on the training bags
+ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
 SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
-ALONE = 9.0  # the same where no held-out bag can contradict
+ALONE = 9.0  # nats that it must add on the training bags where no held-out bag can contradict
+WORTH_TRYING = 0.55  # of these, on the training bags, for a look at the held-out ones
 AGREES = 2.0  # nats that it must add on the held-out bags
+SURE = 2.0  # standard deviations by which a load must weigh something
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
@@ -210,6 +212,7 @@ def search(
     walks = any(moving(recording.phase) for recording, _, _ in looked.train)
     finding = Finding(known, np.zeros(len(known)))
     enough = enough or (ENOUGH if hold else ALONE)
+    tried = enough * (WORTH_TRYING if hold else 1.0)
     options = candidates(known)
     finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold")
     finding.train, finding.hold = finding.before
@@ -232,29 +235,41 @@ def search(
         finding.first = finding.first or finding.last
         strong = [
             score for score in finding.last
-            if score.physical and score.gain > enough and _visible(finding.train, score) > VISIBLE
+            if score.physical and score.gain > tried and _visible(finding.train, score) > VISIBLE
         ]  # fmt: skip
         if len(finding.chosen) >= MOST or not strong or not walks:
             return finding
         best = _closest(finding, looked, [s for s in strong[:RIVALS] if s.total > CLOSE * strong[0].total])
         released = [*finding.released, *best.option.figures]
         at, cases, fit = _settled(finding, looked, released)
-        if any(fit.x[i] < known[i].low for i in best.option.figures):
-            finding.refused.append((best.option, "of the wrong sign, seen closely"))
-            continue
-        if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in best.option.figures):
-            finding.refused.append((best.option, "it would have to be larger than any such effect is"))
+        if why := _impossible(known, fit, best.option):
+            finding.refused.append((best.option, why))
             continue
         held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
+        if not why and best.gain + confirmed < 2.0 * enough:
+            why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
             continue
         finding.chosen.append(Effect(best.option, best.gain, confirmed))
         finding.at, finding.train, finding.hold = at, cases, held
-        _drop_what_the_last_one_explains(finding, looked, enough)
+        _drop_what_the_last_one_explains(finding, looked, tried)
         if progress:
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
+
+
+def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
+    """Why an effect with the figures that fit best is none; empty if it may be one."""
+    if any(fit.x[i] < known[i].low for i in option.figures):
+        return "of the wrong sign, seen closely"
+    if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in option.figures):
+        return "it would have to be larger than any such effect is"
+    if option.effect == "payload":
+        mass = option.figures[0]
+        if abs(fit.x[mass]) < SURE * np.sqrt(fit.covariance[mass, mass]):
+            return "a load without a mass that is seen: if anything, the COM is shifted"
+    return ""
 
 
 def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float) -> None:
@@ -330,13 +345,20 @@ def _sum(cases: Sequence[Case]) -> Evidence:
 
 
 def _settle(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
-    """Gauss-Newton: where the released figures are linear and estimated agree. Steps are no longer than a reach."""
+    """Gauss-Newton: where the released figures are linear and estimated agree.
+
+    Steps are no longer than a reach, and half as long after each turn back: a spring four times too soft is far from
+    linear.
+    """
     known, at, cases = finding.known, finding.at, finding.train
     fit = _sum(cases).fit(released)
+    longest = np.array([figure.reach for figure in known])
+    last = np.zeros(len(known))
     for _ in range(STEPS):
-        before, at = at, _values(known, fit, released)
-        for i in released:
-            at[i] = np.clip(at[i], before[i] - known[i].reach, before[i] + known[i].reach)
+        step = _values(known, fit, released) - at
+        longest[step * last < 0.0] *= 0.5
+        last = np.clip(step, -longest, longest)
+        at = at + last
         cases = looked.near(at, finding.train, released)
         fit = _sum(cases).fit(released)
         if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):

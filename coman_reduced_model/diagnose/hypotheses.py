@@ -24,7 +24,7 @@ PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, 
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
 # Widths are set by what is common on real robots and in data sheets; none comes from the cases that are judged.
-STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.05, 0.10, 0.03, 0.0025
+STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.045, 0.10, 0.03, 0.0025
 HEIGHT_SPREAD = 0.012  # [m] of the trunk: cables, covers, and walking hardly shows it
 ENCODER_SPREAD = 0.001  # [rad] zero of a link encoder
 TORQUE_SPREAD = 0.15  # [Nm] zero of a joint torque sensor
@@ -36,7 +36,7 @@ CUBIC_SPREAD = 0.04  # of the torque, at the stretch under a typical load
 YIELD_SPREAD = 3e-5  # [rad/Nm] of a position loop
 LAG_SLACK = 0.003  # [s] of a good position loop
 IMU_SPREAD = 0.004  # [rad] zero of the tilt
-FLOOR_SPREAD = 0.003  # [rad] no floor is quite level
+FLOOR_SPREAD = 0.002  # [rad] no floor is quite level
 PULL_SPREAD = 0.5  # [N] cables
 PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
@@ -121,7 +121,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                 "1",
                 _stiffness(which),
                 nominal=1.0,
-                slack=0.0 if single else 0.04,
+                slack=0.0 if single else 0.02,
                 low=-0.9,
             )
             add(

@@ -47,7 +47,11 @@ Progress = Callable[[float, str], None]
 # How much of the noise floor healthy robots leave at most, in single support: the floor is the sensors' own noise, and
 # rigid bodies on flat soles explain the rest but for this. Chosen on seeds below 1000 of the judge.
 LIMITS = {"force": 5.5, "moment": 3.0, "torque": 3.5, "spring": 3.2, "unloaded": 6.0}
-TOLERANCE = 3.0  # times the limits where an effect that was found acts strongly: it is not exactly of that form
+TOLERANCE = 3.0  # times the limits where an effect that was found acts strongly: it is not exactly of that form ...
+EXACT = {  # ... unless it is one of these
+    "encoder_bias", "encoder_delay", "wrench_delay", "wrench_scale", "wrench_bias", "com_offset", "payload",
+    "ground_slope", "external_force",
+}  # fmt: skip
 STRUCTURE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 CONFIDENCE = 1.96  # standard deviations of an interval
 
@@ -244,11 +248,12 @@ def too_much(finding: Finding, excess: Mapping[str, float]) -> list[str]:
 
 
 def acts(finding: Finding, key: str) -> float:
-    """What the chosen effects amount to in a group of residuals, in units of the noise floor."""
+    """What the chosen effects that are not exact amount to in a group of residuals, in units of the noise floor."""
     most = 0.0
+    loose = [i for effect in finding.chosen if effect.option.effect not in EXACT for i in effect.option.figures]
     for case in [*finding.train, *finding.hold]:
         if key in case.problem.columns and case.floor.get(key, 0.0) > 0.0:
-            made = case.problem.columns[key] @ finding.at
+            made = case.problem.columns[key][:, loose] @ finding.at[loose]
             most = max(most, float(np.sqrt(np.mean(made**2))) / case.floor[key])
     return most
 
