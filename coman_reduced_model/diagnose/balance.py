@@ -40,7 +40,7 @@ SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, 
 STICKING = 0.02  # [rad/s] below which friction has no clear sign
 TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
-TIPPED = 0.006  # [rad] by which a sole that is believed flat has turned, in truth
+TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.7  # of the time
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
@@ -165,8 +165,10 @@ def on_flat_soles(where: Masks, state: State) -> Masks:
     tipped = np.zeros(len(where.ticks), dtype=bool)
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
-        if tilt is not None:
-            tipped |= np.abs(tilt - np.nanmedian(tilt)) > TIPPED
+        if tilt is not None and where.air[Foot.LEFT].any() and where.air[Foot.RIGHT].any():
+            # What it usually is on this foot: an encoder of one leg may be off, or the IMU.
+            left, right = (np.nanmedian(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
+            tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
     if tipped[where.steady].mean() > TIPPED_SHARE:
         return where
