@@ -41,7 +41,7 @@ STICKING = 0.02  # [rad/s] below which friction has no clear sign
 TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
-TIPPED_SHARE = 0.7  # of the time
+TIPPED_SHARE = 0.8  # of the time
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -167,12 +167,22 @@ def on_flat_soles(where: Masks, state: State) -> Masks:
         tilt = state.residuals.get(f"tilt/{axis}")
         if tilt is not None and where.air[Foot.LEFT].any() and where.air[Foot.RIGHT].any():
             # What it usually is on this foot: an encoder of one leg may be off, or the IMU.
-            left, right = (np.nanmedian(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
+            left, right = (_usual(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
             tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
     if tipped[where.steady].mean() > TIPPED_SHARE:
         return where
     return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
+
+
+def _usual(values: Array) -> float:
+    """The middle of the narrowest range that holds a quarter of the values: most others may be of rocking."""
+    values = np.sort(values[np.isfinite(values)])
+    if not len(values):
+        return 0.0
+    count = max(1, len(values) // 4)
+    first = int(np.argmin(values[count - 1 :] - values[: len(values) - count + 1]))
+    return float(np.median(values[first : first + count]))
 
 
 def _slid(phase: Array, number: Array, ticks: Array, touchdown: Array) -> dict[Foot, Array]:

@@ -165,15 +165,17 @@ class Finding:
     refused: list[tuple[Candidate, str]] = field(default_factory=list)
 
     def leftover(self) -> dict[str, float]:
-        """By group, the most that any recording has left, in units of the noise floor."""
+        """By group, what the middle recording has left, in units of the noise floor.
+
+        A robot that staggers through one of its walks is not of another kind for that.
+        """
         assert self.fit is not None
-        most: dict[str, float] = {}
+        ratios: dict[str, list[float]] = {}
         for case in [*self.train, *self.hold]:
             for key, value in case.left(case.own(self.fit, self.released)).items():
                 if case.floor.get(key, 0.0) > 0.0:
-                    ratio = float(np.sqrt(np.mean(value**2))) / case.floor[key]
-                    most[key] = max(most.get(key, 0.0), ratio)
-        return most
+                    ratios.setdefault(key, []).append(float(np.sqrt(np.mean(value**2))) / case.floor[key])
+        return {key: sorted(values)[(len(values) - 1) // 2] for key, values in ratios.items()}
 
     def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
         """By group, what is left of a recording without and with what was found: the effects are all the difference.
