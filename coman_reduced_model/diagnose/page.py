@@ -12,7 +12,7 @@ from ..report.page import Notice, Part, Section, Table, Text, page, picture
 from .diagnosis import MOST
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
-from .workflow import LIMITS, Diagnosis
+from .workflow import Diagnosis, limits
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
@@ -68,7 +68,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
     sections = [
         Section(_HEADINGS[result["verdict"]], _verdict(result)),
         Section("Before and after" if diagnosis.finding.chosen else "How it shows", _shows(diagnosis, train, hold)),
-        Section("Where it disagrees", _where(result)),
+        Section("Where it disagrees", _where(diagnosis)),
         Section("The gap", _gap(result)),
         Section("Other explanations", _ranking(diagnosis)),
         Section("What is still open", _open(diagnosis)),
@@ -198,7 +198,8 @@ def _worst(train: list[Pair], hold: list[Pair], name: str) -> Pair:
     return max([*train, *hold], key=lambda pair: float(np.nanmean(np.append(pair.over_ticks(name)[1] ** 2, 0.0))))
 
 
-def _where(result: dict[str, Any]) -> list[Part]:
+def _where(diagnosis: Diagnosis) -> list[Part]:
+    result = diagnosis.result
     entries = result["localisation"]
     if not entries:
         return [Notice("No residual could be computed: there is nothing to compare.")]
@@ -229,7 +230,7 @@ def _where(result: dict[str, Any]) -> list[Part]:
             "RMS of what the nominal robot leaves on the training bags, its springs, masses and sensors free "
             "to scatter as those "
             "of healthy robots do, in units of the sensors' own noise. Healthy robots reach "
-            + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in LIMITS.items())
+            + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in limits(diagnosis.finding).items())
             + " in single support.",
         ),
     ]  # fmt: skip
@@ -296,10 +297,10 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         parts.append(Table(["refused", "where", "why"], rows, "Asked for by the training bags.", words=3))
     if result["too_much"]:
         rows = [
-            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{LIMITS[key.split('/')[0]]:g}"]
+            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{limits(finding)[key.split('/')[0]]:g}"]
             for key in result["too_much"][:_ROWS]
         ]
-        caption = "In units of the noise floor, single support, the worst recording."
+        caption = "In units of the noise floor, single support, the middle recording."
         parts.append(Table(["left unexplained", "left", "healthy robots at most"], rows, caption))
     parts += [Notice(line[:1].upper() + line[1:] + ".", "warn") for line in result["not_checked"]]
     units = {(figure.effect, figure.key): figure.unit for figure in finding.known}
