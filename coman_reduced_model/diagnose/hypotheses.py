@@ -41,7 +41,7 @@ PULL_SPREAD = 0.5  # [N] cables
 PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
 LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
-SLIP_SPREAD = 0.0007  # [m]
+SLIP_SPREAD = 0.0015  # [m] that soles creep while the load passes
 TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
 
 
