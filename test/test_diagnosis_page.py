@@ -105,6 +105,7 @@ def diagnosis(
     error = 0.002 * np.sin(np.outer(stamps * 1e-9, (1.0, 2.0, 3.0)))
     monkeypatch.setattr(workflow, "load", lambda *_: (before[0].recording, before[0].state.world.robot))
     monkeypatch.setattr(workflow, "prepare", lambda *_: (before[0].recording, before[0].state.world, None))
+    monkeypatch.setattr(workflow, "Looked", lambda *_: None)
     monkeypatch.setattr(workflow, "search", lambda *_, **__: finding)
     monkeypatch.setattr(workflow, "com_errors", lambda *_: (stamps, error))
     monkeypatch.setattr(workflow, "ProcessPoolExecutor", lambda count, context: ThreadPoolExecutor(count))
