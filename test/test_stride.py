@@ -25,7 +25,7 @@ def test_the_stride_is_found_within_a_millisecond(period):
     theta = 0.3 * np.sin(2.0 * np.pi * t[:, None] / period + phases) + 1e-4 * rng.standard_normal((600, 12))
     empty = {name: np.zeros((600, 1)) for name in Memory._fields}
     stamp, foot = 10**18 + np.round(t * 1e9).astype(np.int64), np.ones(600, dtype=np.int64)
-    wide = dict.fromkeys(("M", "K", "D", "B", "H", "J", "T_odom_sole"), np.zeros((600, 1, 1)))
+    wide = dict.fromkeys(("A", "AC", "W", "K", "D", "C", "J", "T_odom_sole"), np.zeros((600, 1, 1)))
     past = Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1, "theta": theta}))
     lag = find_lag(int(stamp[-1]), round((period + 0.025) * 1e9), past, 600)
     assert lag * 1e-9 == pytest.approx(period, abs=1e-3)

@@ -7,10 +7,11 @@ import pytest
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.contact import by_other, contacts, impulses
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.trunk import lifts, stand, trunk_twist
+from coman_reduced_model.core.trunk import trunk_twist
 from coman_reduced_model.core.types import Flags, Sample
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.offline import find_robot, input_streams, predictions
@@ -40,6 +41,7 @@ def standing(machine: Robot, stamp_ns: int, q: np.ndarray, motor_q: np.ndarray) 
 def test_one_leg_sags_to_where_springs_and_weight_balance():
     """The closed form: K_q d = -tau_g(theta + d), solved by iteration with Pinocchio's gravity torques."""
     machine = robot()
+    machine.soles[1] = np.array([-0.5, 0.5, -0.5, 0.5])  # else it would topple sideways
     theta = np.array(BENT)
     leg, stiffness = machine.legs[1], np.array(Config().robot.left.stiffness)
     model, data = machine.model, machine.model.createData()
@@ -78,34 +80,71 @@ def test_one_leg_sags_to_where_springs_and_weight_balance():
 
 
 SOLE = np.array([-0.07, 0.13, -0.05, 0.05])
+CORNERS = np.array([[x, y] for y in SOLE[2:] for x in SOLE[:2]])
 
 
-def wrench_on_foot(wanted: np.ndarray, friction: float = 0.7) -> tuple[np.ndarray, int]:
-    """What a foot lets through of the wrench (6,) that flat ground would exert if it could pull and hold."""
-    machine = robot()
+def ground_on_a_block(force: np.ndarray, moment: np.ndarray, friction: float = 0.7) -> np.ndarray:
+    """(7,) impulses of the ground on a block of 10 kg that stands on one sole, pushed for 1 ms at the sole's middle."""
+    h, mass, inertia, middle = 1e-3, 10.0, np.array([0.1, 0.2, 0.1]), np.array([0.03, 0.0])
+    C = np.zeros((7, 6))
+    for row, (x, y) in enumerate(CORNERS - middle):
+        C[row, 2], C[row, 3], C[row, 4] = 1.0, y, -x
+    C[4, 0] = C[5, 1] = C[6, 5] = 1.0
+    M = np.diag([mass] * 3 + inertia.tolist())
+    P = np.zeros(7)
+    free = np.linalg.solve(M, np.concatenate((force, moment))) * h
+    for _ in range(50):  # of the steps of a walk, each begins where the last one ended
+        impulses(C @ np.linalg.solve(M, C.T), C @ free, np.zeros(7), P, friction, 0.05)
+    return P / h
+
+
+def test_the_ground_balances_what_presses_within_the_sole():
+    P = ground_on_a_block(np.array([5.0, -4.0, -98.1]), np.array([1.0, -2.0, 0.5]))
+    assert (P[:4] > 0.0).all() and P[:4].sum() == pytest.approx(98.1, rel=0.02)
+    np.testing.assert_allclose(P[:4] @ (CORNERS - [0.03, 0.0]), [-2.0, -1.0], atol=0.1)
+    np.testing.assert_allclose(P[4:], [-5.0, 4.0, -0.5], rtol=0.01)
+
+
+def test_the_ground_presses_on_the_edge_that_is_turned_about_and_never_pulls():
+    over_the_toes = ground_on_a_block(np.array([0.0, 0.0, -98.1]), np.array([0.0, 98.1 * 0.2, 0.0]))
+    np.testing.assert_allclose(over_the_toes[[0, 2]], 0.0, atol=1e-9)
+    assert (over_the_toes[[1, 3]] > 10.0).all()
+    over_a_corner = ground_on_a_block(np.array([0.0, 0.0, -98.1]), np.array([98.1 * 0.1, 98.1 * 0.2, 0.0]))
+    assert (over_a_corner[:4] > 1e-6).tolist() == [False, True, False, False]  # front right
+    np.testing.assert_array_equal(ground_on_a_block(np.array([5.0, 0.0, 20.0]), np.zeros(3)), 0.0)
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.7])
+def test_friction_holds_no_more_than_its_share_of_the_load(friction):
+    P = ground_on_a_block(np.array([200.0, 100.0, -98.1]), np.array([0.0, 0.0, 50.0]), friction)
+    most = friction * P[:4].sum()
+    assert np.hypot(P[4], P[5]) == pytest.approx(most, rel=1e-6) and P[5] / P[4] == pytest.approx(0.5, rel=0.01)
+    assert abs(P[6]) == pytest.approx(0.05 * most, rel=1e-6)
+
+
+def test_a_state_told_by_the_other_sole_and_back_is_the_same():
+    """Heights, tilts and rates of both soles; where they are on the ground does not matter."""
+    machine, rng = robot(), np.random.default_rng(0)
     posture = machine.posture()
-    posture.update(np.array(BENT), np.zeros(12))
-    columns = machine.leg_columns[1]
-    R, p = posture.R[1], posture.p[1]
-    J = np.kron(np.eye(2), R.T) @ posture.sole_jacobian(1)[:, columns]  # of the sole against the trunk, in sole axes
-    H = lifts(trunk_twist(posture.sole_jacobian(1), columns, p), R, p, SOLE)
-    K = np.diag(Config().robot.left.stiffness)
-    P, left = stand(K, J.T @ wanted, H, friction, 0.05)
-    return np.linalg.solve(J.T, P @ (J.T @ wanted)), left
+    y, w = np.concatenate((BENT, np.zeros(6))), rng.normal(0.0, 0.1, 18)
+    y[14:17] = 1e-3 * rng.standard_normal(3)
 
+    def terms(foot: int, joints: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        other = 3 - foot
+        q = joints if foot == 1 else np.roll(joints, 6)
+        posture.update(q, np.zeros(12))
+        V, V_o = (trunk_twist(posture.sole_jacobian(f), machine.leg_columns[f], posture.p[f]) for f in (foot, other))
+        R, p = posture.R, posture.p
+        return contacts(V, R[foot], p[foot], V_o, R[other], p[other], SOLE, SOLE, s)[1:]
 
-def test_a_foot_presses_within_its_sole_and_its_friction():
-    flat, left = wrench_on_foot(np.array([5.0, -4.0, 80.0, 1.0, -2.0, 0.5]))
-    np.testing.assert_allclose(flat, [5.0, -4.0, 80.0, 1.0, -2.0, 0.5], atol=1e-3)
-    assert left == 0
-    toe, left = wrench_on_foot(np.array([5.0, 0.0, 80.0, 1.0, -80.0 * 0.2, 0.0]))  # CoP 0.2 m ahead, beyond the toes
-    assert left == 1 and toe[2] > 0.0 and -toe[4] / toe[2] == pytest.approx(0.13, abs=1e-4)
-    corner, left = wrench_on_foot(np.array([0.0, 0.0, 80.0, -80.0 * 0.2, 80.0 * 0.3, 0.0]))
-    assert left == 0b1010 and corner[2] > 0.0
-    np.testing.assert_allclose([-corner[4] / corner[2], corner[3] / corner[2]], [-0.07, -0.05], atol=1e-4)
-    assert wrench_on_foot(np.array([5.0, 0.0, -1.0, 0.0, 0.0, 0.0]))[1] == 16
-    pushed, _ = wrench_on_foot(np.array([60.0, 0.0, 50.0, 0.0, 0.0, 0.0]))
-    assert np.hypot(pushed[0], pushed[1]) <= 0.75 * pushed[2]
+    C, height = terms(1, y[:12], y[12:])
+    there, faster, P = by_other(y, w, np.arange(14.0), C, height, y, SOLE)
+    C_o, height_o = terms(2, there[:12], there[12:])
+    np.testing.assert_allclose(height_o[:4], height[7:11], atol=1e-9)
+    np.testing.assert_allclose(height_o[7:11], height[:4], atol=3e-6)  # tilts are small
+    back, rates, P = by_other(there, faster, P, C_o, height_o, there, SOLE)
+    np.testing.assert_allclose(back, y, atol=1e-5)
+    np.testing.assert_array_equal(P, np.arange(14.0))
 
 
 def walk(name: str, *effects: str) -> dict[str, np.ndarray]:
@@ -130,9 +169,9 @@ def test_untuned_on_a_walk_it_beats_the_point_mass(name):
     whole, paper = walk(name, *WHOLE), walk(name)
     for axis in (0, 2):
         assert whole["model"][axis] < 0.4 * paper["model"][axis]
-    assert whole["model"][0] < 1.3e-3 and whole["model"][0] < 0.5 * whole["rigid"][0]
+    assert whole["model"][0] < 0.5e-3 and whole["model"][2] < 0.2e-3
     assert whole["model"][1] < whole["rigid"][1] and whole["model"][2] < 0.15 * whole["rigid"][2]
-    assert np.degrees(whole["tilt"]).max() < 0.4
+    assert np.degrees(whole["tilt"]).max() < 0.2
     assert np.isnan(paper["tilt"]).all()
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 
 from .config import Config
@@ -140,8 +142,7 @@ class Predictor:
         if dynamics.state is not None and not touchdown:
             dynamics.advance(now)
             assert dynamics.state is not None
-            error = dynamics.state[:3] - now.com
-            if error.dot(error) < _LOST * _LOST:
+            if hypot(*(dynamics.state[:3] - now.com)) < _LOST:  # a sum of squares could overflow
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)

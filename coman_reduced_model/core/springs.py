@@ -47,13 +47,16 @@ class Springs:
     """What the configuration says of both legs, and the effects on it.
 
     Attributes:
-        stiffness: (n,) nominal stiffness of the joints of each leg [Nm/rad].
+        stiffness, damping: (n,) nominal of the joints of each leg [Nm/rad], [Nms/rad].
+        plain: whether no effect but `gravity_stiffness` acts on them.
     """
 
     def __init__(self, config: RobotConfig, effects: Sequence[Effect]) -> None:
         # Most effects leave the springs alone: calling them for nothing would cost time at the rate of the sensors.
         self._effects = [e for e in effects if type(e).springs is not Effect.springs]
         self.stiffness = {Foot.LEFT: np.array(config.left.stiffness), Foot.RIGHT: np.array(config.right.stiffness)}
+        self.damping = {Foot.LEFT: np.array(config.left.damping), Foot.RIGHT: np.array(config.right.damping)}
+        self.plain = all(effect.name == "gravity_stiffness" for effect in self._effects)
         self._legs = {
             foot: (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
             for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right))

@@ -56,6 +56,23 @@ def height_hessian(J: Array) -> Array:
 
 
 @compiled
+def topple(J: Array, load: float, at: Array, K_q: Array, torque: Array) -> None:
+    """Add what a load [N] at the COM does to the joints of a leg, in place: `effects/gravity_stiffness.py`.
+
+    Args:
+        J: (6, n) as in `height_hessian`.
+        load: [N].
+        at: (n,) deflection [rad] of the posture at which the weight itself is counted.
+        K_q, torque: (n, n) stiffness [Nm/rad] and (n,) torque at no deflection [Nm], to be changed.
+    """
+    H = height_hessian(J)
+    for i in range(H.shape[0]):
+        for j in range(H.shape[0]):
+            K_q[i, j] += load * H[i, j]
+            torque[i] -= load * H[i, j] * at[j]
+
+
+@compiled
 def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float) -> tuple[Array, Array, bool]:
     """Cartesian stiffness and damping K_c, D_c of (12), (13), safe where J is singular.
 

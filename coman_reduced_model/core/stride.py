@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import apply, compiled, mul
+from .contact import ROWS, by_other, solve_step, step_soles
 from .dynamics import Now
-from .trunk import step_legs
 from .types import Array, Phase
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ _PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
 class Memory(NamedTuple):
     """Samples of the past, oldest first; fields as in `LegTerms`, joints of the support leg first.
 
+    Rows of the other foot hold nothing of use where it did not stand, but for C and height.
     T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
     """
 
@@ -43,16 +44,17 @@ class Memory(NamedTuple):
     foot: NDArray[np.int64]
     double: NDArray[np.bool_]
     theta: Array
-    x: Array
+    y: Array
     com: Array
     J: Array
-    M: Array
+    A: Array  # with AC and W from `solve_step`, for steps of _STEP
+    AC: Array
+    W: Array
     K: Array
     D: Array
     f: Array
-    B: Array
-    held: Array
-    H: Array
+    C: Array
+    height: Array
     T_odom_sole: Array
     plan: Array
 
@@ -60,9 +62,9 @@ class Memory(NamedTuple):
 class Stride:
     """Remembers samples, finds the stride before, and simulates the model through it."""
 
-    def __init__(self, friction: float) -> None:
-        """`friction` between soles and ground."""
-        self._friction = friction
+    def __init__(self, friction: float, soles: Array) -> None:
+        """`friction` between soles and ground; edges (2, 4) of the left and the right sole [m]."""
+        self._friction, self._soles = friction, soles
         self._memory: Memory | None = None
         self.reset()
 
@@ -81,6 +83,7 @@ class Stride:
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
             row: dict[str, Any] = {"stamp": stamp, "T_odom_sole": now.T_odom_sole}
             row["plan"] = np.nan if plan is None else plan.com
+            row["A"], row["AC"], row["W"] = solve_step(terms.M, terms.K, terms.D, terms.C, _STEP)
             memory = self._room(terms)
             for name, column in zip(Memory._fields, memory, strict=True):
                 column[self._n] = row[name] if name in row else getattr(terms, name)
@@ -98,7 +101,7 @@ class Stride:
         Args:
             now: this sample.
             terms: the equations of motion at it.
-            state: (2m,) measured joints and their rates, the support leg's first.
+            state: (2, m + 6) measured joints, support leg's first, and its sole; their rates.
             horizons: (k,) ascending [s].
         """
         stamp = now.sample.stamp_ns
@@ -106,10 +109,7 @@ class Stride:
             self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + _EVERY)
         if self._course is None:
             return None
-        t = (stamp - self._course_ns) * 1e-9 + horizons
-        grid = np.arange(len(self._course)) * _STEP
-        com = np.stack([np.interp(t, grid, axis) for axis in self._course.T], axis=1)
-        return (com - now.T_odom_sole[:3, 3]) @ now.T_odom_sole[:3, :3]
+        return along(self._course, (stamp - self._course_ns) * 1e-9, horizons, now.T_odom_sole)
 
     @property
     def _past(self) -> Memory:
@@ -118,10 +118,11 @@ class Stride:
 
     def _room(self, terms: LegTerms) -> Memory:
         if self._memory is None:
-            m, n, k = len(terms.x), terms.V.shape[1], len(terms.held)
+            m, r = len(terms.theta), 2 * ROWS
             shapes = {
-                "theta": (m,), "x": (m,), "com": (3,), "J": (6, m), "M": (m, m), "K": (m, m), "D": (m, m), "f": (m,),
-                "B": (k, n), "held": (k,), "H": (k, 8), "T_odom_sole": (4, 4), "plan": (3,),
+                "theta": (m,), "y": (m + 6,), "com": (3,), "J": (6, m), "A": (m + 6, m + 6), "AC": (m + 6, r),
+                "W": (r, r), "K": (m, m), "D": (m, m), "f": (m + 6,), "C": (r, m + 6), "height": (r,),
+                "T_odom_sole": (4, 4), "plan": (3,),
             }  # fmt: skip
             types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
             self._memory = Memory(
@@ -129,7 +130,7 @@ class Stride:
             )
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, 0, self._memory, 0)
-            self._follow(0, 0, 1, terms, np.zeros(2 * m), np.eye(4))
+            self._follow(0, 0, 1, terms, np.zeros((2, m + 6)), np.eye(4))
         if self._n == _CAPACITY:
             for column in self._memory:
                 column[:_KEPT] = column[-_KEPT:]
@@ -160,11 +161,24 @@ class Stride:
         return course + moved if len(course) else None
 
     def _follow(self, stamp: int, then: int, points: int, terms: LegTerms, state: Array, T_odom_sole: Array) -> Array:
-        m = len(state) // 2
         return follow(
-            stamp, then, points, _STEP, int(terms.foot), terms.double, terms.theta, terms.x, terms.B, terms.held,
-            state[:m], state[m:], T_odom_sole, self._past, self._n, self._friction, terms.reach,
+            stamp, then, points, int(terms.foot), terms.theta, terms.C, terms.height, terms.y, state[0], state[1],
+            T_odom_sole, self._past, self._n, self._soles, self._friction, terms.reach,
         )  # fmt: skip
+
+
+@compiled
+def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> Array:
+    """Points (k, 3) of a course (n, 3) in odom, every `_STEP`, in the support sole: at since + horizons (k,) [s]."""
+    out = np.zeros((horizons.shape[0], 3))
+    for k in range(horizons.shape[0]):
+        at = (since + horizons[k]) / _STEP
+        i = min(int(at), course.shape[0] - 2)
+        for axis in range(3):
+            com = course[i, axis] + (at - i) * (course[i + 1, axis] - course[i, axis]) - T_odom_sole[axis, 3]
+            for j in range(3):
+                out[k, j] += com * T_odom_sole[axis, j]
+    return out
 
 
 @compiled
@@ -225,19 +239,20 @@ def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
 
 @compiled
 def follow(
-    stamp: int, then: int, points: int, step: float, foot: int, double: bool, theta: Array, x_now: Array, B: Array,
-    held: Array, x: Array, w: Array, T_odom_sole: Array, past: Memory, n: int, friction: float, reach: float,
+    stamp: int, then: int, points: int, foot: int, theta: Array, C: Array, height: Array, y_t: Array, y: Array,
+    w: Array, T_odom_sole: Array, past: Memory, n: int, soles: Array, friction: float, reach: float,
 ) -> Array:  # fmt: skip
     """The model from a measured state through the stride before.
 
     Args:
         stamp, then: now and the same point of the stride before [ns].
-        points, step: of the course, and their spacing [s].
-        foot, double, theta, x_now, B, held: `LegTerms` now.
-        x, w: (m,) measured joints and rates.
+        points: of the course, every _STEP.
+        foot, theta, C, height, y_t: `LegTerms` now.
+        y, w: (m + 6,) measured joints and displacement of the support sole; rates.
         T_odom_sole: (4, 4) pose of the support sole now.
         past, n: the memory.
-        friction, reach: as in `trunk.stand`.
+        soles: (2, 4) edges of the left and the right sole [m].
+        friction, reach: as in `contact.impulses`.
 
     Returns:
         COM (points, 3) [m] in odom; empty where the last stride was another one.
@@ -267,37 +282,26 @@ def follow(
     R = mul(T_odom_sole[:3, :3].copy(), R_then.T.copy())
     p = T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
 
-    legs = x.shape[0] // 2
+    m = theta.shape[0]
     off = theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
-    x, w = x.copy(), w.copy()
-    first, stood = True, double
-    away = np.zeros(legs)  # where the other foot stands, in its joints, against where it stood
-    out = np.empty((points, 3))
+    out, P, still = np.empty((points, 3)), np.zeros(2 * ROWS), np.zeros(3)
     for k in range(points):
-        t = then + int(k * step * 1e9)
+        t = then + int(k * _STEP * 1e9)
         if k > 0:
-            q = nearest(t - int(0.5 * step * 1e9), past.stamp, n, q)
+            q = nearest(t - int(0.5 * _STEP * 1e9), past.stamp, n, q)
             if past.foot[q] != foot:  # the support changes
                 foot = past.foot[q]
-                x, w, off = swapped(x), swapped(w), swapped(off)
-                if first or not stood:
-                    stood = False
-                elif past.double[q]:
-                    away = x[legs:] - apply(past.B[q], x[:legs]) - past.held[q]
-            if past.double[q]:
-                if first and stood:  # it stands now
-                    away = held + apply(B, x_now[:legs]) - apply(past.B[q], x_now[:legs]) - past.held[q]
-                elif not stood:  # it lands where the leg is
-                    away = x[legs:] - apply(past.B[q], x[:legs])
-                    away -= past.x[q, legs:] - apply(past.B[q], past.x[q, :legs])
-            stood, first = past.double[q], False
-            before, after = motors_at(t - int(step * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
-            x, w, _ = step_legs(
-                x, w, step, step, stood, past.M[q], past.K[q], past.D[q], past.f[q], before + off, after + off,
-                past.B[q], past.held[q] + away, past.H[q], friction, reach,
+                y, w, P = by_other(y, w, P, C, height, y_t, soles[foot - 1])
+                off = swapped(off)
+            C, height, y_t = past.C[q], past.height[q], past.y[q]
+            r = 2 * ROWS if past.double[q] else ROWS
+            before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
+            y, w = step_soles(
+                y, w, P, _STEP, 1, past.A[q], past.AC[q, :, :r].copy(), past.W[q, :r, :r].copy(), past.K[q], past.D[q],
+                past.f[q], before + off, after + off, C, height, y_t, still, friction, reach,
             )  # fmt: skip
         q = nearest(t, past.stamp, n, q)
-        x_q = x if past.foot[q] == foot else swapped(x)
-        sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x_q - past.x[q])
+        x = y[:m] if past.foot[q] == foot else swapped(y[:m])
+        sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x - past.y[q, :m])
         out[k] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
     return out

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The trunk on its legs with all six freedoms: what the point mass of the paper leaves out (effect `trunk_rotation`).
 
-Coordinates are the joints x (m,) of both legs at the link side, the support leg's first; with the support sole on the
-ground they are the pose of the trunk and of the other leg. Under (A1) the motors theta(t) are known, and
+Coordinates are the joints x (m,) of both legs at the link side, the support leg's first, and a small displacement of
+the support sole from level ground (6,); together they are the pose of the trunk and of both soles. Under (A1) the motors
+theta(t) are known, and
 
-    M x'' + D_q (x' - theta') + K_q (x - theta) = -tau(x, x')
+    M x'' + D_q (x' - theta') + K_q (x - theta) = -tau(x, x') + what the ground does
 
 with M the inertia that the joints carry and tau the torques of gravity and of the moving masses (`swing_momentum`),
 both at the predicted posture, so that the toppling of the loaded leg (`gravity_stiffness`) is in them. Only positions
 of the motors are needed, never their acceleration.
 
-In double support the other sole stands as well: its leg follows the trunk, and its springs act in parallel. They can
-only press on the ground, within the edges of the sole, and push it aside no more than friction holds (`trunk.stand`): a
-foot that has just landed or is about to leave stands on an edge or a corner, and its springs hold little. That, not a
-share of stiffness, is how the load passes from leg to leg.
+The ground can only press on the corners of the soles, and push them aside no more than friction holds (`contact.py`): a
+foot that has just landed or is about to leave stands on an edge or a corner, and the springs of its leg hold little, and
+a robot that sways stands on the edges of both. That, not a share of stiffness, is how the load passes from leg to leg.
+How feet slide against each other in double support is measured; all else follows from the motors and the phase.
 """
 
 from __future__ import annotations
@@ -25,23 +26,23 @@ import numpy as np
 import pinocchio as pin
 
 from .config import Config
+from .contact import ROWS, by_other, track
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect
 from .model import Model
-from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead
 from .robot import Robot
 from .springs import LegSprings
-from .stride import Stride
-from .trunk import carried, geometry, lifts, step_legs
+from .stride import Stride, swapped
+from .trunk import carried, geometry, tell, topple_both
 from .types import Array, Foot, Phase
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
+_FOLLOWS = 0.02  # [s] of the feet in the free run after those measured
 _FADES = 0.1  # [s] time constant of a horizontal deflection whose future nothing tells
-_NO_POSE = (np.eye(3), np.zeros(3))
 
 
 @dataclass(slots=True)
@@ -50,17 +51,17 @@ class LegTerms:
 
     foot: Foot
     double: bool
-    x: Array  # (m,) posture at which all this was taken [rad]
+    y: Array  # (m + 6,) joints [rad], displacement of the support sole [m], [rad] at which all this was taken
     theta: Array  # (m,) motor positions [rad]
-    M: Array  # (m, m)
-    K: Array
+    M: Array  # (m + 6, m + 6)
+    K: Array  # (m, m)
     D: Array
-    f: Array  # (m,)
+    f: Array  # (m + 6,)
     J: Array  # (6, m) COM velocity and angular velocity of the trunk in sole axes
     V: Array  # (6, n) twist of the trunk in its own axes
-    B: Array  # (k, n) other leg's joints by those of the support leg, both soles standing
-    held: Array  # (k,) [rad] other leg's joints for none of the support leg, both soles standing
-    H: Array  # (k, 8) from `lifts`
+    A: Array  # (6, 6) the same by that of the support sole
+    C: Array  # (14, m + 6) from `contacts`
+    height: Array  # (14,)
     reach: float  # [m] lever at which friction resists twisting the other sole
     com: Array  # (3,) in the support sole [m]
 
@@ -82,6 +83,10 @@ class TrunkModel(Dynamics):
         self._following = [axis for axis in range(3) if axis not in model.axes]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
         self._order = {Foot.LEFT: np.concatenate((left, right)), Foot.RIGHT: np.concatenate((right, left))}
+        self._K, self._D = (
+            {foot: np.diag(np.concatenate((values[foot], values[foot.other]))) for foot in (Foot.LEFT, Foot.RIGHT)}
+            for values in (model.springs.stiffness, model.springs.damping)
+        )
         self._pin = robot.model.copy()
         self._pin.gravity.linear = np.zeros(3)
         self._data = robot.model.createData()
@@ -89,7 +94,7 @@ class TrunkModel(Dynamics):
         self._v, self._a = np.zeros((2, robot.model.nv))
         self._no_torque = np.zeros(robot.model.nv)
         self._still = np.zeros(len(robot.joint_names))
-        self._stride = Stride(self._friction)
+        self._stride = Stride(self._friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
         self.reset()
 
     def reset(self) -> None:
@@ -101,8 +106,11 @@ class TrunkModel(Dynamics):
         """End the free run and the filter: an input is missing. The last stride is kept."""
         self.state = None
         self._foot = Foot.NONE
-        self._free: Array | None = None  # (2m,) free run: joints of both legs and their rates
-        self._filtered: Array | None = None  # (2m,) the measurement
+        # (2, m + 6) joints of both legs and displacement of the support sole, and their rates:
+        self._free: Array | None = None  # free run
+        self._next: Array | None = None  # the same at this sample
+        self._filtered: Array | None = None  # the measurement
+        self._P = np.zeros((2, 2 * ROWS))  # impulses of the ground in the last step of filter and free run
         self._terms: LegTerms | None = None
         self._theta = np.empty(0)  # (m,) motor positions at the beginning of the step that ends at this sample
 
@@ -118,19 +126,20 @@ class TrunkModel(Dynamics):
             self._change_leg(now.foot)
         order = self._order[now.foot]
         if first := self._filtered is None:
-            self._filtered = np.concatenate((sample.q[order], sample.qd[order]))
+            self._filtered = np.zeros((2, len(order) + 6))
+            self._filtered[:, : len(order)] = sample.q[order], sample.qd[order]
         assert self._filtered is not None
         self._terms, before = self._assemble(now), self._terms
         self._theta = self._terms.theta
         if before is not None:
-            self._theta = before.theta if before.foot == now.foot else _swapped(before.theta)
+            self._theta = before.theta if before.foot == now.foot else swapped(before.theta)
         if not first:
-            m, dt = len(order), now.dt
-            filtered = self._step(self._filtered, dt)
-            error = sample.q[order] - filtered[:m]
-            filtered[:m] += (1.0 - np.exp(-2.0 * _FILTER * dt)) * error
-            filtered[m:] += _FILTER**2 * dt * np.exp(-_FILTER * dt) * error
-            self._filtered = filtered
+            t = self._terms
+            free = self._filtered if self._free is None else self._free
+            self._filtered, self._next = track(
+                self._filtered, free, self._P, sample.q[order], now.dt, _LONGEST, _FILTER, _FOLLOWS, t.double,
+                t.M, t.K, t.D, t.f, self._theta, t.theta, t.C, t.height, t.y, self._friction, t.reach,
+            )  # fmt: skip
         return True
 
     def switch(self, now: Now, T_odom_sole: Array) -> None:
@@ -140,11 +149,12 @@ class TrunkModel(Dynamics):
         """From the filtered measurement."""
         assert self._filtered is not None
         self._free = self._filtered.copy()
+        self._P[1] = self._P[0]
         self._tell()
 
     def advance(self, now: Now) -> None:
-        assert self._free is not None
-        self._free = self._step(self._free, now.dt)
+        """To where `prepare` has already brought it."""
+        self._free = self._next
         self._tell()
 
     def ahead(self, now: Now, horizons: Array) -> Array:
@@ -164,98 +174,91 @@ class TrunkModel(Dynamics):
         moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
         return self.reference + moved + left * (now.com - self.reference)
 
-    def _step(self, state: Array, dt: float) -> Array:
-        t, m = self._terms, len(state) // 2
-        assert t is not None
-        x, w, _ = step_legs(
-            state[:m], state[m:], dt, _LONGEST, t.double, t.M, t.K, t.D, t.f, self._theta, t.theta,
-            t.B, t.held, t.H, self._friction, t.reach,
-        )  # fmt: skip
-        return np.concatenate((x, w))
-
     def _tell(self) -> None:
-        """The free run as COM and tilt: those of the posture of the terms, and a little further."""
+        """The free run as COM and tilt."""
         t, free = self._terms, self._free
         assert t is not None and free is not None
-        m = len(t.x)
-        moved = free[:m] - t.x
-        self.state = np.concatenate((t.com + t.J[:3] @ moved, t.J[:3] @ free[m:]))
+        told = tell(t.com, t.J, t.y, free, self._posture.R[t.foot])
+        self.state, self.tilt = told[:6], told[6:]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
-        self.tilt = tilt(self._posture.R[t.foot]) + t.J[3:5] @ moved
 
     def _change_leg(self, foot: Foot) -> None:
-        self._foot = foot
-        self._free = None if self._free is None else _swapped(self._free)
-        self._filtered = None if self._filtered is None else _swapped(self._filtered)
+        self._foot, t = foot, self._terms
+        if t is None:
+            return
+        for k, state in enumerate((self._filtered, self._free)):
+            if state is not None:
+                state[0], state[1], self._P[k] = by_other(
+                    state[0], state[1], self._P[k], t.C, t.height, t.y, self.robot.soles[foot]
+                )
 
     def _assemble(self, now: Now) -> LegTerms:
-        robot, posture, sample = self.robot, self._posture, now.sample
+        robot, posture, sample, soles = self.robot, self._posture, now.sample, self.robot.soles
         foot, other = self._foot, self._foot.other
         columns, order = robot.leg_columns, self._order[self._foot]
         state = self._filtered if self._free is None else self._free
         assert state is not None and sample.motor_q is not None and sample.motor_qd is not None
         double = now.support.phase == Phase.DOUBLE
         share = self.model.share(now.support) if double else 1.0
-        R_so, p_so = flat(*now.link.sole_to_sole(foot, other)) if double else _NO_POSE
         m, n = len(order), len(columns[foot])
-        x, w = state[:m], state[m:]
-        q, qd, theta = sample.motor_q.copy(), sample.motor_qd.copy(), sample.motor_q[order]
-        q[order], qd[order] = x, w
+        y, w = state
+        q, qd, theta, turning = (
+            sample.motor_q.copy(),
+            sample.motor_qd.copy(),
+            sample.motor_q[order],
+            sample.motor_qd[order],
+        )
+        q[order], qd[order] = y[:m], w[:m]
         posture.update(q, self._still)
         robot.scatter(q, self._q)
+        self._v[robot.idx_v] = qd
+        before, R, p, J_sole = self._terms, posture.R, posture.p, posture.sole_jacobian
+        if before is None or before.foot != foot:
+            before = None
         Y = pin.crba(self._pin, self._data, self._q)
-        V, V_o, J, J_o, B, off = geometry(
-            Y, self.model.mass, posture.com,
-            posture.sole_jacobian(foot), posture.R[foot], posture.p[foot], columns[foot],
-            posture.sole_jacobian(other), posture.R[other], posture.p[other], columns[other], R_so, p_so,
+        V, A, C, height, J, J_o, com, down = geometry(
+            Y, self.model.mass, posture.com, J_sole(foot), R[foot], p[foot], columns[foot], soles[foot],
+            J_sole(other), R[other], p[other], columns[other], soles[other], y, w,
+            *((np.zeros((6, n)), np.zeros((6, 6)), 0.0) if before is None else (before.V, before.A, now.dt)),
+            self._v, self._a,
         )  # fmt: skip
-        tau = self._moving(V, w[:n], qd, now.dt) if self._swing else self._no_torque
-        down = -self.model.gravity * posture.R[foot][:, 2]
-        M, torque, weight = carried(Y, tau, down, V, columns[foot], columns[other])
+        # How the moving masses resist, the joints not accelerating.
+        tau = pin.rnea(self._pin, self._data, self._q, self._v, self._a) if self._swing else self._no_torque
+        M, f = carried(Y, tau, self.model.gravity * down, V, columns[foot], columns[other], A)
         if not self._swing:  # the legs move without reaction
-            M[:n, n:] = M[n:, :n] = 0.0
-        f = -weight - torque
+            M[:n, n:m] = M[n:m, :n] = M[m:, n:m] = M[n:m, m:] = 0.0
         if self._pushing:
             push = Push(np.zeros(3), np.zeros(3))
             for effect in self._pushing:
                 effect.push(push, now)
-            f += push.force @ J[:3] + push.moment @ J[3:]
+            f[:m] += push.force @ J[:3] + push.moment @ J[3:]
             f[:n] += push.trunk @ V
-        K, D, e, rate = np.zeros((m, m)), np.zeros((m, m)), x - theta, w - sample.motor_qd[order]
-        for side, part, J_leg, load in ((foot, slice(0, n), J[:, :n], share), (other, slice(n, m), J_o, 1.0 - share)):
-            leg = self._springs(side, J_leg, load, e[part], rate[part], w[part] - rate[part])
-            K[part, part], D[part, part] = leg.K_q, leg.D_q
-            f[part] -= leg.torque
-        sole = robot.soles[other]
-        H = lifts(V_o, posture.R[other], posture.p[other], sole)
-        held = x[n:] + off - B @ x[:n]
+        weight, e = self.model.mass * self.model.gravity, y[:m] - theta
+        loads = (share * weight, (1.0 - share) * weight)
+        K, D = self._K[foot].copy(), self._D[foot]
+        if self.model.springs.plain:
+            if self._topples:
+                topple_both(J, J_o, *loads, e, K, f)
+        else:
+            D, rate = D.copy(), w[:m] - turning
+            for side, part, J_leg, load in zip(
+                (foot, other), (slice(0, n), slice(n, m)), (J[:, :n], J_o), loads, strict=True
+            ):
+                leg = self._springs(side, J_leg, load, e[part], rate[part], turning[part])
+                K[part, part], D[part, part] = leg.K_q, leg.D_q
+                f[part] -= leg.torque
+        sole = soles[other]
         reach = 0.5 * float(min(sole[1] - sole[0], sole[3] - sole[2]))
-        com, _ = posture.com_in_sole(foot)
-        return LegTerms(foot, double, x, theta, M, K, D, f, J, V, B, held, H, reach, com)
+        return LegTerms(foot, double, y.copy(), theta, M, K, D, f, J, V, A, C, height, reach, com)
 
     def _springs(
-        self, foot: Foot, J: Array, share: float, deflection: Array, rate: Array, motor_rate: Array
+        self, foot: Foot, J: Array, load: float, deflection: Array, rate: Array, motor_rate: Array
     ) -> LegSprings:
-        load = share * self.model.mass * self.model.gravity
         leg = self.model.springs.leg(foot, J, load, deflection, rate, motor_rate, deflection)
         if not self._topples:  # as if gravity were taken where the springs are not deflected
             leg.torque -= load * leg.height_hessian() @ deflection
         return leg
-
-    def _moving(self, V: Array, w: Array, qd: Array, dt: float) -> Array:
-        """Generalised forces (nv,) by which the moving masses resist, without gravity, the joints not accelerating."""
-        self._v[:6] = V @ w
-        self._v[self.robot.idx_v] = qd
-        before = self._terms
-        same = before is not None and before.foot == self._foot and dt > 0.0
-        self._a[:6] = (V - before.V) @ w / dt if same else 0.0  # type: ignore[union-attr]
-        return pin.rnea(self._pin, self._data, self._q, self._v, self._a)
-
-
-def _swapped(state: Array) -> Array:
-    """Joint positions (m,), or positions and rates (2m,), with the other leg's first."""
-    return state.reshape(-1, 2, len(state) // 4 if len(state) > 12 else len(state) // 2)[:, ::-1].ravel()
 
 
 def tilt(R_base_sole: Array) -> Array:

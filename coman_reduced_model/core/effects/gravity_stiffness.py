@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from ..stiffness import topple
 from .base import Effect
 
 if TYPE_CHECKING:
@@ -23,6 +24,4 @@ class GravityStiffness(Effect):
     name: ClassVar[str] = "gravity_stiffness"
 
     def springs(self, leg: LegSprings) -> None:
-        K = leg.load * leg.height_hessian()
-        leg.K_q += K
-        leg.torque -= K @ leg.at  # gravity itself is counted there
+        topple(leg.J, leg.load, leg.at, leg.K_q, leg.torque)

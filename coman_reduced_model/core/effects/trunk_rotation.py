@@ -12,8 +12,8 @@ from .base import Effect
 class TrunkRotation(Effect):
     """Replaces the point mass by the trunk on its legs with all six freedoms (`core/trunk_model.py`).
 
-    In double support both act, the other one as far as its foot presses on the ground: within the edges of its sole
-    (the URDF's collision boxes, or `robot.foot_length` and `foot_width`), and with `friction` holding it.
+    The ground presses on the corners of the soles (the URDF's collision boxes, or `robot.foot_length` and
+    `foot_width`) and holds them by `friction` (`core/contact.py`); in double support on those of both.
     """
 
     name: ClassVar[str] = "trunk_rotation"
