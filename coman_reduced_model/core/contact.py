@@ -239,8 +239,8 @@ def track(
             friction, reach,
         )  # fmt: skip
         if k == 0:
-            for i in range(m):
-                error = measured[i] - y[i]
+            for i in range(size):  # the support sole stands, so it is level on the ground, or will be soon
+                error = (measured[i] if i < m else 0.0) - y[i]
                 y[i] += (1.0 - np.exp(-2.0 * bandwidth * dt)) * error
                 w[i] += bandwidth**2 * dt * np.exp(-bandwidth * dt) * error
             for i in range(3):

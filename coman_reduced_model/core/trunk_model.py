@@ -2,8 +2,8 @@
 """The trunk on its legs with all six freedoms: what the point mass of the paper leaves out (effect `trunk_rotation`).
 
 Coordinates are the joints x (m,) of both legs at the link side, the support leg's first, and a small displacement of
-the support sole from level ground (6,); together they are the pose of the trunk and of both soles. Under (A1) the motors
-theta(t) are known, and
+the support sole from level ground (6,); together they are the pose of the trunk and of both soles. Under (A1) the
+motors theta(t) are known, and
 
     M x'' + D_q (x' - theta') + K_q (x - theta) = -tau(x, x') + what the ground does
 
@@ -11,9 +11,9 @@ with M the inertia that the joints carry and tau the torques of gravity and of t
 both at the predicted posture, so that the toppling of the loaded leg (`gravity_stiffness`) is in them. Only positions
 of the motors are needed, never their acceleration.
 
-The ground can only press on the corners of the soles, and push them aside no more than friction holds (`contact.py`): a
-foot that has just landed or is about to leave stands on an edge or a corner, and the springs of its leg hold little, and
-a robot that sways stands on the edges of both. That, not a share of stiffness, is how the load passes from leg to leg.
+The ground can only press on the corners of the soles, and holds them no more than friction does (`contact.py`): a foot
+that has just landed or is about to leave stands on an edge or a corner, and the springs of its leg hold little, and a
+robot that sways stands on the edges of both. That, not a share of stiffness, is how the load passes from leg to leg.
 How feet slide against each other in double support is measured; all else follows from the motors and the phase.
 """
 
