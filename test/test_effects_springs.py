@@ -16,6 +16,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import active_effects
 from coman_reduced_model.core.model import Model
 from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.core.springs import LegSprings, Springs
 from coman_reduced_model.core.types import Foot
 
@@ -182,15 +183,20 @@ CASES = {
 }
 
 
+def on_broad_soles() -> Robot:
+    """The robot that does not topple sideways on one leg."""
+    machine = robot().copy()
+    machine.soles = dict.fromkeys(machine.soles, np.array([-0.1, 0.2, -0.15, 0.15]))
+    return machine
+
+
 def settled(settings: Config, seconds: float = 15.0, start: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """COM (3,) and tilt (2,) of a free run of a robot whose motors stand still, after it has come to rest."""
-    machine = robot().copy()
-    machine.soles = dict.fromkeys(machine.soles, np.array([-0.1, 0.2, -0.15, 0.15]))  # else it would topple sideways
-    predictor = Predictor(machine, settings)
+    predictor = Predictor(on_broad_soles(), settings)
     q = BENT if start is None else start
     for k in range(round(20 * seconds)):
         result = predictor.update(on_one_leg(10**9 + 50_000_000 * k, q, BENT))
-    assert np.abs(result.predicted_com_vel).max() < 1e-4
+    assert np.abs(result.predicted_com_vel).max() < 5e-4
     return result.predicted_com, result.predicted_tilt
 
 
@@ -292,7 +298,7 @@ def test_ground_that_gives_way_is_seen_by_the_wrench_and_felt_by_the_model(base)
     yielding = config("ground_compliance", "", settings, vertical=5e-6, rotational=5e-4)
     found = {}
     for name, each in (("hard", settings), ("soft", yielding)):
-        predictor = Predictor(robot(), each)
+        predictor = Predictor(on_broad_soles(), each)
         for k in range(300):
             sample = on_one_leg(10**9 + 50_000_000 * k, q.copy(), BENT)
             sample.left_wrench = wrench.copy()

@@ -190,3 +190,13 @@ def test_swing_momentum_is_needed_for_the_fore_aft_motion():
 def test_what_does_not_go_together_is_refused(changes, words):
     with pytest.raises(ConfigError, match=words):
         Config().replaced(changes)
+
+
+def test_a_robot_that_must_topple_is_predicted_anew_and_never_by_nan():
+    """On one leg, its COM beside the sole, and yet the encoders say that it stands."""
+    machine, theta = robot(), np.array(BENT)
+    predictor = Predictor(machine, config(*WHOLE))
+    results = [predictor.update(standing(machine, 10**9 + k * 20_000_000, theta, theta)) for k in range(600)]
+    assert sum(bool(r.flags & Flags.REJECTED_STATE) for r in results) >= 1
+    error = np.array([r.residual for r in results])
+    assert np.isfinite(error).all() and np.linalg.norm(error, axis=1).max() < 0.5

@@ -80,6 +80,8 @@ class Stride:
     def add(self, now: Now, terms: LegTerms) -> None:
         """Remember a sample; at a change of phase, find out how long the stride is."""
         stamp, plan = now.sample.stamp_ns, now.sample.reference
+        if not np.isfinite(terms.f).all():  # of a free run that has diverged
+            return
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
             row: dict[str, Any] = {"stamp": stamp, "T_odom_sole": now.T_odom_sole}
             row["plan"] = np.nan if plan is None else plan.com

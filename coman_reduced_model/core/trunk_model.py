@@ -35,7 +35,7 @@ from .robot import Robot
 from .springs import LegSprings
 from .stride import Stride, swapped
 from .trunk import carried, geometry, tell, topple_both
-from .types import Array, Foot, Phase
+from .types import Array, Foot, Phase, Sample
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
@@ -126,8 +126,7 @@ class TrunkModel(Dynamics):
             self._change_leg(now.foot)
         order = self._order[now.foot]
         if first := self._filtered is None:
-            self._filtered = np.zeros((2, len(order) + 6))
-            self._filtered[:, : len(order)] = sample.q[order], sample.qd[order]
+            self._filtered = self._measured(sample)
         assert self._filtered is not None
         self._terms, before = self._assemble(now), self._terms
         self._theta = self._terms.theta
@@ -140,7 +139,17 @@ class TrunkModel(Dynamics):
                 self._filtered, free, self._P, sample.q[order], now.dt, _LONGEST, _FILTER, _FOLLOWS, t.double,
                 t.M, t.K, t.D, t.f, self._theta, t.theta, t.C, t.height, t.y, self._friction, t.reach,
             )  # fmt: skip
+            if not np.isfinite(self._filtered).all():  # with the free run, at whose posture all terms are taken
+                self._filtered = self._measured(sample)
+                self._P[:] = 0.0
         return True
+
+    def _measured(self, sample: Sample) -> Array:
+        """The state (2, m + 6) by the encoders alone, the support sole level on the ground."""
+        order = self._order[self._foot]
+        state = np.zeros((2, len(order) + 6))
+        state[:, : len(order)] = sample.q[order], sample.qd[order]
+        return state
 
     def switch(self, now: Now, T_odom_sole: Array) -> None:
         """`prepare` has told the free run by the new support leg: the joints stay as they are."""
@@ -151,6 +160,8 @@ class TrunkModel(Dynamics):
         self._free = self._filtered.copy()
         self._P[1] = self._P[0]
         self._tell()
+        if self.state is None or not np.isfinite(self.state).all():  # the terms are those of a free run that has left all bounds
+            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), tilt(now.link.R[now.foot])
 
     def advance(self, now: Now) -> None:
         """To where `prepare` has already brought it."""
