@@ -42,6 +42,7 @@ from .types import Array, Foot, Phase, Sample
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
 _FOLLOWS = 0.02  # [s] of the feet in the free run after those measured
+_FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
 _FADES = 0.1  # [s] time constant of a horizontal deflection whose future nothing tells
 
 
@@ -160,13 +161,20 @@ class TrunkModel(Dynamics):
         self._free = self._filtered.copy()
         self._P[1] = self._P[0]
         self._tell()
-        if self.state is None or not np.isfinite(self.state).all():  # the terms are those of a free run that has left all bounds
+        if (
+            self.state is None or not np.isfinite(self.state).all()
+        ):  # the terms are those of a free run that has left all bounds
             self.state, self.tilt = np.concatenate((now.com, now.com_vel)), tilt(now.link.R[now.foot])
 
     def advance(self, now: Now) -> None:
         """To where `prepare` has already brought it."""
         self._free = self._next
         self._tell()
+        assert self._free is not None and self.state is not None
+        if (
+            not np.abs(self._free[0, -6:]).max() < _FALLEN
+        ):  # over an edge of its sole, in whose frame it stays where it is
+            self.state = np.full(6, np.nan)
 
     def ahead(self, now: Now, horizons: Array) -> Array:
         """Through the stride before, if the robot repeats it.
