@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages and figures about results. Other reports are made of the same parts: `run`, `figures`, `page`."""
+"""Pages and figures about results, in `prediction` and `validation`. Others are made of `run`, `figures`, `page`.
 
-from .prediction import write_report
-
-__all__ = ["write_report"]
+Nothing is imported here: tuning needs `run` alone, and the drawing library takes seconds.
+"""

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from ..core.config import Config, parameter_table
 from ..core.types import Array
 from ..errors import ConfigError
-from ..report.run import run_of
+from ..report.run import Run, run_of
 from .recording import Progress, Recording
 from .tune import Errors, Tuned, _known, _steps_of, describe, judged
 
@@ -113,6 +113,13 @@ def _begin(*work: Any) -> None:
     _work = work  # type: ignore[assignment]
 
 
+def _runs(values: Array) -> list[Run]:
+    """The model with these values over each bag."""
+    recordings, config, chosen, _, _ = _work
+    trial = changed(config, chosen, values)
+    return [run_of(recording.predict(trial)) for recording in recordings]
+
+
 def _residual(values: Array) -> Array:
     """Measured minus predicted [mm], axis after axis and bag after bag."""
     recordings, config, chosen, windows, axes = _work
@@ -169,6 +176,7 @@ def tune_parameters(
             lambda x: evaluate([x])[0], start, jacobian, bounds=(low, high), x_scale=np.maximum(np.abs(start), 0.1),
             xtol=3e-3, ftol=1e-3, max_nfev=8,
         )  # fmt: skip
+        runs = list(pool.map(_runs, (start, found.x)))
     groups = np.concatenate(
         [np.full(use.sum(), len(axes) * i + k) for i, use in enumerate(windows) for k in range(len(axes))]
     )
@@ -178,7 +186,6 @@ def tune_parameters(
         [k.name for k in chosen], start, found.x, found.jac, found.fun, groups, lags, np.array([low, high]), steps
     )
     tuned = changed(config, chosen, found.x)
-    runs = [[run_of(recording.predict(each)) for recording in recordings] for each in (config, tuned)]
     return Tuned(
         tuned,
         parameters,

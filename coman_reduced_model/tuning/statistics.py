@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ..core.types import Array
 
@@ -37,4 +37,4 @@ def hac_covariance(J: Array, residual: Array, lags: int, groups: Array | None = 
 
 def quantile(freedom: float) -> float:
     """Half width of an interval in standard errors, by Student."""
-    return float(student.ppf(0.5 + CONFIDENCE / 2.0, max(freedom, 1.0)))
+    return float(stdtrit(max(freedom, 1.0), 0.5 + CONFIDENCE / 2.0))
