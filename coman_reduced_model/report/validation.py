@@ -60,7 +60,7 @@ def overview_figure(scores: Sequence[Score]) -> Figure:
     """Bars: x and z, a group a model, a bar a robot."""
     robots = list(dict.fromkeys(s.robot for s in scores))
     figure, plots = new_figure(1, 2, 3.2)
-    shown = [name for name in _SHOWN if name == "rigid robot" or any(s.variant == name for s in scores)]
+    shown = _shown(scores)
     for ax, axis in zip(plots, "xz", strict=True):
         for k, robot in enumerate(robots):
             heights = []
@@ -74,7 +74,12 @@ def overview_figure(scores: Sequence[Score]) -> Figure:
                 heights.append(1e3 * float(np.sqrt(np.mean(np.square(values)))) if values else np.nan)
             place = np.arange(len(shown)) + (k - (len(robots) - 1) / 2) * 0.8 / len(robots)
             bars = ax.bar(place, heights, 0.74 / len(robots), color=SERIES[k], label=robot)
-            ax.bar_label(bars, [f"{h:.1f}" if np.isfinite(h) else "" for h in heights], fontsize=7.5, padding=1)
+            ax.bar_label(
+                bars,
+                [f"{h:.{1 if h >= 1.0 else 2}f}" if np.isfinite(h) else "" for h in heights],
+                fontsize=7.5,
+                padding=1,
+            )
         title(ax, figures.DIRECTIONS[axis])
         ax.set_xticks(range(len(shown)), [name.replace(", ", ",\n").replace(" ", "\n", 1) for name in shown])
         ax.set_ylabel("RMS error [mm]")
@@ -112,17 +117,21 @@ def _paper_figures(done: Validation, case: Case, folder: Path) -> list[Part]:
     return parts
 
 
+def _shown(scores: Sequence[Score]) -> list[str]:
+    return [name for name in _SHOWN if name == "rigid robot" or any(s.variant == name for s in scores)]
+
+
 def _walks(scores: Sequence[Score]) -> Table:
-    body = []
+    body, shown = [], _shown(scores)
     for robot, gait in dict.fromkeys((s.robot, s.gait) for s in scores):
         own = {s.variant: s for s in scores if (s.robot, s.gait) == (robot, gait)}
         cells = []
-        for model in _SHOWN:
+        for model in shown:
             s = own.get("paper" if model == "rigid robot" else model)
             values = None if s is None else s.rigid_m if model == "rigid robot" else s.rmse_m
             cells.append("-" if values is None else ", ".join(f"{1e3 * values[a]:.2f}" for a in "xyz"))
         body.append([f"{robot}, {gait}", *cells])
-    return Table(["walk", *_SHOWN], body, "RMS error of x, y, z [mm].")
+    return Table(["walk", *shown], body, "RMS error of x, y, z [mm].")
 
 
 def _tuned(done: Validation) -> list[Part]:
