@@ -117,16 +117,23 @@ def wrench_from(message: Any) -> WrenchMessage:
 
 
 def imu_from(message: Any) -> ImuMessage:
-    """A sensor_msgs/Imu; its orientation is None if the first covariance says so (-1), as the message defines."""
+    """A sensor_msgs/Imu."""
     o = message.orientation
-    given = message.orientation_covariance[0] >= 0.0
     return ImuMessage(
         stamp_of(message.header),
         message.header.frame_id,
-        np.array((o.x, o.y, o.z, o.w)) if given else None,
+        known_orientation(np.array((o.x, o.y, o.z, o.w)), message.orientation_covariance[0]),
         _xyz(message.angular_velocity),
         _xyz(message.linear_acceleration),
     )
+
+
+def known_orientation(quaternion: Array, covariance: float) -> Array | None:
+    """A quaternion (4,) x y z w; None if the first covariance says so (-1), as the message defines.
+
+    Or if it is no rotation: there are drivers that leave both fields at zero.
+    """
+    return quaternion if covariance >= 0.0 and 0.9 < float(quaternion @ quaternion) < 1.1 else None
 
 
 def reference_from(message: Any) -> Reference:

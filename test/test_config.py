@@ -287,3 +287,14 @@ def test_whole_numbers_with_an_exponent_are_numbers(tmp_path):
     config = load_config(path)
     assert config.model.a1 == 0.1 and config.effects[0].values["vertical"] == 5e-6
     refused({"model.a1": "1e-"}, "model.a1", "'1e-' is not a number")
+
+
+def test_legs_of_unequal_length_cannot_carry_a_turning_trunk():
+    flat = {f"robot.left.{key}": value[:-1] for key, value in (
+        ("joints", Config().robot.left.joints),
+        ("stiffness", Config().robot.left.stiffness),
+        ("damping", Config().robot.left.damping),
+    )}  # fmt: skip
+    assert len(Config().replaced(flat).robot.left.joints) == 5
+    with pytest.raises(ConfigError, match="equally many joints, not 5 and 6"):
+        Config().replaced({**flat, "effects.active": ["trunk_rotation"]})

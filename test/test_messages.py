@@ -311,3 +311,12 @@ def test_quaternions_are_unit_and_turn_back_into_the_rotation(seed, special):
 def test_a_pose_without_orientation_has_no_rotation():
     pose = BAG.Pose(position=BAG.Point(x=0.0, y=0.0, z=0.0), orientation=BAG.Quaternion(x=0.0, y=0.0, z=0.0, w=0.0))
     assert np.isnan(m.matrix_from(pose)[:3, :3]).any()
+
+
+@pytest.mark.parametrize("quaternion", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.5), (np.nan, 0.0, 0.0, 1.0)])
+def test_an_orientation_that_is_no_rotation_is_not_known(quaternion):
+    """Drivers that estimate none leave the field at zero, and its covariance too."""
+    types = m.ros_types()
+    message = types.Imu()
+    message.orientation = types.Quaternion(**dict(zip("xyzw", quaternion, strict=True)))
+    assert m.imu_from(message).orientation is None

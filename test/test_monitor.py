@@ -12,6 +12,8 @@ from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, names, robot, walk, write
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.laws import Laws
+from coman_reduced_model.core.monitor import _NOISE, _QUIETEST, _ROWS, _judge
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot
 from coman_reduced_model.resources import bag_path
@@ -168,3 +170,18 @@ def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):
     first = next(each for each in found if each["channel"] == channel)
     assert BEGINS < first["told_s"] <= BEGINS + WITHIN
     assert all(each["told_s"] > BEGINS for each in found)
+
+
+def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():
+    """A value that was the same in hundreds of phases, then off by far less than such sensors are: no fault."""
+    laws = Laws(robot(), Config())
+    n = len(laws.names)
+    state, least = np.zeros((_ROWS, n)), (_QUIETEST * laws.noise[0]) ** 2
+    state[_NOISE] = laws.noise[0] ** 2
+    for _ in range(600):
+        assert not _judge(state, np.zeros(n), np.zeros(n), least, 5.5, 0.0)
+    for _ in range(2):
+        assert not _judge(state, 0.5 * laws.noise[0], np.zeros(n), least, 5.5, 0.0)
+    for _ in range(2):
+        found = _judge(state, 10.0 * laws.noise[0], np.zeros(n), least, 5.5, 0.0)
+    assert found

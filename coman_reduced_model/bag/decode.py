@@ -17,7 +17,17 @@ from rosbags.typesys.store import Typestore
 
 from ..core.streams import Refused
 from ..core.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
-from ..messages import COM_REFERENCE, FROM, IMU_TYPE, INPUT_TYPES, JOINT_STATE, WRENCH_STAMPED, matrix, plan
+from ..messages import (
+    COM_REFERENCE,
+    FROM,
+    IMU_TYPE,
+    INPUT_TYPES,
+    JOINT_STATE,
+    WRENCH_STAMPED,
+    known_orientation,
+    matrix,
+    plan,
+)
 from .types import typestore
 
 _LITTLE_ENDIAN = b"\x00\x01"
@@ -123,7 +133,7 @@ class _Imu(_Header):
         stamp = self._stamp(raw)
         # Orientation 4, its covariance 9, angular velocity 3, covariance 9, linear acceleration 3, covariance 9.
         values = _floats(raw, _align(self._end, 8), 37)
-        return ImuMessage(stamp, self._frame_id, values[:4] if values[4] >= 0.0 else None, values[13:16], values[25:28])
+        return ImuMessage(stamp, self._frame_id, known_orientation(values[:4], values[4]), values[13:16], values[25:28])
 
 
 class _Reference(_Header):

@@ -63,8 +63,10 @@ def replay(
         player = Replay(node, bag, tuple(topic.lstrip("/") for topic in exclude or ()))
         warn([*player.bag.warnings, *(f"{topic}: not played: {why}" for topic, why in player.progress.skipped.items())])
         time.sleep(wait)
-        if listener:
-            player.wait_for_subscribers([topic.lstrip("/") for topic in listener], _PATIENCE_S)
+        awaited = [topic.lstrip("/") for topic in listener or ()]
+        warn([f"--await {each}: the bag has no such topic: not waited for" for each in awaited if not player.has(each)])
+        if awaited := [each for each in awaited if player.has(each)]:
+            player.wait_for_subscribers(awaited, _PATIENCE_S)
         with progress("replaying") as report:
 
             def keep_going(state: Progress) -> bool:

@@ -373,6 +373,11 @@ def _check_consistency(config: Config, source: str) -> None:
             f"{source}: effects.active: trunk_rotation needs the motor side (prediction.reference: motor), "
             f"not {config.prediction.reference!r}"
         )
+    if "trunk_rotation" in active and len(config.robot.left.joints) != len(config.robot.right.joints):
+        raise ConfigError(
+            f"{source}: effects.active: trunk_rotation needs legs of equally many joints, "
+            f"not {len(config.robot.left.joints)} and {len(config.robot.right.joints)} (robot.left.joints)"
+        )
     if config.support.contact_off >= config.support.contact_on:
         raise ConfigError(
             f"{source}: support.contact_off: {config.support.contact_off} must be below "

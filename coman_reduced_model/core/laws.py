@@ -13,7 +13,7 @@ white. Channels are named as in diagnose/balance.py:
 `feet/slide_x, slide_y`  by how much that changes in a double support [m]
 `tilt/roll, pitch`  trunk by the IMU against the support sole, taken as level [rad]
 `unloaded/FOOT/..`  what the sensor of a foot in the air reads [N, Nm]
-`plan/x, y`       where the motors carry the COM against where com/reference plans it [m]
+`plan/x, y`       where the motors carry the COM against where com/reference plans it (`reference: motor`) [m]
 """
 
 from __future__ import annotations
@@ -68,6 +68,7 @@ class Laws:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self._robot, self._gravity, self._mass = robot, config.robot.gravity, robot.mass
+        self._motors = config.prediction.reference == "motor"  # else the reference COM is the plan itself
         self._data = robot.model.createData()
         self._joints = np.concatenate([robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]])
         self._columns: Array = robot.idx_v  # type: ignore[assignment]
@@ -120,7 +121,7 @@ class Laws:
         motor = self._none if sample.motor_q is None else sample.motor_q
         tau = self._none if sample.tau is None else sample.tau
         plan, sole, up, frame = _NAN3, _NO_POSE, _NAN4, ""
-        if sample.reference is not None and sample.motor_q is not None:
+        if self._motors and sample.reference is not None and sample.motor_q is not None:
             plan = sample.reference.com
             sole = sample.reference.T_odom_left if foot == Foot.LEFT else sample.reference.T_odom_right
         if sample.imu is not None and sample.imu.orientation is not None:
@@ -137,10 +138,13 @@ class Laws:
         self.looks += 1
 
     def _imu_rotation(self, frame: str) -> Array:
+        """Of the IMU in the root link; identity for a frame that the URDF lacks, NaN for one behind a joint."""
         model = self._robot.model
         if not model.existFrame(frame, pin.FrameType.BODY):
             return _IDENTITY
-        return np.array(model.frames[model.getFrameId(frame, pin.FrameType.BODY)].placement.rotation)
+        found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
+        fixed = found.parentJoint == model.frames[self._robot.base_id].parentJoint
+        return np.array(found.placement.rotation) if fixed else np.full((3, 3), np.nan)
 
     def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array]:
         """Of a phase of a kind with so long between its first and its last look.

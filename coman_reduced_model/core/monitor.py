@@ -29,6 +29,7 @@ _FEWEST = 5  # looks that make a phase
 _PIECE_NS = 1_000_000_000  # double support that lasts longer is standing, told in pieces of this
 _UNLIKE = 0.05, 0.15, 0.03  # [rad] joints, [1] and [s] of duration: by more than that it is another gait
 _LEARNT = 2  # phases of a kind that a level is made of at least
+_QUIETEST = 0.3  # of the usual noise: sensors that never vary must not make every hair's breadth a mismatch
 _MEMORY = 20.0  # phases over which a level follows, and noise is known
 _PRIOR = 6.0  # phases that the usual noise is worth
 _STUDENT = 4.0  # by how much more spread is allowed for while few phases tell of the noise
@@ -84,7 +85,10 @@ class Monitor:
         self.phases = 0
         self.reset()
         nothing = np.full(len(self.laws.names), np.nan)
-        _judge(self._state[0], nothing, nothing, self._threshold, 0.0)  # compiled before the first phase ends
+        self._least = (_QUIETEST * self.laws.noise) ** 2
+        _judge(
+            self._state[0], nothing, nothing, self._least[0], self._threshold, 0.0
+        )  # compiled before the first phase ends
 
     def reset(self) -> None:
         """Forget the past; what was told stays in `first`."""
@@ -125,7 +129,8 @@ class Monitor:
             return
         self.phases += 1
         began = (self._began - self._start) * 1e-9
-        if _judge(self._state[kind], values, healthy, self._threshold, self._began_before[kind]) or self.mismatches:
+        before = self._began_before[kind]
+        if _judge(self._state[kind], values, healthy, self._least[kind], self._threshold, before) or self.mismatches:
             self._tell(stamp)
         self._began_before[kind] = began
 
@@ -160,13 +165,14 @@ class Monitor:
 
 
 @compiled
-def _judge(s: Array, values: Array, healthy: Array, threshold: float, before: float) -> bool:
+def _judge(s: Array, values: Array, healthy: Array, least: Array, threshold: float, before: float) -> bool:
     """Compare the values (n,) of a phase with those before, and learn from them.
 
     Args:
         s: (rows, n) state of the channels in that kind of phase.
         values: NaN: nothing known.
         healthy: (n,) variance over healthy robots; 0: not known.
+        least: (n,) variance below which no noise is believed.
         threshold: standard deviations.
         before: when the phase of that kind before this one began [s].
 
@@ -202,7 +208,7 @@ def _judge(s: Array, values: Array, healthy: Array, threshold: float, before: fl
             continue
         s[_KNOWN, i] += 1.0
         square = min(abs(sigma), threshold) ** 2 - 1.0 + s[_DOUBT, i]
-        s[_NOISE, i] *= 1.0 + square / (_PRIOR + min(s[_KNOWN, i], _MEMORY))
+        s[_NOISE, i] = max(least[i], s[_NOISE, i] * (1.0 + square / (_PRIOR + min(s[_KNOWN, i], _MEMORY))))
         s[_DOUBT, i] = 0.0
         if not learnt or abs(sigma) <= 0.5 * threshold:
             gain = s[_VARIANCE, i] / (s[_VARIANCE, i] + noise)

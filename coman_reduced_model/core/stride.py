@@ -106,6 +106,8 @@ class Stride:
             state: (2, m + 6) measured joints, support leg's first, and its sole; their rates.
             horizons: (k,) ascending [s].
         """
+        if self._memory is None:
+            return None
         stamp = now.sample.stamp_ns
         if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < _EVERY:
             self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + _EVERY)

@@ -165,9 +165,9 @@ class Finding:
     refused: list[tuple[Candidate, str]] = field(default_factory=list)
 
     def leftover(self) -> dict[str, float]:
-        """By group, what the middle recording has left, in units of the noise floor.
+        """By group, what the middle recording has left (of two, the worse), in units of the noise floor.
 
-        A robot that staggers through one of its walks is not of another kind for that.
+        A robot that staggers through one of three walks is not of another kind for that.
         """
         assert self.fit is not None
         ratios: dict[str, list[float]] = {}
@@ -175,7 +175,7 @@ class Finding:
             for key, value in case.left(case.own(self.fit, self.released)).items():
                 if case.floor.get(key, 0.0) > 0.0:
                     ratios.setdefault(key, []).append(float(np.sqrt(np.mean(value**2))) / case.floor[key])
-        return {key: sorted(values)[(len(values) - 1) // 2] for key, values in ratios.items()}
+        return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
 
     def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
         """By group, what is left of a recording without and with what was found: the effects are all the difference.
@@ -352,8 +352,10 @@ def _settle(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[
     Steps are no longer than a reach, and half as long after each turn back: a spring four times too soft is far from
     linear.
     """
-    known, at, cases = finding.known, finding.at, finding.train
+    known, cases = finding.known, finding.train
     fit = _sum(cases).fit(released)
+    at = np.zeros(len(known))  # what was dropped is gone at once
+    at[list(released)] = finding.at[list(released)]
     longest = np.array([figure.reach for figure in known])
     last = np.zeros(len(known))
     for _ in range(STEPS):

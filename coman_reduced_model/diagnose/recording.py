@@ -220,12 +220,16 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
     if len(imu) < 10:
         return None
     at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
-    keep = np.diff(at, prepend=-np.inf) > 0.0
+    keep = at > np.concatenate([[-np.inf], np.maximum.accumulate(at)[:-1]])
+    if keep.sum() < 10:
+        return None
     slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
     up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
     if robot.model.existFrame(frame, pin.FrameType.BODY):
-        placement = robot.model.frames[robot.model.getFrameId(frame, pin.FrameType.BODY)].placement
-        up = up @ placement.rotation.T
+        found = robot.model.frames[robot.model.getFrameId(frame, pin.FrameType.BODY)]
+        if found.parentJoint != robot.model.frames[robot.base_id].parentJoint:
+            return None  # on another link than the root: its joints turn it
+        up = up @ found.placement.rotation.T
     return np.asarray(up)
 
 

@@ -198,11 +198,14 @@ class Diagnostics:
         if monitor is None:
             return OK, "not watched (monitor.enabled)", {}
         values: dict[str, Any] = {"support phases compared": monitor.phases}
-        lines = [f"{each}, since {each.since_ns * 1e-9:.2f} s" for each in status.mismatches]
+        stamp = self._node.get_clock().now().nanoseconds
+        lines = [f"{each}, for {max(0.0, (stamp - each.since_ns) * 1e-9):.1f} s" for each in status.mismatches]
         for each, line in zip(status.mismatches, lines, strict=True):
             values[each.channel] = line
         if lines:
             return WARN, lines[0] + (f"; {len(lines) - 1} more" if len(lines) > 1 else ""), values
+        if not monitor.phases:
+            return OK, "nothing to compare yet", values
         return OK, "the robot is as it was, and as it is described", values
 
     def _latency(self, seconds: float) -> tuple[bytes, str, dict[str, Any]]:

@@ -81,6 +81,10 @@ class Replay:
         for topic, _, raw in self.bag.raw(self._latched):
             self._publishers[topic].publish(raw)
 
+    def has(self, topic: str) -> bool:
+        """Whether a topic (without leading slash) is played."""
+        return f"/{topic}" in self._publishers or topic in self._publishers
+
     def subscribers(self, topic: str) -> int:
         """How many subscriptions a topic of the bag (without leading slash) has been matched with."""
         publisher = self._publishers.get(f"/{topic}") or self._publishers.get(topic)
@@ -108,7 +112,7 @@ class Replay:
             if not missing and now - since > 0.3:
                 return True
             if now > deadline:
-                raise ComanError(f"nobody listens to {', '.join(missing)} after {timeout_s:g} s")
+                raise ComanError(f"nobody listens to {', '.join(missing or topics)} after {timeout_s:g} s")
             time.sleep(0.02)
         return False
 
