@@ -66,10 +66,8 @@ CASES = (
 )
 COMMANDED = ("motor_lag", "transport_delay", "motor_compliance")
 MODELS = {
-    "trunk": Config().replaced(
-        {"effects.active": ["gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance"]}
-    ),
-    "paper": Config(),
+    "trunk": Config(),
+    "paper": Config().replaced({"effects.active": ["none"]}),
 }
 
 

@@ -30,8 +30,7 @@ from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 from coman_reduced_model.tuning.recording import Recording, read_recording
 
-EFFECTS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
-MODELS = {"the paper's model": (), "with the four effects": EFFECTS}
+MODELS = {"the paper's model": ("none",), "with the four effects": ("standard",)}
 
 
 class Replay:

@@ -32,20 +32,20 @@ from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.topics import TopicNames
 
-EFFECTS = ["gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance"]
+PAPER = {"effects.active": ["none"]}
 VARIANTS = {
-    "the paper's model, no horizons": {"prediction.horizons": []},
-    "the paper's model, horizons": {},
+    "the paper's model, no horizons": PAPER | {"prediction.horizons": []},
+    "the paper's model, horizons": PAPER,
     "condensed, both legs, gravity, lateral; horizons": {
         "model.stiffness": "condensed",
         "model.double_support": "both_legs",
         "effects.active": ["gravity_stiffness", "lateral_compliance"],
     },
     "no motor side (LIPM), horizons": {"prediction.reference": "none"},
-    "every physical effect, no horizons": {"prediction.horizons": [], "effects.active": EFFECTS},
-    "every physical effect, horizons": {"effects.active": EFFECTS},
+    "the standard effects, no horizons": {"prediction.horizons": []},
+    "the standard effects, horizons": {},
 }
-PARTS = ("the paper's model, horizons", "every physical effect, horizons")
+PARTS = ("the paper's model, horizons", "the standard effects, horizons")
 
 
 def read_samples(path: Path) -> tuple[Robot, list[Sample]]:

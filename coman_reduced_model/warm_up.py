@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .core.config import Config
+from .core.config import NOTHING, Config
 from .core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.pipeline import Pipeline
 from .core.robot import Robot
@@ -83,5 +83,5 @@ if __name__ == "__main__":  # `make setup`: the default robot's model, and all t
 
     default = Config()
     coman = Robot(config_path("coman.urdf").read_text(encoding="utf-8"), default.robot)
-    for effects in ((), tuple(name for name, effect in CATALOGUE.items() if effect.place == "robot")):
+    for effects in ((NOTHING,), tuple(name for name, effect in CATALOGUE.items() if effect.place == "robot")):
         warm_up(coman, default.replaced({"effects.active": effects}), bag_types())

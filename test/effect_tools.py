@@ -15,19 +15,20 @@ from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.core.types import Foot, Prediction, Sample
 
-TRUNK = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+PAPER = Config().replaced({"effects.active": ["none"]})
 
 
 def config(effect: str, where: str = "", base: Config | None = None, **values: float) -> Config:
     """The configuration `base` with one effect more."""
-    base = base or Config()
+    base = base or PAPER
     active = tuple(dict.fromkeys((*base.flat()["effects.active"], effect)))
     changes = {f"effects.{effect}.{key}": [value] for key, value in values.items()}
     return base.replaced({"effects.active": active, f"effects.{effect}.where": [where], **changes})
 
 
 def trunk_config() -> Config:
-    return Config().replaced({"effects.active": TRUNK})
+    """With the standard effects."""
+    return Config()
 
 
 def spoilt(change: Callable[[str, Any], Any], seconds: float = 1.0, **options: Any) -> list[Message]:

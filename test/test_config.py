@@ -11,7 +11,14 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coman_reduced_model.core.config import Config, config_from_flat, config_to_yaml, load_config, parameter_table
+from coman_reduced_model.core.config import (
+    STANDARD_EFFECTS,
+    Config,
+    config_from_flat,
+    config_to_yaml,
+    load_config,
+    parameter_table,
+)
 from coman_reduced_model.core.effects import CATALOGUE
 from coman_reduced_model.errors import ConfigError
 
@@ -295,6 +302,31 @@ def test_legs_of_unequal_length_cannot_carry_a_turning_trunk():
         ("stiffness", Config().robot.left.stiffness),
         ("damping", Config().robot.left.damping),
     )}  # fmt: skip
-    assert len(Config().replaced(flat).robot.left.joints) == 5
+    uneven = Config().replaced(flat)
+    assert len(uneven.robot.left.joints) == 5 and uneven.effects == ()
     with pytest.raises(ConfigError, match="equally many joints, not 5 and 6"):
         Config().replaced({**flat, "effects.active": ["trunk_rotation"]})
+
+
+def test_standard_effects_act_on_the_motor_side_alone(tmp_path):
+    names = [effect.name for effect in Config().effects]
+    assert names == list(STANDARD_EFFECTS)
+    for reference in ("topic", "none"):
+        other = Config().replaced({"prediction.reference": reference})
+        assert other.effects == () and config_from_flat({"prediction.reference": reference}, "here").effects == ()
+        with pytest.raises(ConfigError, match=f"trunk_rotation needs the motor side .* not '{reference}'"):
+            Config().replaced({"prediction.reference": reference, "effects.active": ["trunk_rotation"]})
+    loaded = Config().replaced({"effects.active": ["standard", "payload"], "effects.payload.mass": [1.0]})
+    assert [effect.name for effect in loaded.effects] == [*names, "payload"]
+    kept = loaded.replaced({"prediction.reference": "topic"})
+    assert [effect.name for effect in kept.effects] == ["payload"] and kept.effects[0].values["mass"] == 1.0
+    slippery = Config().replaced({"effects.trunk_rotation.friction": [0.2]}).replaced({"support.contact_on": 0.1})
+    assert slippery.effects[1].values["friction"] == 0.2
+
+
+@pytest.mark.parametrize("nothing", [["none"], []])
+def test_no_effects_stay_none_through_a_file(tmp_path, nothing):
+    plain = Config().replaced({"effects.active": nothing})
+    assert plain.effects == () and plain.replaced({"model.a1": 2.0}).effects == ()
+    path = write(tmp_path, config_to_yaml(plain))
+    assert "effects.active: [none]" in path.read_text() and load_config(path).effects == ()

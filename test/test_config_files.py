@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from coman_reduced_model.core.config import Config, load_config
+from coman_reduced_model.core.config import STANDARD_EFFECTS, Config, load_config, parameter_table
 from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.describe import urdf
@@ -35,10 +35,17 @@ def test_each_loads_and_has_no_empty_list(path: Path) -> None:
 
 
 def test_coman_yaml_lists_every_default_in_the_order_of_the_table() -> None:
-    flat = {key: value for key, value in Config().flat().items() if value != ()}
     path = config_path("coman")
-    assert {key: value for key, value in load_config(path).flat().items() if value != ()} == flat
-    assert keys(yaml.safe_load(path.read_text())["/**"]["ros__parameters"]) == list(flat)
+    assert load_config(path).flat() == Config().flat()
+    table = {name: parameter.nominal for name, parameter in parameter_table().items() if parameter.nominal != ()}
+    listed = [name for name in table if name == "effects.active" or not name.startswith("effects.")]
+    assert keys(yaml.safe_load(path.read_text())["/**"]["ros__parameters"]) == listed
+
+
+def test_the_default_has_the_standard_effects_and_coman_paper_none() -> None:
+    assert tuple(effect.name for effect in load_config(config_path("coman")).effects) == STANDARD_EFFECTS
+    assert load_config(config_path("coman_paper")).effects == ()
+    assert load_config(config_path("icub")).effects == (), "no motor side: nothing that they could act on"
 
 
 def test_coman_yaml_fits_the_virtual_robot() -> None:

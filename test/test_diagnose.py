@@ -10,8 +10,7 @@ import pytest
 from synthetic import walk, write_bag
 
 from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.config import load_config
-from coman_reduced_model.diagnose.workflow import STRUCTURE
+from coman_reduced_model.core.config import STANDARD_EFFECTS, load_config
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
@@ -150,7 +149,7 @@ def test_a_healthy_robot_lacks_nothing(bags, diagnose):
     train, held = bags("clean")
     result, out = diagnose(train, "--holdout", held)
     assert result["verdict"] == "none" and result["effects"] == [], result["sentence"]
-    assert [each.name for each in load_config(out / "model.yaml").effects] == list(STRUCTURE)
+    assert [each.name for each in load_config(out / "model.yaml").effects] == list(STANDARD_EFFECTS)
 
 
 @pytest.mark.slow

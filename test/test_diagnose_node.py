@@ -11,8 +11,8 @@ from conftest import PATIENCE
 from ros_testing import Peer, compile_once, paced, vector
 
 from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.config import config_to_yaml, load_config
-from coman_reduced_model.diagnose.workflow import MODEL_FILE, STRUCTURE
+from coman_reduced_model.core.config import STANDARD_EFFECTS, config_to_yaml, load_config
+from coman_reduced_model.diagnose.workflow import MODEL_FILE
 from coman_reduced_model.ros.replay import Replay
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
@@ -55,7 +55,7 @@ def test_the_found_model_predicts_the_held_out_walk_better_in_the_node(replayed,
     found = load_config(tmp_path / "found" / MODEL_FILE)
     assert "joint_stiffness" in [effect.name for effect in found.effects]
     # Before: the same model without what was found.
-    effects = tuple(effect for effect in found.effects if effect.name in STRUCTURE)
+    effects = tuple(effect for effect in found.effects if effect.name in STANDARD_EFFECTS)
     before = tmp_path / "before.yaml"
     before.write_text(config_to_yaml(dataclasses.replace(found, effects=effects), "before"))
     without, with_it = replayed(held, before), replayed(held, tmp_path / "found" / MODEL_FILE)

@@ -7,7 +7,7 @@ import dataclasses
 import math
 
 import pytest
-from effect_tools import config, same, trunk_config
+from effect_tools import PAPER, config, same, trunk_config
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config, config_to_yaml, load_config
@@ -25,7 +25,7 @@ VOCABULARY = """gravity_stiffness trunk_rotation swing_momentum lateral_complian
     ground_compliance ground_slope external_force foot_slip touchdown_impact encoder_bias encoder_delay wrench_delay
     wrench_scale wrench_bias""".split()
 PLACES = {"robot": [""], "foot": ["left", "right", ""], "joint": ["LKneeSag", "right", ""]}
-BASES = {"point mass": Config(), "both legs": Config().replaced({"model.double_support": "both_legs"}),
+BASES = {"point mass": PAPER, "both legs": PAPER.replaced({"model.double_support": "both_legs"}),
          "trunk": trunk_config()}  # fmt: skip
 # What replaces the model by a better one changes it whatever its figures; all others must vanish.
 OPTIONS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
@@ -81,7 +81,7 @@ def test_each_effect_at_each_place_goes_through_a_file(tmp_path, name):
     for parameter in effect.parameters:
         step = 0.1 * (min(parameter.high, parameter.nominal + 1.0) - parameter.nominal)
         changes[f"effects.{name}.{parameter.name}"] = [parameter.nominal + k * step for k in range(len(places))]
-    written = Config().replaced({"effects.active": [name, *effect.needs], **changes})
+    written = PAPER.replaced({"effects.active": [name, *effect.needs], **changes})
     path = tmp_path / "model.yaml"
     path.write_text(config_to_yaml(written), encoding="utf-8")
     assert load_config(path) == dataclasses.replace(written, directory=tmp_path)
@@ -95,7 +95,7 @@ def test_each_effect_at_each_place_goes_through_a_file(tmp_path, name):
     ("", 12, (Foot.LEFT, Foot.RIGHT)), ("left", 6, (Foot.LEFT,)), ("RAnkSag", 1, (Foot.RIGHT,))
 ])  # fmt: skip
 def test_a_place_names_a_joint_a_leg_or_all(where, joints, feet):
-    robot = find_robot(Config().replaced({"robot.urdf": ""}), Bag(bag_path("test1")), TopicNames())
+    robot = find_robot(PAPER, Bag(bag_path("test1")), TopicNames())
     (effect,) = active_effects(config("encoder_bias", where).effects, robot)
     assert len(effect.joints) == joints and effect.feet == feet
     assert list(effect.joints) == [i for foot in feet for i in robot.legs[foot][effect.leg_joints[foot]]]

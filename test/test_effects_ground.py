@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_tools import config, predicted, values
+from effect_tools import PAPER, config, predicted, values
 from synthetic import T0, robot, walk
 
-from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import active_effects
 from coman_reduced_model.core.types import Foot, Phase, SupportState
 
@@ -19,7 +18,7 @@ LIMP = {f"robot.{side}.{key}": [value] * 6 for side in ("left", "right")
 @pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
 def test_a_landing_changes_the_momentum_by_its_impulse(rate):
     """On legs that hold nothing; the foot is below the hip, so that the blow is upward within some percent."""
-    base = Config().replaced({**LIMP, "prediction.horizons": [], "prediction.reset_every_steps": 0})
+    base = PAPER.replaced({**LIMP, "prediction.horizons": [], "prediction.reset_every_steps": 0})
     messages = walk(1.5, rate)
     plain, _ = predicted(messages, base)
     struck, _ = predicted(messages, config("touchdown_impact", base=base, impulse=0.5))
@@ -50,7 +49,7 @@ def test_a_foot_slides_back_once_a_step_and_carries_the_robot_along():
 
 def test_odometry_follows_the_sliding_foot():
     messages = walk(2.4)
-    held, _ = predicted(messages, Config())
+    held, _ = predicted(messages, PAPER)
     slipped, _ = predicted(messages, config("foot_slip", "", distance=0.01))
     way = values(slipped, "T_odom_sole")[:, 0, 3] - values(held, "T_odom_sole")[:, 0, 3]
     phases = [p.support.phase for p in held]

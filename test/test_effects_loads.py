@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_tools import config, predicted, same, spoilt, trunk_config, values
+from effect_tools import PAPER, config, predicted, same, spoilt, trunk_config, values
 from scipy.integrate import solve_ivp
 from synthetic import T0, description, posture, robot, velocity, walk
 
@@ -27,7 +27,7 @@ LOAD = """
 TRUNK_COM = '<origin xyz="-0.005 0 0.077" rpy="0 0 0"'
 
 
-@pytest.mark.parametrize("base", [Config(), trunk_config()], ids=["point mass", "trunk"])
+@pytest.mark.parametrize("base", [PAPER, trunk_config()], ids=["point mass", "trunk"])
 def test_a_payload_is_a_mass_in_the_urdf(base):
     heavy = Robot(description().replace("</robot>", f"{LOAD}</robot>"), Config().robot)
     assert heavy.mass == pytest.approx(robot().mass + 1.5)
@@ -39,7 +39,7 @@ def test_a_payload_is_a_mass_in_the_urdf(base):
     assert np.nanmax(np.abs(values(without, "measured_com") - values(expected, "measured_com"))) > 1e-3
 
 
-@pytest.mark.parametrize("base", [Config(), trunk_config()], ids=["point mass", "trunk"])
+@pytest.mark.parametrize("base", [PAPER, trunk_config()], ids=["point mass", "trunk"])
 def test_a_com_offset_is_an_inertial_origin_in_the_urdf(base):
     assert f"<inertial>\n      {TRUNK_COM}" in description()
     moved = Robot(description().replace(TRUNK_COM, '<origin xyz="0.015 -0.01 0.107" rpy="0 0 0"', 1), Config().robot)
@@ -67,7 +67,7 @@ def test_a_delayed_reference_counts_when_it_is_done():
         return replace(message, stamp_ns=message.stamp_ns - 40_000_000) if stream == MOTORS else message
 
     results, _ = predicted(spoilt(change), config("transport_delay", delay=0.04))
-    expected, _ = predicted(walk(1.0), Config())
+    expected, _ = predicted(walk(1.0), PAPER)
     same(results[10:-10], expected[10:-10], 0.0)
 
 
@@ -91,9 +91,9 @@ def test_motors_lag_behind_what_they_echo():
         y = motion[round(1e9 * t)]
         return replace(message, position=y, velocity=(posture(t) + 0.01 - y) / T)
 
-    lagged, _ = predicted(spoilt(change), Config())
+    lagged, _ = predicted(spoilt(change), PAPER)
     results, _ = predicted(walk(1.0), config("motor_lag", time_constant=T))
-    ideal, _ = predicted(walk(1.0), Config())
+    ideal, _ = predicted(walk(1.0), PAPER)
     for name in ("reference_com", "predicted_com"):
         error = np.nanmax(np.abs(values(results, name) - values(lagged, name)))
         effect = np.nanmax(np.abs(values(ideal, name) - values(lagged, name)))

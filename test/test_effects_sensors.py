@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_tools import config, predicted, same, spoilt
+from effect_tools import PAPER, config, predicted, same, spoilt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import LEFT, RIGHT, T0, names, robot, walk
 
-from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import JOINTS, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Flags, Foot
@@ -21,7 +20,7 @@ from coman_reduced_model.errors import ConfigError
 
 @pytest.fixture(scope="module")
 def clean():
-    return predicted(walk(1.0), Config())[0]
+    return predicted(walk(1.0), PAPER)[0]
 
 
 @pytest.mark.parametrize("where", ["LKneeSag", "right", ""])
@@ -34,7 +33,7 @@ def test_bias_of_link_encoders_is_taken_off(clean, where):
 
     messages = spoilt(change)
     same(predicted(messages, config("encoder_bias", where, bias=0.02))[0], clean, 1e-9)
-    blind = predicted(messages, Config())[0]
+    blind = predicted(messages, PAPER)[0]
     assert max(np.nanmax(np.abs(p.measured_com - q.measured_com)) for p, q in zip(blind, clean, strict=True)) > 1e-3
 
 
@@ -73,7 +72,7 @@ def test_late_streams_are_joined_at_their_true_time(delay, effect):
         return replace(message, stamp_ns=message.stamp_ns + by) if stream in late else message
 
     results, pipeline = predicted(spoilt(change, 0.8), config(effect, delay=delay))
-    expected, _ = predicted(walk(0.8), Config())
+    expected, _ = predicted(walk(0.8), PAPER)
     # The streams begin and end at other times of arrival: the ends may differ in what is known there.
     middle = [(p, q) for p, q in zip(results, expected, strict=True) if 40 < (p.stamp_ns - T0) * 2e-7 < 120]
     assert len(middle) > 70

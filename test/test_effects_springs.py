@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_tools import config, on_one_leg, trunk_config
+from effect_tools import PAPER, config, on_one_leg, trunk_config
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq, root
@@ -234,7 +234,7 @@ def test_a_robot_on_one_leg_rests_where_its_energy_is_least(case):
 @pytest.mark.parametrize("stiffness", ["full", "condensed"])
 def test_the_point_mass_gives_way_to_forces_by_its_stiffness(case, stiffness):
     values, _, outside = CASES[case]
-    base = Config().replaced(
+    base = PAPER.replaced(
         {"effects.active": ["lateral_compliance"], "model.stiffness": stiffness, "prediction.horizons": [], **STIFF}
     )
     weight = robot().mass * GRAVITY
@@ -249,7 +249,7 @@ def test_the_point_mass_gives_way_to_forces_by_its_stiffness(case, stiffness):
 @pytest.mark.parametrize("stiffness", ["full", "condensed"])
 def test_the_point_mass_feels_springs_that_are_not_linear(stiffness):
     """At rest the joints' torques balance the COM's weight as before, and the play of the knee adds to its sag."""
-    base = Config().replaced({"model.stiffness": stiffness, "prediction.horizons": []})
+    base = PAPER.replaced({"model.stiffness": stiffness, "prediction.horizons": []})
     posture = robot().posture()
     posture.update(BENT, np.zeros(12))
     J = posture.leg_jacobian(Foot.LEFT)
@@ -267,7 +267,7 @@ def test_the_point_mass_feels_springs_that_are_not_linear(stiffness):
     np.testing.assert_allclose(moved[2], expected[2], rtol=0.05)
 
 
-@pytest.mark.parametrize("base", [trunk_config(), Config().replaced({"model.stiffness": "condensed"})],
+@pytest.mark.parametrize("base", [trunk_config(), PAPER.replaced({"model.stiffness": "condensed"})],
                          ids=["trunk", "point mass"])  # fmt: skip
 def test_ground_that_gives_way_is_seen_by_the_wrench_and_felt_by_the_model(base):
     """Joints and ground at rest where their energy is least: nine springs, of which the encoders see six."""

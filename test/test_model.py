@@ -16,6 +16,7 @@ from coman_reduced_model.errors import ConfigError
 
 WEIGHT = 9.81 * robot_of("coman").mass
 LEFT = SupportState(Phase.LEFT, Foot.LEFT, 1.0)
+PAPER = Config().replaced({"effects.active": ["none"]})
 LATERAL = {"effects.active": ["lateral_compliance"]}
 
 
@@ -40,7 +41,7 @@ def standing(knee=0.6, lean=0.05, roll=0.0, yaw=0.0):
 def terms(changes=None, support=LEFT, landed=False, posture=None, offset=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
     """Terms with the posture's own COM as reference, moved by an offset."""
     posture = posture or standing()
-    model = Model(robot_of("coman"), Config().replaced(changes or {}))
+    model = Model(robot_of("coman"), PAPER.replaced(changes or {}))
     foot = support.support_foot
     R, p = posture.sole_to_sole(foot, foot.other)
     other = R @ posture.com_in_sole(foot.other)[0] + p
@@ -166,7 +167,7 @@ def test_both_legs_act_in_parallel():
     posture = standing(roll=0.1, yaw=0.3)  # told in the axes of one sole, though they point apart
     changes = {**LATERAL, "model.double_support": "both_legs"}
     found, p_r = terms(changes, support=double(0.6), posture=posture, velocity=(0.1, 0.2, 0.3))
-    model = Model(robot_of("coman"), Config().replaced(changes))
+    model = Model(robot_of("coman"), PAPER.replaced(changes))
     (K_l, D_l, _, _), (K_r, D_r, _, _) = (
         model.leg_stiffness(posture, foot, WEIGHT) for foot in (Foot.LEFT, Foot.RIGHT)
     )
@@ -189,7 +190,7 @@ def test_two_legs_alike_are_twice_one_leg_whichever_supports():
 def test_legs_that_disagree_meet_in_the_middle():
     """Each leg pulls towards its own reference."""
     posture = standing()
-    model = Model(robot_of("coman"), Config().replaced({"model.double_support": "both_legs"}))
+    model = Model(robot_of("coman"), PAPER.replaced({"model.double_support": "both_legs"}))
     p, still = posture.com_in_sole(Foot.LEFT)[0], np.zeros(3)
     references = {Foot.LEFT: (p + [0.01, 0, 0.004], still), Foot.RIGHT: (p - [0.01, 0, 0.004], still)}
     found = model.terms(posture, double(), references, False)
@@ -238,7 +239,7 @@ def test_a_near_singular_leg_is_told():
 
 
 def test_pendulum_is_the_lipm():
-    model = Model(robot_of("coman"), Config())
+    model = Model(robot_of("coman"), PAPER)
     zmp, p = np.array([0.02, -0.01, 0.0]), np.array([0.05, 0.03, 0.4])
     found = model.pendulum(0.4, zmp)
     np.testing.assert_allclose(acceleration(found, p)[:2], 9.81 / 0.4 * (p - zmp)[:2], rtol=1e-12)
@@ -249,7 +250,7 @@ def test_assembling_changes_nothing_that_stays():
     """Effects work on copies: a second call finds what the first one found."""
     posture = standing()
     active = {"effects.active": ["gravity_stiffness", "lateral_compliance"]}
-    model = Model(robot_of("coman"), Config().replaced(active))
+    model = Model(robot_of("coman"), PAPER.replaced(active))
     references = {Foot.LEFT: posture.com_in_sole(Foot.LEFT)}
     first, second = (model.terms(posture, LEFT, references, False) for _ in range(2))
     for key in ("M", "K", "D", "force"):
@@ -292,7 +293,7 @@ def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffne
             leg.torque[3] = k * d * (1.0 + cubic * d**2) - leg.K_q[3, 3] * d
 
     monkeypatch.setitem(CATALOGUE, "hardening", Hardening)
-    config = replace(Config().replaced({"model.stiffness": stiffness}), effects=(EffectConfig("hardening"),))
+    config = replace(PAPER.replaced({"model.stiffness": stiffness}), effects=(EffectConfig("hardening"),))
     robot, posture = robot_of("coman"), standing()
     model, J = Model(robot, config), posture.leg_jacobian(Foot.LEFT)
     stiff = np.array(config.robot.left.stiffness)

@@ -20,7 +20,7 @@ from coman_reduced_model.tuning.shares import measure_shares, with_shares
 from coman_reduced_model.tuning.tune import chosen, describe, tune_coefficients
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
-CONFIG = load_config(config_path()).replaced({"prediction.horizons": ()})
+CONFIG = load_config(config_path("coman_paper")).replaced({"prediction.horizons": ()})
 WHOLE = ["gravity_stiffness", "trunk_rotation", "swing_momentum"]
 
 
@@ -170,7 +170,10 @@ def test_names_that_mean_nothing_are_refused():
 @pytest.mark.timeout(400)
 def test_the_command_tunes_a_walk_and_writes_what_nodes_load(tmp_path, capsys):
     out = tmp_path / "tuned.yaml"
-    assert run(["tune", str(BAGS / "test2"), "--out", str(out), "--json"]) == 0
+    assert (
+        run(["tune", str(BAGS / "test2"), "--config", str(config_path("coman_paper")), "--out", str(out), "--json"])
+        == 0
+    )
     result = json.loads(capsys.readouterr().out)
     mse = result["mse_m2"]
     for where in ("steps", "all"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,10 @@ import yaml
 from ..errors import ConfigError
 from .effects import CATALOGUE
 from .parameter import Parameter, Value, par
+
+# What the paper's point mass lacks on any robot with springs, by the ablation of `coman validate`.
+STANDARD_EFFECTS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+STANDARD, NOTHING = "standard", "none"  # as entries of effects.active
 
 
 @dataclass(frozen=True)
@@ -221,6 +225,14 @@ class EffectConfig:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
+def nominal_effects(names: Sequence[str]) -> tuple[EffectConfig, ...]:
+    """Effects at their only place, the robot, with nominal values."""
+    return tuple(
+        EffectConfig(name, "", {p.name: float(p.nominal) for p in CATALOGUE[name].parameters})  # type: ignore[arg-type]
+        for name in names
+    )
+
+
 @dataclass(frozen=True)
 class Config:
     """Everything a robot and its predictor are configured by. Immutable; `replaced` gives a changed copy."""
@@ -234,7 +246,7 @@ class Config:
     monitor: MonitorConfig = field(default_factory=MonitorConfig)
     gait: GaitConfig = field(default_factory=GaitConfig)
     virtual_robot: VirtualRobotConfig = field(default_factory=VirtualRobotConfig)
-    effects: tuple[EffectConfig, ...] = ()
+    effects: tuple[EffectConfig, ...] = field(default_factory=lambda: nominal_effects(STANDARD_EFFECTS))
     directory: Path = Path(".")  # of the file it came from: relative paths in it start there
 
     def flat(self) -> dict[str, Value]:
@@ -256,7 +268,11 @@ class Config:
         Raises:
             ConfigError: unknown key, wrong type, out of range, or inconsistent with the rest.
         """
-        return config_from_flat({**self.flat(), **changes}, source, self.directory)
+        flat = self.flat()
+        names = dict.fromkeys(effect.name for effect in self.effects)
+        if names.keys() >= set(STANDARD_EFFECTS):  # what the changes leave of the motor side and the legs decides anew
+            flat["effects.active"] = (STANDARD, *(name for name in names if name not in STANDARD_EFFECTS))
+        return config_from_flat({**flat, **changes}, source, self.directory)
 
 
 def _flatten(section: Any, prefix: str = "") -> list[tuple[str, Value]]:
@@ -288,10 +304,11 @@ def parameter_table() -> dict[str, Parameter]:
     table["effects.active"] = Parameter(
         "effects.active",
         "strs",
-        (),
+        (STANDARD,),
         "",
-        "effects added to the model; they act in the order of the catalogue",
-        choices=tuple(CATALOGUE),
+        f"effects added to the paper's model, in any order; {STANDARD}: {', '.join(STANDARD_EFFECTS)} if the reference "
+        f"is the motor side; {NOTHING}: no effect",
+        choices=(STANDARD, NOTHING, *CATALOGUE),
     )
     for name, effect in CATALOGUE.items():
         where = f"effects.{name}.where"
@@ -328,14 +345,27 @@ def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = P
                 changes[entry.name] = build(current, name + ".")
         return dataclasses.replace(section, **changes)
 
-    config: Config = dataclasses.replace(build(Config(), ""), effects=_effects(checked, source), directory=directory)
+    config: Config = dataclasses.replace(build(Config(), ""), directory=directory)
+    config = dataclasses.replace(config, effects=_effects(checked, takes_standard(config), source))
     _check_consistency(config, source)
     return config
 
 
-def _effects(checked: Mapping[str, Value], source: str) -> tuple[EffectConfig, ...]:
+def takes_standard(config: Config) -> bool:
+    """Whether the standard effects can act: they need motor positions, and legs that are built alike."""
+    legs = len(config.robot.left.joints), len(config.robot.right.joints)
+    return config.prediction.reference == "motor" and legs[0] == legs[1]
+
+
+def _effects(checked: Mapping[str, Value], standard: bool, source: str) -> tuple[EffectConfig, ...]:
     effects: list[EffectConfig] = []
-    active: tuple[str, ...] = checked.get("effects.active", ())  # type: ignore[assignment]
+    named: tuple[str, ...] = checked.get("effects.active", (STANDARD,))  # type: ignore[assignment]
+    active: dict[str, None] = {}
+    for name in named:
+        if name == STANDARD:
+            active.update(dict.fromkeys(STANDARD_EFFECTS if standard else ()))
+        elif name != NOTHING:
+            active[name] = None
     for name in active:
         where: tuple[str, ...] = checked.get(f"effects.{name}.where", ()) or ("",)  # type: ignore[assignment]
         values: dict[str, tuple[float, ...]] = {}
@@ -442,8 +472,10 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += ["/**:", "  ros__parameters:"]
     for key, value in config.flat().items():
-        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
-            continue
+        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well, but for the effects
+            if key != "effects.active":
+                continue
+            value = (NOTHING,)
         parameter = table[key]
         plain = list(value) if isinstance(value, tuple) else value
         # Quoted where a text holds line breaks and the like: one line a key.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .trunk_model import LegTerms
 
 _STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
-_EVERY = 0.0195  # [s] between two simulations: in between the last one is read further
+_EVERY = 0.0395  # [s] between two simulations: in between the last one is read further
 _SPACING = 0.0095  # [s] between remembered samples at least
 _CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
 _WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
@@ -134,6 +134,7 @@ class Stride:
             )
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, 0, self._memory, 0)
+            replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, 0, self._memory, 2)
             self._follow(0, 0, 1, terms, np.zeros((2, m + 6)), np.eye(4))
         if self._n == _CAPACITY:
             for column in self._memory:
@@ -149,18 +150,10 @@ class Stride:
         moved = np.zeros((int(np.ceil(span / _STEP)) + 1, 3))
         plan = now.sample.reference
         if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
-            # What the plan has changed since the stride before; its odom is not ours.
-            t = np.arange(len(moved)) * _STEP
-            ahead = np.vstack((plan.com, plan.preview_com))
-            own = np.arange(len(ahead)) * plan.preview_dt
-            when = (past.stamp[:n] - then) * 1e-9
-            for axis in range(3):
-                moved[:, axis] = np.interp(t, own, ahead[:, axis]) - np.interp(t, when, past.plan[:n, axis])
-            moved -= moved[0]
-            if not np.abs(moved).max() < _PLAN:
+            if not replanned(moved, plan.com, plan.preview_com, plan.preview_dt, then, past, n) < _PLAN:
                 return None
             sole = (plan.T_odom_left if now.foot == 1 else plan.T_odom_right)[:3, :3]
-            moved = moved @ sole @ now.T_odom_sole[:3, :3].T
+            moved = moved @ sole @ now.T_odom_sole[:3, :3].T  # the plan's odom is not ours
         course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
         return course + moved if len(course) else None
 
@@ -183,6 +176,38 @@ def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> A
             for j in range(3):
                 out[k, j] += com * T_odom_sole[axis, j]
     return out
+
+
+@compiled
+def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, past: Memory, n: int) -> float:
+    """What the plan has changed since the stride before, filled into `moved` (k, 3) [m], every `_STEP`; the most of it.
+
+    Args:
+        com, preview, dt: planned COM (3,) now, and (p, 3) every dt [s] from then on.
+        then: this point of the stride before [ns].
+        past, n: the memory.
+    """
+    largest, i = 0.0, nearest(then, past.stamp, n, n - 1)
+    for k in range(moved.shape[0]):
+        stamp = then + int(k * _STEP * 1e9)
+        i = nearest(stamp, past.stamp, n, i)
+        j = i - 1 if (past.stamp[i] > stamp and i > 0) or i + 1 >= n else i
+        past_share = min(1.0, max(0.0, (stamp - past.stamp[j]) / (past.stamp[j + 1] - past.stamp[j])))
+        at = min(k * _STEP / dt, float(preview.shape[0]))  # a plan that ends stands still
+        ahead = min(int(at), preview.shape[0] - 1)
+        for axis in range(3):
+            own = com[axis] if ahead == 0 else preview[ahead - 1, axis]
+            own += (at - ahead) * (preview[ahead, axis] - own)
+            before = past.plan[j, axis] + past_share * (past.plan[j + 1, axis] - past.plan[j, axis])
+            moved[k, axis] = own - before
+    first = moved[0].copy()
+    for k in range(moved.shape[0]):
+        for axis in range(3):
+            moved[k, axis] -= first[axis]
+            if np.isnan(moved[k, axis]):  # the stride before had no plan
+                return np.inf
+            largest = max(largest, abs(moved[k, axis]))
+    return largest
 
 
 @compiled

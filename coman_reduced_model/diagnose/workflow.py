@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..bag.reader import Bag
-from ..core.config import Config, EffectConfig, config_to_yaml
+from ..core.config import STANDARD_EFFECTS, Config, EffectConfig, config_to_yaml, nominal_effects, takes_standard
 from ..core.effects import CATALOGUE
 from ..core.pipeline import Pipeline
 from ..core.robot import Robot
@@ -53,7 +53,6 @@ EXACT = {  # ... unless it is one of these
     "encoder_bias", "encoder_delay", "wrench_delay", "wrench_scale", "wrench_bias", "com_offset", "payload",
     "ground_slope", "external_force",
 }  # fmt: skip
-STRUCTURE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 CONFIDENCE = 1.96  # standard deviations of an interval
 
 
@@ -309,14 +308,9 @@ def _class(finding: Finding, option: Candidate) -> str | None:
 
 def with_structure(config: Config) -> Config:
     """The configuration with the structural effects, without which the paper's point mass hides what is missing."""
-    if config.prediction.reference != "motor" or any(effect.name in STRUCTURE for effect in config.effects):
+    if not takes_standard(config) or any(effect.name in STANDARD_EFFECTS for effect in config.effects):
         return config
-    added = [EffectConfig(name, "", _nominal(name)) for name in STRUCTURE]
-    return dataclasses.replace(config, effects=(*added, *config.effects))
-
-
-def _nominal(name: str) -> dict[str, float]:
-    return {p.name: float(p.nominal) for p in CATALOGUE[name].parameters}  # type: ignore[arg-type]
+    return dataclasses.replace(config, effects=(*nominal_effects(STANDARD_EFFECTS), *config.effects))
 
 
 def with_effects(config: Config, finding: Finding) -> Config:
@@ -326,7 +320,7 @@ def with_effects(config: Config, finding: Finding) -> Config:
         kind = CATALOGUE.get(entry["name"])
         if kind is None:
             continue
-        values = _nominal(entry["name"])
+        values = dict(nominal_effects([entry["name"]])[0].values)
         bounds = {p.name: (p.low, p.high) for p in kind.parameters}
         for key, value in entry["parameters"].items():
             values[key] = float(np.clip(value["value"], *bounds[key]))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..bag.reader import Bag
-from ..core.config import Config, config_to_yaml
+from ..core.config import NOTHING, Config, config_to_yaml
 from ..core.pipeline import Pipeline
 from ..core.predictor import Predictor
 from ..core.robot import Robot
@@ -126,4 +126,4 @@ def motor_side(config: Config) -> Config:
     """
     if config.prediction.reference == "none":
         raise ConfigError("prediction.reference: none: a robot without motor-side encoders shows no spring deflection")
-    return config.replaced({"effects.active": (), "prediction.horizons": (), "prediction.reference": "motor"})
+    return config.replaced({"effects.active": (NOTHING,), "prediction.horizons": (), "prediction.reference": "motor"})

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.config import Config
+from ..core.config import NOTHING, STANDARD_EFFECTS, Config
 from ..core.predictor import Predictor
 from ..core.statistics import RunStatistics, by_axis
 from ..errors import BagError, ConfigError
@@ -27,10 +27,12 @@ from .recording import Progress, Recording, read_recording
 from .shares import measure_shares, with_shares
 from .tune import chosen, tune_coefficients
 
-EFFECTS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 PAPER: dict[str, Any] = {
-    "model.stiffness": "full", "model.double_support": "scaled", "model.shares": "constant", "effects.active": ()
-}  # fmt: skip
+    "model.stiffness": "full",
+    "model.double_support": "scaled",
+    "model.shares": "constant",
+    "effects.active": (NOTHING,),
+}
 
 
 def _with(*effects: str) -> dict[str, Any]:
@@ -46,11 +48,11 @@ VARIANTS: dict[str, Mapping[str, Any]] = {
     "gravity_stiffness alone": _with("gravity_stiffness"),
     "lateral_compliance alone": _with("lateral_compliance"),
     "trunk_rotation alone": _with("trunk_rotation"),
-    "all effects": _with(*EFFECTS),
-    "all but gravity_stiffness": _with(*EFFECTS[1:]),
+    "all effects": _with(*STANDARD_EFFECTS),
+    "all but gravity_stiffness": _with(*STANDARD_EFFECTS[1:]),
     "all but trunk_rotation": _with("gravity_stiffness", "lateral_compliance"),  # swing_momentum acts with it alone
     "all but swing_momentum": _with("gravity_stiffness", "trunk_rotation", "lateral_compliance"),
-    "all but lateral_compliance": _with(*EFFECTS[:3]),
+    "all but lateral_compliance": _with(*STANDARD_EFFECTS[:3]),
 }
 QUICK = ("paper", "all effects")  # of these the tuned ones as well
 GAITS: dict[str, dict[str, Any]] = {  # name: of a gait in core/gait.py, and what is changed in it
