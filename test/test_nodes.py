@@ -487,8 +487,9 @@ def test_virtual_robot_walks_live(start, peer):
         pytest.skip("this machine is too busy now for a robot in real time")
     level, message, _ = peer.statuses["virtual_robot: simulation"]
     assert message == "follows com/reference" or "cannot keep real time" in message  # the latter on a busy machine
-    phases = {m.support.phase for m in peer.predictions}
-    assert phases == {SupportState.LEFT, SupportState.RIGHT, SupportState.DOUBLE}
+    phases = [m.support.phase for m in peer.predictions]
+    assert set(phases) >= {SupportState.LEFT, SupportState.RIGHT, SupportState.DOUBLE}
+    assert phases.count(SupportState.FLIGHT) < 0.02 * len(phases)  # a stumble, on a busy machine
     residual = np.array([vector(m.residual) for m in peer.predictions])
     rigid = np.array([vector(m.measured_position) - vector(m.reference_position) for m in peer.predictions])
     assert np.nanmean(residual[:, 2] ** 2) < np.nanmean(rigid[:, 2] ** 2)

@@ -20,11 +20,13 @@ LEAST = {
     "spring": 2e-5, "torque": 0.01, "force": 0.1, "moment": 0.01, "feet": 3e-5, "tilt": 5e-5, "plan": 3e-5,
     "unloaded": 0.005,
 }  # fmt: skip
+LEAST_FORCE = 0.1  # [N] of a sensor in the air
 
 
 def least(key: str) -> float:
     """Of a channel or group; zero of one that is not known."""
-    return LEAST.get(key.partition("/")[0], 0.0)
+    law, _, channel = key.partition("|")[0].partition("/")
+    return LEAST_FORCE if law == "unloaded" and "/f" in channel else LEAST.get(law, 0.0)
 
 
 def floor(state: State, where: Masks) -> dict[str, float]:

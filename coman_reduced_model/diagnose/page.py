@@ -9,7 +9,7 @@ import numpy as np
 
 from ..report.figures import heat_map
 from ..report.page import Notice, Part, Section, Table, Text, page, picture
-from .diagnosis import MOST
+from .diagnosis import AGREES, ALONE, ENOUGH, MOST
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
 from .workflow import Diagnosis, limits
@@ -109,7 +109,8 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         caption = (
             "Values with their 95 % intervals. Evidence: log ratio of the probabilities of the data with the "
             "effect and with no "
-            "more than healthy scatter [nats]; 6 are asked for on the training bags and 2 on the held-out ones."
+            f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags (with "
+            f"none held out {ALONE:g}), and {AGREES:g} on the held-out ones."
         )
         parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
     if result["effects"]:
@@ -213,6 +214,11 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
     first = entries[0]
     support = "double support" if first["phase"] == "double" else f"support by the {first['phase']} foot"
     pace = "steadily through a phase" if first["band_hz"][0] == 0.0 else "with the motion inside a phase"
+    laws = [
+        [f"{channel(name)} [{unit}]", *(f"{factor * entry[key]:.3g}" for key in ("mean", "rms", "floor"))]
+        for name, entry in result["laws"].items()
+        for unit, factor in [channel_unit(name)]
+    ]
     return [
         Text(
             f"The nominal robot disagrees most in {channel(first['channel'])}, in {support}, {pace}: "
@@ -232,6 +238,9 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
             "of healthy robots do, in units of the sensors' own noise. Healthy robots reach "
             + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in limits(diagnosis.finding).items())
             + " in single support.",
+        ),
+        Table(
+            ["law", "mean", "RMS", "noise floor"], laws, folded="The plain laws: measured minus nominal, nothing fitted"
         ),
     ]  # fmt: skip
 

@@ -143,6 +143,7 @@ def diagnose(
         "effects": _effects(finding) if verdict == "effect" else [],
         "suspected": _effects(finding) if verdict != "effect" else [],
         "ranking": _ranking(finding),
+        "laws": laws(finding.before[0]),
         "localisation": localisation(finding),
         "too_much": too_much(finding, excess),
         "leftover": {key: round(value, 2) for key, value in sorted(excess.items(), key=lambda item: -item[1])},
@@ -342,6 +343,21 @@ def _ranking(finding: Finding) -> list[dict[str, Any]]:
         if key not in best or best[key]["evidence"] < score.gain:
             best[key] = entry
     return sorted(best.values(), key=lambda entry: -entry["evidence"])
+
+
+def laws(cases: Sequence[Case]) -> dict[str, dict[str, float]]:
+    """Mean and root mean square by channel of what the nominal robot leaves, nothing fitted at all, and noise floor."""
+    values: dict[str, list[Array]] = {}
+    floors: dict[str, list[float]] = {}
+    for case in cases:
+        for key, row in case.problem.rows.items():
+            values.setdefault(key.partition("|")[0], []).append(row)
+            floors.setdefault(key.partition("|")[0], []).append(case.floor.get(key, 0.0))
+    out = {}
+    for channel, rows in values.items():
+        row, level = np.concatenate(rows), float(np.sqrt(np.mean(np.square(floors[channel]))))
+        out[channel] = {"mean": float(row.mean()), "rms": float(np.sqrt(np.mean(row**2))), "floor": level}
+    return out
 
 
 def localisation(finding: Finding) -> list[dict[str, Any]]:

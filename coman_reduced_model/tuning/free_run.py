@@ -89,7 +89,8 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
     predictor = Predictor(robot, config)  # type: ignore[arg-type]
     if predictor.model.turning:
         raise ConfigError(
-            "effects.active: trunk_rotation does not use the coefficients a1 to e2; the paper's model does (effects.active: [none])"
+            "effects.active: trunk_rotation does not use the coefficients a1 to e2, the paper's model does "
+            "(effects.active: [none])"
         )
     probes = [_probe(predictor, config, pair) for pair in ((), *_PAIRS)]
     taken: list[tuple[Terms, Array, list[Terms]]] = []

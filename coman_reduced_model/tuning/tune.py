@@ -168,7 +168,7 @@ def chosen(config: Config, names: str) -> list[str]:
     if turning and (used := {"coefficients", *COEFFICIENTS}.intersection(wanted)):
         raise ConfigError(
             f"--parameters: {min(used)}: the turning trunk (effects.active: trunk_rotation) does not use the paper's "
-            "coefficients (allowed: joint_stiffness, joint_damping, parameters of effects)"
+            "coefficients (allowed: joint_stiffness, joint_damping, parameters of effects); effects.active: [none] does"
         )
     if "coefficients" in wanted and len(wanted) > 1:
         raise ConfigError(
