@@ -133,6 +133,11 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
     assert parameters[key]["value"] == pytest.approx(value, rel=0.3)
     if channel:
         shrinks(result, channel)
+        law = result["laws"][channel]  # before anything is fitted
+        assert law["mean"] == pytest.approx(
+            9.81 * value, abs=6.0
+        )  # healthy masses and sensors are some percent of 170 N off
+        assert law["rms"] >= abs(law["mean"]) > 10.0 * law["floor"] > 0.0
 
 
 @pytest.mark.slow
