@@ -109,8 +109,8 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         caption = (
             "Values with their 95 % intervals. Evidence: log ratio of the probabilities of the data with the "
             "effect and with no "
-            f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags (with "
-            f"none held out {ALONE:g}), and {AGREES:g} on the held-out ones."
+            f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
+            f"(with none held out {ALONE:g}), and {AGREES:g} on the held-out ones."
         )
         parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
     if result["effects"]:
