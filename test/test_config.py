@@ -320,6 +320,15 @@ def test_standard_effects_act_on_the_motor_side_alone(tmp_path):
     assert [effect.name for effect in loaded.effects] == [*names, "payload"]
     kept = loaded.replaced({"prediction.reference": "topic"})
     assert [effect.name for effect in kept.effects] == ["payload"] and kept.effects[0].values["mass"] == 1.0
+    again = kept.replaced({"prediction.reference": "motor"})
+    assert again == loaded, "what standard means is decided anew by what has changed"
+    for each in (Config(), loaded, kept, Config().replaced({"effects.active": ["payload", "standard"]})):
+        path = write(tmp_path, config_to_yaml(each))
+        assert each.replaced({}) == each and load_config(path) == dataclasses.replace(each, directory=path.parent)
+    named = Config().replaced({"effects.active": [*STANDARD_EFFECTS]})
+    assert named.effects == Config().effects and named.active == STANDARD_EFFECTS
+    with pytest.raises(ConfigError, match="trunk_rotation needs the motor side"):
+        named.replaced({"prediction.reference": "topic"})
     slippery = Config().replaced({"effects.trunk_rotation.friction": [0.2]}).replaced({"support.contact_on": 0.1})
     assert slippery.effects[1].values["friction"] == 0.2
 
@@ -330,3 +339,8 @@ def test_no_effects_stay_none_through_a_file(tmp_path, nothing):
     assert plain.effects == () and plain.replaced({"model.a1": 2.0}).effects == ()
     path = write(tmp_path, config_to_yaml(plain))
     assert "effects.active: [none]" in path.read_text() and load_config(path).effects == ()
+
+
+def test_none_stands_alone_and_a_plain_name_is_no_list():
+    refused({"effects.active": ["none", "payload"]}, "effects.active", "'none' stands alone")
+    refused({"effects.active": "none"}, "effects.active", "wanted [none]?")

@@ -25,6 +25,7 @@ from coman_reduced_model.diagnose.evidence import (
     weigh,
     whiten,
 )
+from coman_reduced_model.diagnose.floor import least
 from coman_reduced_model.diagnose.hypotheses import Candidate, Figure, candidates
 
 ROWS = 40
@@ -170,3 +171,8 @@ def test_a_channel_that_never_moves_breaks_nothing():
 def test_a_prior_never_gets_narrower_when_a_figure_is_released():
     known = [replace(FIGURES[1], spread=2.0), *FIGURES[:1]]
     assert (prior_variance(known, [0, 1], [0, 1]) >= prior_variance(known)).all()
+
+
+def test_no_sensor_is_believed_to_be_without_noise():
+    assert least("unloaded/left/fz|single") == least("unloaded/right/fx") == 0.1
+    assert least("unloaded/left/ty|single") == 0.005 and least("force/x|double") == 0.1 and least("what|single") == 0.0

@@ -8,12 +8,44 @@ from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import REFERENCE
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.stride import Memory, find_lag, mismatch
+from coman_reduced_model.core.stride import _STEP, Memory, find_lag, mismatch, replanned
 from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.topics import TopicNames
 
 WHOLE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+
+
+def memory(stamp, **columns):
+    n, foot = len(stamp), np.ones(len(stamp), dtype=np.int64)
+    empty = {name: np.zeros((n, 1)) for name in Memory._fields}
+    wide = dict.fromkeys(("A", "AC", "W", "K", "D", "C", "J", "T_odom_sole"), np.zeros((n, 1, 1)))
+    return Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1} | columns))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_the_plan_has_changed_is_interpolated_between_its_points(seed):
+    """Against numpy: plans that end, memories that end, samples at uneven times; no plan is no number."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 80))
+    stamp = 10**18 + np.cumsum(rng.integers(5_000_000, 20_000_000, n))
+    past = memory(stamp, plan=rng.standard_normal((n, 3)))
+    com, preview, dt = (
+        rng.standard_normal(3),
+        rng.standard_normal((int(rng.integers(1, 30)), 3)),
+        rng.uniform(0.01, 0.1),
+    )
+    then, moved = int(stamp[0] + rng.integers(0, stamp[-1] - stamp[0])), np.zeros((43, 3))
+    largest = replanned(moved, com, preview, dt, then, past, n)
+    t, ahead = np.arange(43) * _STEP, np.vstack((com, preview))
+    expected = np.column_stack([
+        np.interp(t, np.arange(len(ahead)) * dt, ahead[:, axis])
+        - np.interp(t, (stamp - then) * 1e-9, past.plan[:, axis]) for axis in range(3)
+    ])  # fmt: skip
+    np.testing.assert_allclose(moved, expected - expected[0], atol=1e-9)
+    assert largest == pytest.approx(np.abs(moved).max())
+    past.plan[n // 2] = np.nan
+    assert replanned(moved, com, preview, dt, int(stamp[0]), past, n) == np.inf or stamp[n // 2] - stamp[0] > 0.42e9
 
 
 @pytest.mark.parametrize("period", [0.9, 1.4, 1.8])
@@ -23,10 +55,8 @@ def test_the_stride_is_found_within_a_millisecond(period):
     t = np.arange(600) * 0.005 + rng.uniform(-0.001, 0.001, 600)
     phases = rng.uniform(0.0, 6.0, 12)
     theta = 0.3 * np.sin(2.0 * np.pi * t[:, None] / period + phases) + 1e-4 * rng.standard_normal((600, 12))
-    empty = {name: np.zeros((600, 1)) for name in Memory._fields}
-    stamp, foot = 10**18 + np.round(t * 1e9).astype(np.int64), np.ones(600, dtype=np.int64)
-    wide = dict.fromkeys(("A", "AC", "W", "K", "D", "C", "J", "T_odom_sole"), np.zeros((600, 1, 1)))
-    past = Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1, "theta": theta}))
+    stamp = 10**18 + np.round(t * 1e9).astype(np.int64)
+    past = memory(stamp, theta=theta)
     lag = find_lag(int(stamp[-1]), round((period + 0.025) * 1e9), past, 600)
     assert lag * 1e-9 == pytest.approx(period, abs=1e-3)
     assert mismatch(int(stamp[-1]), lag, past, 600)[0] < 5e-3

@@ -189,6 +189,20 @@ def test_the_command_tunes_a_walk_and_writes_what_nodes_load(tmp_path, capsys):
     assert np.mean(errors[:, 0] ** 2) == pytest.approx(mse["all"]["after"]["x"], rel=1e-3)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_by_default_it_tunes_the_springs_of_the_default_model(tmp_path, capsys):
+    out = tmp_path / "tuned.yaml"
+    assert run(["tune", str(BAGS / "test2"), "--out", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    mse = result["mse_m2"]["all"]
+    assert result["parameters"] and not set(result["parameters"]) & set(COEFFICIENTS)
+    for axis in "xz":
+        assert mse["after"][axis] < 0.05 * mse["rigid"][axis] and mse["after"][axis] < 1.1 * mse["before"][axis]
+    tuned = load_config(out)
+    assert tuned.active[0] == "standard" and tuned.model == load_config(config_path()).model
+
+
 def test_bad_input_is_one_line(tmp_path, capsys):
     (tmp_path / "there.yaml").write_text("")
     for arguments, said in (
@@ -197,6 +211,7 @@ def test_bad_input_is_one_line(tmp_path, capsys):
         ([str(BAGS / "test1"), "--out", str(tmp_path)], "is a folder"),
         ([str(BAGS / "test1"), "--out", str(tmp_path / "a.yaml"), "--parameters", "b7"], "'b7' is no number"),
         ([str(BAGS / "stand"), "--out", str(tmp_path / "a.yaml"), "--steps"], "no three steps"),
+        ([str(BAGS / "test1"), "--out", str(tmp_path / "a.yaml"), "--stages"], "--stages: of the paper's coefficients"),
     ):
         assert run(["tune", *arguments]) == 2
         error = capsys.readouterr().err

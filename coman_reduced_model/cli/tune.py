@@ -69,6 +69,12 @@ def tune(
     began = time.perf_counter()
     bare = settings.replaced({"prediction.horizons": ()})
     names = tuning.chosen(bare, parameters)
+    if names and stages:
+        from ..errors import ConfigError
+
+        raise ConfigError(
+            "--stages: of the paper's coefficients, which this does not fit (--set effects.active=[none])"
+        )
     with progress("tuning") as report:
         recordings = read_all(bags, bare, TopicNames(namespace, remap or ()), urdf, lambda f, w: report(0.2 * f, w))
         shares = measure_shares(recordings)

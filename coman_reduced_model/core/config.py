@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -104,7 +104,10 @@ class SupportConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """The paper's model and the choices in it (model.md; numbers in brackets are the paper's equations)."""
+    """The paper's model and the choices in it (model.md; numbers in brackets are the paper's equations).
+
+    None of it counts where `trunk_rotation` replaces that model.
+    """
 
     stiffness: str = par(
         "full", "", "linear block of K_c (full) or trunk free to turn (condensed)", choices=("full", "condensed")
@@ -247,7 +250,19 @@ class Config:
     gait: GaitConfig = field(default_factory=GaitConfig)
     virtual_robot: VirtualRobotConfig = field(default_factory=VirtualRobotConfig)
     effects: tuple[EffectConfig, ...] = field(default_factory=lambda: nominal_effects(STANDARD_EFFECTS))
+    standard: bool = True  # the standard effects are among them if they can act: nobody named them one by one
     directory: Path = Path(".")  # of the file it came from: relative paths in it start there
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """`effects.active` as it was given, not what it means."""
+        names = tuple(dict.fromkeys(effect.name for effect in self.effects))
+        if not self.standard:
+            return names
+        if not takes_standard(self):
+            return (STANDARD, *names)
+        others = tuple(name for name in names if name not in STANDARD_EFFECTS)
+        return (STANDARD, *others) if len(names) - len(others) == len(STANDARD_EFFECTS) else names
 
     def flat(self) -> dict[str, Value]:
         """All values by dotted name, effects included."""
@@ -268,10 +283,7 @@ class Config:
         Raises:
             ConfigError: unknown key, wrong type, out of range, or inconsistent with the rest.
         """
-        flat = self.flat()
-        names = dict.fromkeys(effect.name for effect in self.effects)
-        if names.keys() >= set(STANDARD_EFFECTS):  # what the changes leave of the motor side and the legs decides anew
-            flat["effects.active"] = (STANDARD, *(name for name in names if name not in STANDARD_EFFECTS))
+        flat = {**self.flat(), "effects.active": self.active}  # what `standard` means is decided anew
         return config_from_flat({**flat, **changes}, source, self.directory)
 
 
@@ -346,7 +358,13 @@ def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = P
         return dataclasses.replace(section, **changes)
 
     config: Config = dataclasses.replace(build(Config(), ""), directory=directory)
-    config = dataclasses.replace(config, effects=_effects(checked, takes_standard(config), source))
+    named: tuple[str, ...] = checked.get("effects.active", (STANDARD,))  # type: ignore[assignment]
+    if NOTHING in named and len(named) > 1:
+        raise ConfigError(f"{source}: effects.active: {NOTHING!r} stands alone, not with {', '.join(named)}")
+    standard = STANDARD in named
+    names = STANDARD_EFFECTS if standard and takes_standard(config) else ()
+    active = dict.fromkeys((*names, *(name for name in named if name in CATALOGUE)))
+    config = dataclasses.replace(config, standard=standard, effects=_effects(checked, active, source))
     _check_consistency(config, source)
     return config
 
@@ -357,15 +375,8 @@ def takes_standard(config: Config) -> bool:
     return config.prediction.reference == "motor" and legs[0] == legs[1]
 
 
-def _effects(checked: Mapping[str, Value], standard: bool, source: str) -> tuple[EffectConfig, ...]:
+def _effects(checked: Mapping[str, Value], active: Iterable[str], source: str) -> tuple[EffectConfig, ...]:
     effects: list[EffectConfig] = []
-    named: tuple[str, ...] = checked.get("effects.active", (STANDARD,))  # type: ignore[assignment]
-    active: dict[str, None] = {}
-    for name in named:
-        if name == STANDARD:
-            active.update(dict.fromkeys(STANDARD_EFFECTS if standard else ()))
-        elif name != NOTHING:
-            active[name] = None
     for name in active:
         where: tuple[str, ...] = checked.get(f"effects.{name}.where", ()) or ("",)  # type: ignore[assignment]
         values: dict[str, tuple[float, ...]] = {}
@@ -472,10 +483,10 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += ["/**:", "  ros__parameters:"]
     for key, value in config.flat().items():
-        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well, but for the effects
-            if key != "effects.active":
-                continue
-            value = (NOTHING,)
+        if key == "effects.active":
+            value = config.active or (NOTHING,)
+        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
+            continue
         parameter = table[key]
         plain = list(value) if isinstance(value, tuple) else value
         # Quoted where a text holds line breaks and the like: one line a key.

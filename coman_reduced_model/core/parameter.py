@@ -61,7 +61,10 @@ class Parameter:
         """
         checked = self._typed(value)
         if checked is None:
-            raise ConfigError(f"{source}: {self.name}: {value!r} is not {_TYPE_NAMES[self.kind]} ({self.allowed()})")
+            like = f"; wanted [{value}]?" if self.kind == "strs" and isinstance(value, str) else ""
+            raise ConfigError(
+                f"{source}: {self.name}: {value!r} is not {_TYPE_NAMES[self.kind]} ({self.allowed()}{like})"
+            )
         elements = checked if isinstance(checked, tuple) else (checked,)
         if self.length is not None and len(elements) != self.length:
             raise ConfigError(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from .config import Config
+from .config import Config, ModelConfig
 from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
 from .monitor import Mismatch, Monitor
 from .plausibility import Plausibility
@@ -191,4 +191,7 @@ class Pipeline:
             elif abs(lead) > self.config.streams.max_wait:
                 side = "behind" if lead < 0.0 else "ahead of"
                 lines.append(f"{name}: its clock is {abs(lead):.3f} s {side} {JOINTS}, or it arrives at another time")
+        given = [name for name, value in vars(self.config.model).items() if value != getattr(ModelConfig, name)]
+        if given and self.predictor.model.turning:
+            lines.append(f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces")
         return lines + self.plausibility.warnings()

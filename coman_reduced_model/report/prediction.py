@@ -115,7 +115,7 @@ def _facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         effects = config.get("effects.active") or []
         facts.append(("reference", str(config.get("prediction.reference", "?"))))
         choice = f"stiffness {config.get('model.stiffness')}, double support {config.get('model.double_support')}"
-        facts.append(("model", ", ".join([choice, *effects])))
+        facts.append(("model", ", ".join(effects if "trunk_rotation" in effects else [choice, *effects])))
     if summary.get("realtime_factor"):
         facts.append(("speed", f"{summary['realtime_factor']:.2g} x real time"))
     return facts

@@ -165,10 +165,12 @@ def chosen(config: Config, names: str) -> list[str]:
     wanted = [name.strip() for name in names.split(",") if name.strip()]
     if not wanted:
         return ["joint_stiffness"] if turning else []
-    if turning and (used := {"coefficients", *COEFFICIENTS}.intersection(wanted)):
+    used = [name for name in wanted if name in ("coefficients", *COEFFICIENTS) or name.startswith("share_")]
+    if turning and used:
         raise ConfigError(
-            f"--parameters: {min(used)}: the turning trunk (effects.active: trunk_rotation) does not use the paper's "
-            "coefficients (allowed: joint_stiffness, joint_damping, parameters of effects); effects.active: [none] does"
+            f"--parameters: {used[0]}: the turning trunk (effects.active: trunk_rotation) does not use the paper's "
+            "coefficients (allowed: joint_stiffness, joint_damping, parameters of effects); with --set "
+            "effects.active=[none] it is the paper's model"
         )
     if "coefficients" in wanted and len(wanted) > 1:
         raise ConfigError(
