@@ -195,7 +195,7 @@ def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
         truth = "pair" if row["kind"] == "pair" else "+".join(row["truth"]) or "clean"
         said = "+".join(sorted(row["named"])) if row["kind"] != "pair" else row["result"]
         if row["kind"] != "pair" and len(row["truth"]) == 1 and row["result"] == "right" and said != truth:
-            said = CLASSES[truth]
+            said = CLASSES.get(truth, truth)  # or more than one instance of it
         table.setdefault(truth, Counter())[said] += 1
     return {truth: dict(counts.most_common()) for truth, counts in sorted(table.items())}
 
