@@ -23,7 +23,7 @@ from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, LEVELS
 from coman_reduced_model.judge.run import Layout, parse_seeds, run
-from coman_reduced_model.judge.score import gap_reduction, outcome, score, score_run
+from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, score_run
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make
 from coman_reduced_model.sim.robot_table import ROBOTS
@@ -412,3 +412,9 @@ def test_the_simpler_methods_read_bags_as_the_workflow_does(capsys):
     assert verdicts["white_bic"]["verdict"] in ("effect", "none")
     for verdict in verdicts.values():
         assert all(effect["name"] in CATALOGUE for effect in verdict["effects"])
+
+
+def test_two_instances_of_one_effect_are_one_truth_in_the_table():
+    row = {"kind": "single", "truth": ["wrench_delay"], "named": ["wrench_delay", "wrench_delay"], "result": "right"}
+    late = {"kind": "single", "truth": ["motor_lag"], "named": ["transport_delay"], "result": "right"}
+    assert confusion([row, late]) == {"motor_lag": {"drive_delay": 1}, "wrench_delay": {"wrench_delay": 1}}
