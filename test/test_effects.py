@@ -10,7 +10,7 @@ import pytest
 from effect_tools import PAPER, config, same, trunk_config
 
 from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config import Config, config_to_yaml, load_config
+from coman_reduced_model.core.config import STANDARD_EFFECTS, Config, config_to_yaml, load_config
 from coman_reduced_model.core.effects import CATALOGUE, active_effects
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot
@@ -28,7 +28,7 @@ PLACES = {"robot": [""], "foot": ["left", "right", ""], "joint": ["LKneeSag", "r
 BASES = {"point mass": PAPER, "both legs": PAPER.replaced({"model.double_support": "both_legs"}),
          "trunk": trunk_config()}  # fmt: skip
 # What replaces the model by a better one changes it whatever its figures; all others must vanish.
-OPTIONS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+OPTIONS = STANDARD_EFFECTS
 
 
 def walked(config: Config, seconds: float = 2.0):

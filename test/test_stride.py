@@ -13,8 +13,6 @@ from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.topics import TopicNames
 
-WHOLE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
-
 
 def memory(stamp, **columns):
     n, foot = len(stamp), np.ones(len(stamp), dtype=np.int64)
@@ -65,7 +63,7 @@ def test_the_stride_is_found_within_a_millisecond(period):
 
 @pytest.mark.parametrize(("name", "plan"), [("test1", True), ("test2", True), ("test2", False)])
 def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_known(name, plan):
-    settings = Config().replaced({"effects.active": WHOLE, "prediction.horizons": [0.1, 0.2, 0.4]})
+    settings = Config().replaced({"effects.active": ["standard"], "prediction.horizons": [0.1, 0.2, 0.4]})
     with Bag(bag_path(name)) as bag:
         streams = input_streams(bag, settings, TopicNames())
         if not plan:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import ConfigError
 from .common import (
     ConfigOption,
     ForceOption,
@@ -70,8 +71,6 @@ def tune(
     bare = settings.replaced({"prediction.horizons": ()})
     names = tuning.chosen(bare, parameters)
     if names and stages:
-        from ..errors import ConfigError
-
         raise ConfigError(
             "--stages: of the paper's coefficients, which this does not fit (--set effects.active=[none])"
         )

@@ -264,6 +264,11 @@ class Config:
         others = tuple(name for name in names if name not in STANDARD_EFFECTS)
         return (STANDARD, *others) if len(names) - len(others) == len(STANDARD_EFFECTS) else names
 
+    @property
+    def turning(self) -> bool:
+        """Whether `trunk_rotation` replaces the paper's model."""
+        return any(effect.name == "trunk_rotation" for effect in self.effects)
+
     def flat(self) -> dict[str, Value]:
         """All values by dotted name, effects included."""
         values = dict(_flatten(self))
@@ -409,12 +414,12 @@ def _check_consistency(config: Config, source: str) -> None:
         for needed in CATALOGUE[name].needs:
             if needed not in active:
                 raise ConfigError(f"{source}: effects.active: {name} acts with {needed} alone, which is not active")
-    if "trunk_rotation" in active and config.prediction.reference != "motor":
+    if config.turning and config.prediction.reference != "motor":
         raise ConfigError(
             f"{source}: effects.active: trunk_rotation needs the motor side (prediction.reference: motor), "
             f"not {config.prediction.reference!r}"
         )
-    if "trunk_rotation" in active and len(config.robot.left.joints) != len(config.robot.right.joints):
+    if config.turning and len(config.robot.left.joints) != len(config.robot.right.joints):
         raise ConfigError(
             f"{source}: effects.active: trunk_rotation needs legs of equally many joints, "
             f"not {len(config.robot.left.joints)} and {len(config.robot.right.joints)} (robot.left.joints)"

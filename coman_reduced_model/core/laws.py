@@ -127,7 +127,8 @@ class Laws:
         if sample.imu is not None and sample.imu.orientation is not None:
             up, frame = sample.imu.orientation, sample.imu.frame_id
         if frame != self._imu[0]:
-            self._imu = frame, self._imu_rotation(frame.lstrip("/"))
+            rotation = robot.sensor_rotation(frame.lstrip("/"))
+            self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
         _look(
             self._now, self._ends, self._sums, self.looks == 0, self._joints, self._columns, self._split, self._k,
             self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.sole_jacobian(Foot.LEFT),
@@ -136,15 +137,6 @@ class Laws:
             self._imu[1], prediction.reference_com, plan, sole,
         )  # fmt: skip
         self.looks += 1
-
-    def _imu_rotation(self, frame: str) -> Array:
-        """Of the IMU in the root link; identity for a frame that the URDF lacks, NaN for one behind a joint."""
-        model = self._robot.model
-        if not model.existFrame(frame, pin.FrameType.BODY):
-            return _IDENTITY
-        found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
-        fixed = found.parentJoint == model.frames[self._robot.base_id].parentJoint
-        return np.array(found.placement.rotation) if fixed else np.full((3, 3), np.nan)
 
     def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array]:
         """Of a phase of a kind with so long between its first and its last look.

@@ -59,7 +59,7 @@ class Model:
         # (20), (21): rows are the forces in x, y, z, columns the deflections that cause them.
         self._tuning_K = np.array([[c.a1, 1.0, c.c1], [1.0, 1.0, 1.0], [c.c2, 1.0, c.a2]])
         self._tuning_D = np.array([[c.b1, 1.0, c.e1], [1.0, 1.0, 1.0], [c.e2, 1.0, c.b2]])
-        self.turning = any(effect.name == "trunk_rotation" for effect in self.effects)
+        self.turning = config.turning
         self._rows = 3 if c.stiffness == "condensed" else 6
         self.axes = np.array(sorted({0, 2}.union(*(effect.axes for effect in self.effects))))
         # A deflection that is not integrated is not felt either: without its column K p_r would pull all the same.

@@ -120,6 +120,14 @@ class Robot:
         """Of all links [kg]."""
         return float(pin.computeTotalMass(self.model))
 
+    def sensor_rotation(self, frame: str) -> Array | None:
+        """Orientation (3, 3) of a frame in the root link: the identity if the URDF lacks it, None behind a joint."""
+        if not self.model.existFrame(frame, pin.FrameType.BODY):
+            return np.eye(3)
+        found = self.model.frames[self.model.getFrameId(frame, pin.FrameType.BODY)]
+        fixed = found.parentJoint == self.model.frames[self.base_id].parentJoint
+        return np.array(found.placement.rotation) if fixed else None
+
     def copy(self) -> Robot:
         """The same robot with a model of its own, whose inertias may be changed."""
         robot = copy(self)

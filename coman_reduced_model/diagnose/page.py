@@ -305,8 +305,9 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         rows = [[spaced(entry["name"]), entry["where"] or "–", entry["why"]] for entry in result["refused"]]
         parts.append(Table(["refused", "where", "why"], rows, "Asked for by the training bags.", words=3))
     if result["too_much"]:
+        most = limits(finding)
         rows = [
-            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{limits(finding)[key.split('/')[0]]:g}"]
+            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{most[key.split('/')[0]]:g}"]
             for key in result["too_much"][:_ROWS]
         ]
         caption = "In units of the noise floor, single support, the middle recording."

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -225,12 +224,8 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
         return None
     slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
     up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
-    if robot.model.existFrame(frame, pin.FrameType.BODY):
-        found = robot.model.frames[robot.model.getFrameId(frame, pin.FrameType.BODY)]
-        if found.parentJoint != robot.model.frames[robot.base_id].parentJoint:
-            return None  # on another link than the root: its joints turn it
-        up = up @ found.placement.rotation.T
-    return np.asarray(up)
+    rotation = robot.sensor_rotation(frame)
+    return None if rotation is None else np.asarray(up @ rotation.T)
 
 
 def moving(phase: Array) -> bool:

@@ -236,10 +236,10 @@ def _verdict(finding: Finding, excess: Mapping[str, float], train: Sequence[Reco
 
 def too_much(finding: Finding, excess: Mapping[str, float]) -> list[str]:
     """Groups of residuals of which more is left than healthy robots leave, worst first."""
-    out = []
+    out, most = [], limits(finding)
     for key, value in excess.items():
         channel, part = key.split("|")
-        limit = limits(finding).get(channel.split("/")[0])
+        limit = most.get(channel.split("/")[0])
         if part != "single" or limit is None:
             continue
         limit *= TOLERANCE if acts(finding, key) > 5.0 else 1.0

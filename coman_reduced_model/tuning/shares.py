@@ -58,7 +58,7 @@ def measure_shares(recordings: Sequence[Recording]) -> list[Share]:
 
 def with_shares(config: Config, shares: Sequence[Share]) -> Config:
     """The configuration with the shares that are known well enough, if its model divides by constants."""
-    if config.model.shares != "constant" or any(effect.name == "trunk_rotation" for effect in config.effects):
+    if config.model.shares != "constant" or config.turning:
         return config
     usable = {f"model.share_{s.axis}_{s.when}": float(round(s.leading, 4)) for s in shares if s.usable}
     return config.replaced(usable)

@@ -161,12 +161,11 @@ def chosen(config: Config, names: str) -> list[str]:
     Raises:
         ConfigError: coefficients for a model without them.
     """
-    turning = any(effect.name == "trunk_rotation" for effect in config.effects)
     wanted = [name.strip() for name in names.split(",") if name.strip()]
     if not wanted:
-        return ["joint_stiffness"] if turning else []
+        return ["joint_stiffness"] if config.turning else []
     used = [name for name in wanted if name in ("coefficients", *COEFFICIENTS) or name.startswith("share_")]
-    if turning and used:
+    if config.turning and used:
         raise ConfigError(
             f"--parameters: {used[0]}: the turning trunk (effects.active: trunk_rotation) does not use the paper's "
             "coefficients (allowed: joint_stiffness, joint_damping, parameters of effects); with --set "
