@@ -59,7 +59,8 @@ class World:
         tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
         cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
         friction: (nj,) at the link side, against its motion [Nm].
-        yielding: of the motors' position loops [rad/Nm].
+        yielding, settling, rotor: of the motors' position loops [rad/Nm], the time constant [s] with which they yield,
+            and the reflected inertia [kg m^2] that they carry beside the spring.
         slip: by foot, how far it slides back while the other still stands too, each time after it has landed [m].
     """
 
@@ -76,6 +77,8 @@ class World:
     tilting: float = 0.0
     sinking: float = 0.0
     yielding: float = 0.0
+    settling: float = 0.0
+    rotor: float = 0.0
     slip: dict[Foot, float] = field(default_factory=dict)
 
     @classmethod
@@ -155,6 +158,11 @@ def _scuffs(force: Array, air: Array, world: World) -> Array:
     off = np.abs(force - np.median(force[air]))
     far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), SCUFF_SHARE * world.robot.mass * world.gravity)
     return np.convolve(far, np.ones(3), "same") > 0
+
+
+def taken_up_anew(where: Masks, recording: Recording, world: World) -> Masks:
+    """With the play of the joints as it would be seen were the recording and the world these."""
+    return replace(where, taken_up=_taken_up(recording, world)[where.ticks])
 
 
 def on_flat_soles(where: Masks, state: State) -> Masks:
@@ -450,7 +458,12 @@ def _joints(
             elastic = _stretch(world, j, torque, 1.0 / TICKS)
         if stretch is not None:
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
-            bent = elastic + 0.5 * world.play[j] * play + world.yielding * torque
+            bent = elastic + 0.5 * world.play[j] * play
+            if world.yielding:
+                load = torque - world.settling * np.gradient(torque, 1.0 / TICKS)
+                if world.rotor:
+                    load = load + world.rotor * _rate(_rate(smoothed(recording.motor_q)[:, j]))[ticks]
+                bent = bent + world.yielding * load
             out[f"spring/{name}"] = stretch[:, j] - bent
     return out
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
@@ -17,14 +18,16 @@ from ..core.effects import Effect as BaseEffect
 from ..core.robot import Robot
 from ..core.types import Array
 from ..errors import BagError
-from .balance import TICKS, Masks, State, World, evaluate, masks, on_flat_soles
+from .balance import TICKS, Masks, State, World, evaluate, masks, on_flat_soles, taken_up_anew
 from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, prior_variance, quieter, scores, weigh, weighed
 from .floor import floor
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 from .recording import Recording, moving
 
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
+FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
 SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
+FURTHER = 8.0  # nats that another effect must add beside one: what the first explains not quite looks like a second
 ALONE = 9.0  # nats that it must add on the training bags where no held-out bag can contradict
 WORTH_TRYING = 0.55  # of these, on the training bags, for a look at the held-out ones
 AGREES = 2.0  # nats that it must add on the held-out bags
@@ -35,6 +38,7 @@ FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
+FAR_OFF, ARRIVED, RENEWED = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
 STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
 CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
     "motor_lag": "drive_delay",
@@ -42,6 +46,8 @@ CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
     "ground_slope": "constant_force",
     "external_force": "constant_force",
 }
+CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from afar one looks like another
+LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
 Progress = Callable[[float, str], None]
 Prepared = tuple[Recording, World, Masks]
 
@@ -126,6 +132,8 @@ def examine(
     for figure, value in zip(known, at, strict=True):
         if value:
             moved, world = figure.apply(moved, world, float(value))
+    if moved is not recording:
+        where = taken_up_anew(where, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)
@@ -214,8 +222,9 @@ def search(
     walks = any(moving(recording.phase) for recording, _, _ in looked.train)
     finding = Finding(known, np.zeros(len(known)))
     enough = enough or (ENOUGH if hold else ALONE)
-    tried = enough * (WORTH_TRYING if hold else 1.0)
     options = candidates(known)
+    needed = _needed(enough, options)
+    tried = WORTH_TRYING if hold else 1.0
     finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold")
     finding.train, finding.hold = finding.before
     if told is not None:
@@ -226,22 +235,28 @@ def search(
         refused = [option for option, _ in finding.refused]
         taken = {i for effect in finding.chosen for i in effect.option.figures}
         kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
+        loaded = any(effect.option.effect == "payload" and len(effect.option.figures) > 1 for effect in finding.chosen)
         rest = [
             option
             for option in options
             if option not in refused
             and not taken.intersection(option.figures)
             and CLASSES.get(option.effect) not in kin
+            and not (loaded and option.effect in LOADS)
         ]
         finding.last = scores(evidence, rest, finding.released)
         finding.first = finding.first or finding.last
         strong = [
             score for score in finding.last
-            if score.physical and score.gain > tried and _visible(finding.train, score) > VISIBLE
+            if score.physical and score.gain > tried * needed[score.option.effect]
+            and _visible(finding.train, score) > VISIBLE
         ]  # fmt: skip
         if len(finding.chosen) >= MOST or not strong or not walks:
             return finding
-        best = _closest(finding, looked, [s for s in strong[:RIVALS] if s.total > CLOSE * strong[0].total])
+        rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
+        if any(score.option.effect in CLOCKS for score in rivals):
+            rivals += [score for score in strong if score.option.effect in CLOCKS and score not in rivals]
+        best = _closest(finding, looked, rivals)
         released = [*finding.released, *best.option.figures]
         at, cases, fit = _settled(finding, looked, released)
         if why := _impossible(known, fit, best.option):
@@ -249,14 +264,16 @@ def search(
             continue
         held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
-        if not why and best.gain + confirmed < 2.0 * enough:
+        wanted = max(enough, FURTHER) if _others(finding, best.option) else needed[best.option.effect]
+        if not why and best.gain + confirmed < 2.0 * wanted:
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
             continue
         finding.chosen.append(Effect(best.option, best.gain, confirmed))
         finding.at, finding.train, finding.hold = at, cases, held
-        _drop_what_the_last_one_explains(finding, looked, tried)
+        _drop_what_the_last_one_explains(finding, looked, tried * enough)
+        _one_load(finding, looked, options)
         if progress:
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
 
@@ -285,6 +302,36 @@ def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: f
         finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
         finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
         finding.hold = looked.at(finding.at, "hold")
+
+
+def _needed(enough: float, options: Sequence[Candidate]) -> dict[str, float]:
+    """By effect, the evidence that it needs where one of twelve and more places needs `enough`."""
+    ways = Counter(option.effect for option in options)
+    return {
+        name: enough if count > FEW else max(enough - FEWER, min(enough, SUSPECTED)) for name, count in ways.items()
+    }
+
+
+def _others(finding: Finding, option: Candidate) -> bool:
+    """Whether an effect of another name was chosen before."""
+    return any(effect.option.effect != option.effect for effect in finding.chosen)
+
+
+def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:
+    """A shifted COM and a mass more are one load with its place."""
+    loads = [effect for effect in finding.chosen if effect.option.effect in LOADS]
+    if len(loads) < 2:
+        return
+    whole = max((option for option in options if option.effect == "payload"), key=lambda option: len(option.figures))
+    finding.chosen = [effect for effect in finding.chosen if effect not in loads]
+    (score,) = scores(_sum(finding.train), [whole], finding.released)
+    released = [*finding.released, *whole.figures]
+    finding.at, finding.train, finding.fit = _settled(finding, looked, released)
+    finding.hold = looked.at(finding.at, "hold")
+    confirmed = np.nan
+    if looked.hold:
+        confirmed, _ = _confirm(finding.known, finding.fit, finding.hold, finding, whole)
+    finding.chosen.append(Effect(whole, score.gain, confirmed))
 
 
 def _believe(
@@ -346,16 +393,32 @@ def _sum(cases: Sequence[Case]) -> Evidence:
     return reduce(add, (case.evidence.shared() for case in cases))
 
 
-def _settle(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
+def _settle(
+    finding: Finding, looked: Looked, released: Sequence[int], renewed: int = RENEWED
+) -> tuple[Array, list[Case], Fit]:
     """Gauss-Newton: where the released figures are linear and estimated agree.
 
     Steps are no longer than a reach, and half as long after each turn back: a spring four times too soft is far from
-    linear.
+    linear. Where they went far, as delays do, all derivatives are taken anew, `renewed` times at most.
     """
     known, cases = finding.known, finding.train
-    fit = _sum(cases).fit(released)
     at = np.zeros(len(known))  # what was dropped is gone at once
     at[list(released)] = finding.at[list(released)]
+    near, far_off = finding.at, FAR_OFF
+    for left in reversed(range(renewed)):
+        at, cases, fit = _gauss_newton(looked, released, at, cases)
+        if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
+            break
+        near, far_off, cases = at, ARRIVED, looked.at(at, "train")
+    return at, cases, fit
+
+
+def _gauss_newton(
+    looked: Looked, released: Sequence[int], at: Array, like: Sequence[Case]
+) -> tuple[Array, list[Case], Fit]:
+    """`_settle` from figures `at`, with the derivatives by all other figures as in the cases `like`."""
+    known, cases = looked.known, list(like)
+    fit = _sum(cases).fit(released)
     longest = np.array([figure.reach for figure in known])
     last = np.zeros(len(known))
     for _ in range(STEPS):
@@ -363,7 +426,7 @@ def _settle(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[
         longest[step * last < 0.0] *= 0.5
         last = np.clip(step, -longest, longest)
         at = at + last
-        cases = looked.near(at, finding.train, released)
+        cases = looked.near(at, like, released)
         fit = _sum(cases).fit(released)
         if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
             break
@@ -407,7 +470,8 @@ def _closest(finding: Finding, looked: Looked, rivals: Sequence[Score]) -> Score
     trials = []
     for rival in rivals:
         released = [*finding.released, *rival.option.figures]
-        trials.append((released, _settle(finding, looked, released)[1]))
+        renewed = RENEWED if rival.option.effect in CLOCKS else 1
+        trials.append((released, _settle(finding, looked, released, renewed)[1]))
     count = len(trials[0][1])
     noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
     logs = []

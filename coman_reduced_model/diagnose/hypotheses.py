@@ -34,6 +34,8 @@ CLOCK_SPREAD = 0.0015  # [s] between streams
 DRIVER_SPREAD = 0.0007  # [s] between what one driver reads
 CUBIC_SPREAD = 0.025  # of the torque, at the stretch under a typical load
 YIELD_SPREAD = 3e-5  # [rad/Nm] of a position loop
+SETTLING_SPREAD = 0.01  # [s] with which a position loop yields, and ...
+ROTOR_SPREAD = 0.15  # [kg m^2] reflected, that it carries: of no effect where it does not yield
 LAG_SLACK = 0.003  # [s] of a good position loop
 IMU_SPREAD = 0.004  # [rad] zero of the tilt
 FLOOR_SPREAD = 0.002  # [rad] no floor is quite level
@@ -105,7 +107,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     ) -> None:
         nominal, step = more.get("nominal", 0.0), more.get("step", 0.1 * reach)
         slack, low = more.get("slack", 0.0), more.get("low", -np.inf)
-        own = not effect and not key.startswith(("mass", "com_"))
+        own = not effect and not key.startswith(("mass", "com_", "settling", "rotor"))
         out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own))
 
     motors, efforts = recording.motor_q is not None, recording.tau is not None
@@ -159,6 +161,8 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                 for k, axis in enumerate("xy"):
                     add("", stance, f"lead_{axis}", LEAD_SPREAD, LEAD_SPREAD, "m", _lead(foot, k))
         add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance, low=0.0)
+        add("", "motors", "settling", SETTLING_SPREAD, SETTLING_SPREAD, "s", _world("settling"))
+        add("", "motors", "rotor", ROTOR_SPREAD, ROTOR_SPREAD, "kg m^2", _world("rotor"))
     for k, key in enumerate(("mass", "x", "y", "z")):
         reach = (0.06 * robot.mass, 0.06, 0.04, 0.03)[k]  # first moments [kg m] until the mass is known
         trunk = robot.model.inertias[robot.model.frames[robot.base_id].parentJoint].mass
@@ -287,12 +291,26 @@ def _torque_zero(which: Array) -> Apply:
 
 
 def shifted(values: Array, by: float) -> Array:
-    """Values `by` seconds later (n, k): what a stream that is late by so much should have said."""
+    """Values `by` seconds later (n, k): what a stream that is late by so much should have said.
+
+    By cubics through four values: lines through two would take part of the noise away, which then speaks for a delay
+    of half a sample that is not there.
+    """
     n = len(values)
-    position = np.arange(n) + by * RATE
-    low = np.clip(np.floor(position).astype(int), 0, n - 2)
-    weight = np.clip(position - low, 0.0, 1.0)[:, None]
-    return np.asarray((1.0 - weight) * values[low] + weight * values[low + 1])
+    position = np.clip(np.arange(n) + by * RATE, 0.0, n - 1.0)
+    low = np.minimum(np.floor(position).astype(int), n - 2)
+    t = position - low
+    weights = (
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    )
+    out = np.zeros_like(values)
+    for k, weight in enumerate(weights):
+        used = weight != 0.0  # a whole shift takes what is there, gaps in the neighbours or not
+        out[used] += weight[used, None] * values[np.clip(low[used] + k - 1, 0, n - 1)]
+    return out
 
 
 def _motor_delay(r: Recording, w: World, x: float) -> tuple[Recording, World]:

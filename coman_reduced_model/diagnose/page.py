@@ -12,7 +12,7 @@ from ..report.page import Notice, Part, Section, Table, Text, page, picture
 from .diagnosis import AGREES, ALONE, ENOUGH, MOST
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
-from .workflow import Diagnosis, limits
+from .workflow import Diagnosis, limit_of, limits
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
@@ -307,7 +307,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     if result["too_much"]:
         most = limits(finding)
         rows = [
-            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{most[key.split('/')[0]]:g}"]
+            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{limit_of(key, most):g}"]
             for key in result["too_much"][:_ROWS]
         ]
         caption = "In units of the noise floor, single support, the middle recording."
