@@ -236,6 +236,8 @@ def search(
         taken = {i for effect in finding.chosen for i in effect.option.figures}
         kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
         loaded = any(effect.option.effect == "payload" and len(effect.option.figures) > 1 for effect in finding.chosen)
+        # With play, a joint is at the one end or the other: what looks like its zero is where it mostly is.
+        loose = {effect.option.where for effect in finding.chosen if effect.option.effect == "backlash"}
         rest = [
             option
             for option in options
@@ -243,6 +245,7 @@ def search(
             and not taken.intersection(option.figures)
             and CLASSES.get(option.effect) not in kin
             and not (loaded and option.effect in LOADS)
+            and not (option.effect == "encoder_bias" and option.where in loose)
         ]
         finding.last = scores(evidence, rest, finding.released)
         finding.first = finding.first or finding.last
