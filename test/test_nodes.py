@@ -345,7 +345,7 @@ def test_replay_keeps_time_and_order_and_latches_the_description(peer, walk):
 
     progress = replay.play(4.0, True, keep_going)
     took = time.monotonic() - began
-    assert expected - 0.3 < took < expected + 0.3 + 2 * progress.max_lag_s, "two passes at four times the speed"
+    assert expected - 0.3 < took < expected + 1.0 + 2 * progress.max_lag_s, "two passes at four times the speed"
     peer.node.create_subscription(peer.types.String, "robot_description", lambda m: texts.append(m.data), qos.latched())
     peer.wait(lambda: texts, "robot_description for a late subscriber")
     assert texts == [robot_urdf()]
@@ -418,7 +418,7 @@ def test_trajectory_starts_stops_and_resets(start, peer):
     assert call("start")[0]
     success, message = call("start")
     assert not success and "walking already" in message
-    peer.wait(lambda: references.messages[-1].step == 1, "the second step")
+    peer.wait(lambda: references.messages[-1].step >= 1, "the second step")
     steps_before = references.messages[-1].step
     assert call("stop")[0]
     peer.wait(lambda: call("stop") == (False, "stands already"), "stands")
