@@ -107,7 +107,7 @@ class World:
 
 @dataclass(frozen=True)
 class Masks:
-    """Where each residual means something; fixed by the measurement, the same for every hypothesis."""
+    """Where each residual means something; fixed by the measurement, the same for every hypothesis but `taken_up`."""
 
     ticks: Array  # (m,) indices into the grid
     steady: Array  # (m,) no change of contact near, on the ground

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 from typing import Literal
@@ -38,7 +38,7 @@ FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
-FAR_OFF, ARRIVED, RENEWED = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
+FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
 STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
 CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
     "motor_lag": "drive_delay",
@@ -132,7 +132,7 @@ def examine(
     for figure, value in zip(known, at, strict=True):
         if value:
             moved, world = figure.apply(moved, world, float(value))
-    if moved is not recording:
+    if any(getattr(moved, stream) is not getattr(recording, stream) for stream in ("q", "tau", "motor_q")):
         where = taken_up_anew(where, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh)
@@ -223,19 +223,21 @@ def search(
     finding = Finding(known, np.zeros(len(known)))
     enough = enough or (ENOUGH if hold else ALONE)
     options = candidates(known)
-    needed = _needed(enough, options)
+    needed, whole = _needed(enough, options), _whole_load(options)
     tried = WORTH_TRYING if hold else 1.0
     finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold")
     finding.train, finding.hold = finding.before
     if told is not None:
         return _believe(finding, looked, options, told)
+    nominal = finding.at
     while True:
+        looked.forget(nominal, finding.at)
         evidence = _sum(finding.train)
         finding.fit = evidence.fit(finding.released)
         refused = [option for option, _ in finding.refused]
         taken = {i for effect in finding.chosen for i in effect.option.figures}
         kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
-        loaded = any(effect.option.effect == "payload" and len(effect.option.figures) > 1 for effect in finding.chosen)
+        loaded = any(effect.option == whole for effect in finding.chosen)
         # With play, a joint is at the one end or the other: what looks like its zero is where it mostly is.
         loose = {effect.option.where for effect in finding.chosen if effect.option.effect == "backlash"}
         rest = [
@@ -268,7 +270,7 @@ def search(
         held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
         wanted = max(enough, FURTHER) if _others(finding, best.option) else needed[best.option.effect]
-        if not why and best.gain + confirmed < 2.0 * wanted:
+        if not why and (best.gain + confirmed < 2.0 * wanted if hold else best.gain < wanted):
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
@@ -295,7 +297,10 @@ def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
 
 
 def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float) -> None:
-    """Backward elimination: an effect that was chosen first may have stood for one that was found later."""
+    """Backward elimination: an effect that was chosen first may have stood for one that was found later.
+
+    `enough`: beside another, one of few ways has no better odds.
+    """
     for effect in finding.chosen[:-1]:
         others = [i for i in finding.released if i not in effect.option.figures]
         (alone,) = scores(_sum(finding.train), [effect.option], others)
@@ -321,20 +326,27 @@ def _others(finding: Finding, option: Candidate) -> bool:
 
 
 def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:
-    """A shifted COM and a mass more are one load with its place."""
+    """A shifted COM and a mass more are one load with its place, if that is possible and held-out bags agree."""
     loads = [effect for effect in finding.chosen if effect.option.effect in LOADS]
-    if len(loads) < 2:
+    whole = _whole_load(options)
+    if len(loads) < 2 or whole is None:
         return
-    whole = max((option for option in options if option.effect == "payload"), key=lambda option: len(option.figures))
-    finding.chosen = [effect for effect in finding.chosen if effect not in loads]
-    (score,) = scores(_sum(finding.train), [whole], finding.released)
-    released = [*finding.released, *whole.figures]
-    finding.at, finding.train, finding.fit = _settled(finding, looked, released)
-    finding.hold = looked.at(finding.at, "hold")
-    confirmed = np.nan
-    if looked.hold:
-        confirmed, _ = _confirm(finding.known, finding.fit, finding.hold, finding, whole)
-    finding.chosen.append(Effect(whole, score.gain, confirmed))
+    others = [effect for effect in finding.chosen if effect not in loads]
+    released = [i for effect in others for i in effect.option.figures]
+    (score,) = scores(_sum(finding.train), [whole], released)
+    alone = replace(finding, chosen=others)
+    at, train, fit = _settled(alone, looked, [*released, *whole.figures])
+    held = looked.at(at, "hold")
+    confirmed, why = _confirm(finding.known, fit, held, alone, whole) if held else (np.nan, "")
+    if not (why or _impossible(finding.known, fit, whole)):
+        finding.chosen = [*others, Effect(whole, score.gain, confirmed)]
+        finding.at, finding.train, finding.hold, finding.fit = at, train, held, fit
+
+
+def _whole_load(options: Sequence[Candidate]) -> Candidate | None:
+    """A payload with all figures of its place."""
+    loads = [option for option in options if option.effect == "payload"]
+    return max(loads, key=lambda option: len(option.figures), default=None)
 
 
 def _believe(
@@ -356,8 +368,9 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
     return scores(_sum(cases), options)
 
 
-def smallest(finding: Finding, enough: float) -> list[tuple[Figure, float]]:
-    """Of each figure of an effect, the deviation from nominal that would just give enough evidence."""
+def smallest(finding: Finding) -> list[tuple[Figure, float]]:
+    """Of each figure of an effect, the deviation from nominal that would just give enough evidence beside the found."""
+    needed = _needed(ENOUGH if finding.hold else ALONE, candidates(finding.known))
     fit, before = _sum(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
     variance = np.diag(fit.covariance)
     out = []
@@ -369,6 +382,8 @@ def smallest(finding: Finding, enough: float) -> list[tuple[Figure, float]]:
         # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
         price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
+        named = {effect.option.effect for effect in finding.chosen}
+        enough = max(needed[figure.effect], FURTHER) if named - {figure.effect} else needed[figure.effect]
         out.append((figure, float(np.sqrt(2.0 * (enough + price) / max(worth, 1e-30)))))
     return out
 
@@ -387,6 +402,11 @@ class Looked:
             self._cases[key] = [examine(each, self.known, at) for each in getattr(self, which)]
         return self._cases[key]
 
+    def forget(self, *kept: Array) -> None:
+        """What was seen at other values than these: of long recordings it would fill the memory."""
+        values = {at.tobytes() for at in kept}
+        self._cases = {key: cases for key, cases in self._cases.items() if key[1] in values}
+
     def near(self, at: Array, like: Sequence[Case], fresh: Sequence[int]) -> list[Case]:
         """Training recordings in a quarter of the time."""
         return [examine(each, self.known, at, case, fresh) for each, case in zip(self.train, like, strict=True)]
@@ -397,18 +417,18 @@ def _sum(cases: Sequence[Case]) -> Evidence:
 
 
 def _settle(
-    finding: Finding, looked: Looked, released: Sequence[int], renewed: int = RENEWED
+    finding: Finding, looked: Looked, released: Sequence[int], rounds: int = ROUNDS
 ) -> tuple[Array, list[Case], Fit]:
     """Gauss-Newton: where the released figures are linear and estimated agree.
 
     Steps are no longer than a reach, and half as long after each turn back: a spring four times too soft is far from
-    linear. Where they went far, as delays do, all derivatives are taken anew, `renewed` times at most.
+    linear. Where they went far, as delays do, all derivatives are taken anew, for `rounds` in all at most.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # what was dropped is gone at once
     at[list(released)] = finding.at[list(released)]
     near, far_off = finding.at, FAR_OFF
-    for left in reversed(range(renewed)):
+    for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(looked, released, at, cases)
         if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
             break
@@ -473,8 +493,8 @@ def _closest(finding: Finding, looked: Looked, rivals: Sequence[Score]) -> Score
     trials = []
     for rival in rivals:
         released = [*finding.released, *rival.option.figures]
-        renewed = RENEWED if rival.option.effect in CLOCKS else 1
-        trials.append((released, _settle(finding, looked, released, renewed)[1]))
+        rounds = ROUNDS if rival.option.effect in CLOCKS else 1
+        trials.append((released, _settle(finding, looked, released, rounds)[1]))
     count = len(trials[0][1])
     noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
     logs = []

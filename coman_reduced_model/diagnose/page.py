@@ -9,7 +9,7 @@ import numpy as np
 
 from ..report.figures import heat_map
 from ..report.page import Notice, Part, Section, Table, Text, page, picture
-from .diagnosis import AGREES, ALONE, ENOUGH, MOST
+from .diagnosis import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, MOST
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
 from .workflow import Diagnosis, limit_of, limits
@@ -110,7 +110,8 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
             "Values with their 95 % intervals. Evidence: log ratio of the probabilities of the data with the "
             "effect and with no "
             f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
-            f"(with none held out {ALONE:g}), and {AGREES:g} on the held-out ones."
+            f"(with none held out {ALONE:g}; of an effect of no more than {FEW} ways {FEWER:g} less; beside another "
+            f"effect {FURTHER:g}), and {AGREES:g} on the held-out ones."
         )
         parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
     if result["effects"]:

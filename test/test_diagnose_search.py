@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What counts as enough, and what is one effect: the rules of the search, one by one."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnose_balance import standing
+
+from coman_reduced_model.diagnose import diagnosis, workflow
+from coman_reduced_model.diagnose.balance import masks
+from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Effect, Finding
+from coman_reduced_model.diagnose.evidence import Score
+from coman_reduced_model.diagnose.hypotheses import candidates, figures
+
+
+def test_one_of_few_ways_needs_less_than_one_of_many_places():
+    needed = diagnosis._needed(ENOUGH, candidates(figures(*standing())))
+    assert needed["backlash"] == needed["joint_stiffness"] == needed["wrench_bias"] == ENOUGH
+    assert needed["payload"] == needed["com_offset"] == needed["encoder_delay"] == ENOUGH - FEWER
+    # Where something is missing for sure, so little is asked for that few ways make no difference.
+    assert set(diagnosis._needed(SUSPECTED, candidates(figures(*standing()))).values()) == {SUSPECTED}
+
+
+def test_a_channel_has_the_limit_of_its_own_or_of_its_law():
+    most = {"force": 3.5, "force/y": 6.0}
+    assert workflow.limit_of("force/y|single", most) == 6.0 and workflow.limit_of("force/x|single", most) == 3.5
+    assert workflow.limit_of("plan/x|single", most) is None
+
+
+def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
+    recording, world = standing()
+    where = masks(recording, world)
+    assert where.taken_up.any()
+    without = recording.changed(tau=None)
+    alike = workflow._alike([(recording, world, where), (without, world, masks(without, world))])
+    assert [each.tau for each, _, _ in alike] == [None, None]
+    assert not any(masked.taken_up.any() for _, _, masked in alike)
+    (kept,) = workflow._alike([(recording, world, where)])
+    assert kept[2] is where
+
+
+@pytest.mark.parametrize(
+    ("disagrees", "impossible"), [("", ""), ("held-out bags speak against it", ""), ("", "a load without a mass")]
+)
+def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatch, disagrees, impossible):
+    known = figures(*standing())
+    options = candidates(known)
+    shift, mass, whole, other = (
+        next(o for o in options if o.effect == effect and len(o.figures) == count)
+        for effect, count in (("com_offset", 1), ("payload", 1), ("payload", 4), ("backlash", 1))
+    )
+    asked = {}
+
+    def settled(finding, looked, released):
+        asked["released"] = released
+        return np.ones(len(known)), ["train"], "fit"
+
+    monkeypatch.setattr(diagnosis, "_sum", lambda cases: None)
+    monkeypatch.setattr(diagnosis, "scores", lambda e, o, r: [Score(o[0], 30.0, 25.0, np.zeros(4), True)])
+    monkeypatch.setattr(diagnosis, "_settled", settled)
+    monkeypatch.setattr(diagnosis, "_confirm", lambda *a: (12.0, disagrees))
+    monkeypatch.setattr(diagnosis, "_impossible", lambda *a: impossible)
+    before = [Effect(shift, 9.0, 9.0), Effect(other, 50.0, 50.0), Effect(mass, 9.0, 9.0)]
+    finding = Finding(known, np.zeros(len(known)), chosen=list(before))
+    diagnosis._one_load(finding, SimpleNamespace(at=lambda at, which: ["hold"]), options)
+    assert asked["released"] == [*other.figures, *whole.figures]
+    if disagrees or impossible:
+        assert finding.chosen == before and not finding.at.any()
+    else:
+        assert finding.chosen == [before[1], Effect(whole, 25.0, 12.0)]
+        assert finding.at.all() and (finding.train, finding.hold, finding.fit) == (["train"], ["hold"], "fit")
+
+
+def test_one_load_alone_stays_what_it_is():
+    known = figures(*standing())
+    options = candidates(known)
+    finding = Finding(known, np.zeros(len(known)), chosen=[Effect(options[0], 9.0, 9.0)])
+    diagnosis._one_load(finding, SimpleNamespace(), options)
+    assert [effect.option for effect in finding.chosen] == [options[0]]
