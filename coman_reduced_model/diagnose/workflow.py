@@ -218,9 +218,12 @@ def _alike(prepared: list[Prepared]) -> list[Prepared]:
         for name in ("tau", "motor_q", "up", "plan", "moved")
         if any(getattr(recording, name) is None for recording, _, _ in prepared)
     }
-    alike = [(recording.changed(**drop), world, where) for recording, world, where in prepared]
-    if drop.keys() & {"tau", "motor_q"}:
-        return [(recording, world, taken_up_anew(where, recording, world)) for recording, world, where in alike]
+    alike = []
+    for recording, world, where in prepared:
+        less = recording.changed(**drop)
+        if less.tau is not recording.tau or less.motor_q is not recording.motor_q:
+            where = taken_up_anew(where, less, world)
+        alike.append((less, world, where))
     return alike
 
 
