@@ -58,11 +58,16 @@ def walk(tmp_path_factory):
     return record_walk(tmp_path_factory.mktemp("bags"))
 
 
-def offline(path, config):
+def watched(path, config):
+    """A pipeline that has seen a bag, and its predictions."""
     with Bag(path) as bag:
         pipeline = Pipeline(find_robot(config, bag, TopicNames()), config)
-        types = ros_types()
-        return [prediction_to(types, p) for p in predictions(bag, pipeline, input_streams(bag, config, TopicNames()))]
+        return pipeline, list(predictions(bag, pipeline, input_streams(bag, config, TopicNames())))
+
+
+def offline(path, config):
+    types = ros_types()
+    return [prediction_to(types, p) for p in watched(path, config)[1]]
 
 
 def replayed(peer, node, path, rate, count):
@@ -345,7 +350,7 @@ def test_replay_keeps_time_and_order_and_latches_the_description(peer, walk):
 
     progress = replay.play(4.0, True, keep_going)
     took = time.monotonic() - began
-    assert expected - 0.3 < took < expected + 1.0 + 2 * progress.max_lag_s, "two passes at four times the speed"
+    assert expected - 0.3 < took < expected + 0.3 + 2 * progress.max_lag_s, "two passes at four times the speed"
     peer.node.create_subscription(peer.types.String, "robot_description", lambda m: texts.append(m.data), qos.latched())
     peer.wait(lambda: texts, "robot_description for a late subscriber")
     assert texts == [robot_urdf()]
@@ -573,11 +578,6 @@ def test_diagnostics_name_what_breaks_in_mid_walk(start, peer, tmp_path):
     seconds, level, message = told[0]
     assert seconds > 6.0 and level == 1 and message.startswith("spring/LKneeSag changed by -1")
     assert node.stop() == 0
-    config = Config()
-    with Bag(path) as bag:
-        pipeline = Pipeline(find_robot(config, bag, TopicNames()), config)
-        for _ in predictions(bag, pipeline, input_streams(bag, config, TopicNames())):
-            pass
-    first = pipeline.monitor.first
+    first = watched(path, Config())[0].monitor.first
     assert min(first, key=lambda channel: first[channel].told_ns) == "spring/LKneeSag"
     assert 6.0 < (first["spring/LKneeSag"].told_ns - T0) * 1e-9 <= 11.0

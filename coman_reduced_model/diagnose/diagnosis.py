@@ -132,8 +132,7 @@ def examine(
     for figure, value in zip(known, at, strict=True):
         if value:
             moved, world = figure.apply(moved, world, float(value))
-    if any(getattr(moved, stream) is not getattr(recording, stream) for stream in ("q", "tau", "motor_q")):
-        where = taken_up_anew(where, moved, world)
+    where = taken_up_anew(where, recording, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)
@@ -269,7 +268,7 @@ def search(
             continue
         held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
-        wanted = max(enough, FURTHER) if _others(finding, best.option) else needed[best.option.effect]
+        wanted = _wanted(finding, best.option.effect, enough, needed)
         if not why and (best.gain + confirmed < 2.0 * wanted if hold else best.gain < wanted):
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
@@ -315,14 +314,13 @@ def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: f
 def _needed(enough: float, options: Sequence[Candidate]) -> dict[str, float]:
     """By effect, the evidence that it needs where one of twelve and more places needs `enough`."""
     ways = Counter(option.effect for option in options)
-    return {
-        name: enough if count > FEW else max(enough - FEWER, min(enough, SUSPECTED)) for name, count in ways.items()
-    }
+    return {name: enough if count > FEW else max(enough - FEWER, SUSPECTED) for name, count in ways.items()}
 
 
-def _others(finding: Finding, option: Candidate) -> bool:
-    """Whether an effect of another name was chosen before."""
-    return any(effect.option.effect != option.effect for effect in finding.chosen)
+def _wanted(finding: Finding, name: str, enough: float, needed: dict[str, float]) -> float:
+    """The evidence that an effect needs beside those that were chosen: more beside one of another name."""
+    beside = any(effect.option.effect != name for effect in finding.chosen)
+    return max(enough, FURTHER) if beside else needed[name]
 
 
 def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:
@@ -370,7 +368,8 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
 
 def smallest(finding: Finding) -> list[tuple[Figure, float]]:
     """Of each figure of an effect, the deviation from nominal that would just give enough evidence beside the found."""
-    needed = _needed(ENOUGH if finding.hold else ALONE, candidates(finding.known))
+    enough = ENOUGH if finding.hold else ALONE
+    needed = _needed(enough, candidates(finding.known))
     fit, before = _sum(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
     variance = np.diag(fit.covariance)
     out = []
@@ -382,9 +381,12 @@ def smallest(finding: Finding) -> list[tuple[Figure, float]]:
         # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
         price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
-        named = {effect.option.effect for effect in finding.chosen}
-        enough = max(needed[figure.effect], FURTHER) if named - {figure.effect} else needed[figure.effect]
-        out.append((figure, float(np.sqrt(2.0 * (enough + price) / max(worth, 1e-30)))))
+        out.append(
+            (
+                figure,
+                float(np.sqrt(2.0 * (_wanted(finding, figure.effect, enough, needed) + price) / max(worth, 1e-30))),
+            )
+        )
     return out
 
 

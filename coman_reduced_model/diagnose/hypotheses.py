@@ -160,7 +160,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
             for stance, foot in SIDES.items():
                 for k, axis in enumerate("xy"):
                     add("", stance, f"lead_{axis}", LEAD_SPREAD, LEAD_SPREAD, "m", _lead(foot, k))
-        add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _motor_compliance, low=0.0)
+        add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _world("yielding"), low=0.0)
         add("", "motors", "settling", SETTLING_SPREAD, SETTLING_SPREAD, "s", _world("settling"))
         add("", "motors", "rotor", ROTOR_SPREAD, ROTOR_SPREAD, "kg m^2", _world("rotor"))
     for k, key in enumerate(("mass", "x", "y", "z")):
@@ -341,10 +341,6 @@ def _lead(foot: Foot, k: int) -> Apply:
 
 def _slip(foot: Foot) -> Apply:
     return lambda r, w, x: (r, w.changed(slip={**w.slip, foot: w.slip.get(foot, 0.0) + x}))
-
-
-def _motor_compliance(r: Recording, w: World, x: float) -> tuple[Recording, World]:
-    return r, w.changed(yielding=w.yielding + x)
 
 
 def _payload(k: int) -> Apply:

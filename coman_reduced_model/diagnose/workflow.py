@@ -218,13 +218,11 @@ def _alike(prepared: list[Prepared]) -> list[Prepared]:
         for name in ("tau", "motor_q", "up", "plan", "moved")
         if any(getattr(recording, name) is None for recording, _, _ in prepared)
     }
-    alike = []
-    for recording, world, where in prepared:
-        less = recording.changed(**drop)
-        if less.tau is not recording.tau or less.motor_q is not recording.motor_q:
-            where = taken_up_anew(where, less, world)
-        alike.append((less, world, where))
-    return alike
+    less = [recording.changed(**drop) for recording, _, _ in prepared]
+    return [
+        (recording, world, taken_up_anew(where, before, recording, world))
+        for recording, (before, world, where) in zip(less, prepared, strict=True)
+    ]
 
 
 def place(option: Candidate) -> str:
