@@ -133,7 +133,7 @@ def test_a_state_told_by_the_other_sole_and_back_is_the_same():
         other = 3 - foot
         q = joints if foot == 1 else np.roll(joints, 6)
         posture.update(q, np.zeros(12))
-        V, V_o = (trunk_twist(posture.sole_jacobian(f), machine.leg_columns[f], posture.p[f]) for f in (foot, other))
+        V, V_o = (trunk_twist(posture.J, machine.leg_columns[f]) for f in (foot, other))
         R, p = posture.R, posture.p
         return contacts(V, R[foot], p[foot], V_o, R[other], p[other], SOLE, SOLE, s)[1:]
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
 from .compiled import apply, compiled
 from .config import Config
@@ -69,7 +68,6 @@ class Laws:
     def __init__(self, robot: Robot, config: Config) -> None:
         self._robot, self._gravity, self._mass = robot, config.robot.gravity, robot.mass
         self._motors = config.prediction.reference == "motor"  # else the reference COM is the plan itself
-        self._data = robot.model.createData()
         self._joints = np.concatenate([robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]])
         self._columns: Array = robot.idx_v  # type: ignore[assignment]
         self._split = len(robot.legs[Foot.LEFT])
@@ -117,7 +115,6 @@ class Laws:
         """Take a look at a sample with both wrenches, the posture and the prediction made of it."""
         robot, foot, left, right = self._robot, prediction.support.support_foot, sample.left_wrench, sample.right_wrench
         assert left is not None and right is not None
-        J_com = pin.jacobianCenterOfMass(robot.model, self._data, link.configuration)
         motor = self._none if sample.motor_q is None else sample.motor_q
         tau = self._none if sample.tau is None else sample.tau
         plan, sole, up, frame = _NAN3, _NO_POSE, _NAN4, ""
@@ -131,10 +128,9 @@ class Laws:
             self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
         _look(
             self._now, self._ends, self._sums, self.looks == 0, self._joints, self._columns, self._split, self._k,
-            self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.sole_jacobian(Foot.LEFT),
-            link.R[Foot.RIGHT], link.p[Foot.RIGHT], link.sole_jacobian(Foot.RIGHT), left, right,
-            foot == Foot.LEFT, link.com, prediction.measured_com_vel, J_com, self._mass, self._gravity, up,
-            self._imu[1], prediction.reference_com, plan, sole,
+            self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
+            link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com, prediction.measured_com_vel,
+            link.J_com, self._mass, self._gravity, up, self._imu[1], prediction.reference_com, plan, sole,
         )  # fmt: skip
         self.looks += 1
 
@@ -166,20 +162,25 @@ def _usual(name: str) -> tuple[str, float, float, float]:
 @compiled
 def _look(
     x: Array, ends: Array, sums: Array, first: bool, joints: Array, columns: Array, split: int, stiffness: Array,
-    lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, J_l: Array, R_r: Array, p_r: Array,
-    J_r: Array, left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float,
-    gravity: float, imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
+    lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, J: Array,
+    left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float, gravity: float,
+    imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
 ) -> None:  # fmt: skip
     """Residuals now into x, what is differentiated into the row of `ends`, both into `sums`; rows as in `Laws`.
 
-    Feet by rotation, position and Jacobian in the base frame, their wrenches in their own; `imu` quaternion x y z w;
-    `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where the sole is `sole`.
+    Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
+    quaternion x y z w; `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where
+    the sole is `sole`.
     """
     nl, n = joints.shape[0], x.shape[0] - 2 * joints.shape[0]
     end = ends[1]
     R = R_l if on_left else R_r
     f_l, t_l = apply(R_l, left[:3]), apply(R_l, left[3:])
     f_r, t_r = apply(R_r, right[:3]), apply(R_r, right[3:])
+    for k in range(3):  # moments about the base origin
+        a, b = (k + 1) % 3, (k + 2) % 3
+        t_l[k] += p_l[a] * f_l[b] - p_l[b] * f_l[a]
+        t_r[k] += p_r[a] * f_r[b] - p_r[b] * f_r[a]
     measured = False  # some drivers fill the field with zeros for lack of a sensor
     for i in range(nl):
         measured |= tau[joints[i]] != 0.0
@@ -189,9 +190,9 @@ def _look(
         for k in range(3):
             need += mass * gravity * R[k, 2] * J_com[k, c]
             if i < split:
-                need -= J_l[k, c] * f_l[k] + J_l[3 + k, c] * t_l[k]
+                need -= J[k, c] * f_l[k] + J[3 + k, c] * t_l[k]
             else:
-                need -= J_r[k, c] * f_r[k] + J_r[3 + k, c] * t_r[k]
+                need -= J[k, c] * f_r[k] + J[3 + k, c] * t_r[k]
         torque, stretch = tau[j] if measured else np.nan, motor[j] - q[j]
         x[nl + i] = torque - need
         x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
@@ -202,8 +203,7 @@ def _look(
     force, moment = f_l + f_r, t_l + t_r
     for k in range(3):
         a, b = (k + 1) % 3, (k + 2) % 3
-        moment[k] += (p_l[a] - com[a]) * f_l[b] - (p_l[b] - com[b]) * f_l[a]
-        moment[k] += (p_r[a] - com[a]) * f_r[b] - (p_r[b] - com[b]) * f_r[a]
+        moment[k] -= com[a] * force[b] - com[b] * force[a]
     gap = apply(R_l.T, p_r - p_l)
     force, moment = apply(R.T, force), apply(R.T, moment)
     for k in range(3):

@@ -12,7 +12,7 @@ from .dynamics import Dynamics, Now
 from .effects import Effect, loaded
 from .horizon import HorizonJudge, predict_baselines
 from .model import Model
-from .odometry import FootOdometry, pose
+from .odometry import FootOdometry
 from .point_mass import Pendulum, PointMass
 from .robot import Robot
 from .support import SupportDetector
@@ -190,6 +190,6 @@ class Predictor:
         return every > 0 and self._steps % every == 0
 
     def _zmp(self, sample: Sample, foot: Foot) -> Array | None:
-        other = pose(*self.link.sole_to_sole(foot, foot.other))
+        other = self.link.sole_pose(foot, foot.other)
         poses = (_IDENTITY, other) if foot == Foot.LEFT else (other, _IDENTITY)
         return zmp_from_wrenches(sample.left_wrench, sample.right_wrench, *poses)

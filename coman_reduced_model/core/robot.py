@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import RobotError
-from .compiled import apply, compiled
+from .compiled import compiled
 from .config import LegConfig, RobotConfig
 from .stiffness import leg_jacobian
 from .types import Array, Foot
@@ -28,6 +28,8 @@ class Robot:
     Attributes:
         joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
         legs: indices of the joints of each leg in `joint_names`, hip to ankle.
+        leg_columns: their columns in Jacobians.
+        sole_columns: columns of all joints between the root link and each sole.
         soles: x of the back and the front edge, y of the right and the left edge (4,) of each sole in its frame [m].
     """
 
@@ -57,10 +59,13 @@ class Robot:
         self.sole_ids: dict[Foot, int] = {}
         self.legs: dict[Foot, Array] = {}
         self.leg_columns: dict[Foot, Array] = {}
+        self.sole_columns: dict[Foot, Array] = {}
         for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right)):
             self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{_LEG_NAMES[foot]}.sole_frame", source)
             self.legs[foot] = self._leg(foot, leg, source)
             self.leg_columns[foot] = self.idx_v[self.legs[foot]]
+            chain = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
+            self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(chain)[2:]], dtype=np.intp)
         self.soles = {foot: self._outline(foot) for foot in self.sole_ids}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
 
@@ -185,8 +190,10 @@ class Posture:
     """The robot at one set of joint positions and velocities; `update` refreshes all quantities in place.
 
     Attributes, all in the base frame (views into Pinocchio's data: copy what is to be kept):
-        com, com_vel: (3,) [m], [m/s].
-        R_left, p_left, R_right, p_right: rotation (3, 3) and position (3,) of the soles.
+        com: (3,) [m].
+        R, p: by foot, rotation (3, 3) and position (3,) [m] of the sole.
+        J: (6, nv) velocity [linear; angular] of the point at the base origin that moves with what a joint carries.
+        J_com: (3, nv) velocity of the COM.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -196,75 +203,66 @@ class Posture:
         self._v = np.zeros(robot.model.nv)
         self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
         # Pinocchio's containers keep their addresses, so that the views stay valid and cost nothing to read.
-        self.com = self.data.com[0]
-        self.com_vel = self.data.vcom[0]
+        self.com, self.J, self.J_com = self.data.com[0], self.data.J, self.data.Jcom
         self._soles = {foot: self.data.oMf[index] for foot, index in robot.sole_ids.items()}
         self.R = {foot: placement.rotation for foot, placement in self._soles.items()}
         self.p = {foot: placement.translation for foot, placement in self._soles.items()}
-        self._J: dict[Foot, Array] = {}
 
     def update(self, q: Array, qd: Array) -> None:
         """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
         robot = self.robot
         robot.scatter(q, self._q)
         self._v[robot.idx_v] = qd
-        pin.centerOfMass(robot.model, self.data, self._q, self._v, False)
-        pin.computeJointJacobians(robot.model, self.data)  # where the joints are is known from the line before
+        pin.jacobianCenterOfMass(robot.model, self.data, self._q, False)  # COM, J_com, J, and where the joints are
         pin.updateFramePlacements(robot.model, self.data)
-        self._J = {}
-
-    @property
-    def configuration(self) -> Array:
-        """(nq,) of the model, the trunk at the origin: a view."""
-        return self._q
-
-    def sole_jacobian(self, foot: Foot) -> Array:
-        """(6, nv) velocity [linear; angular] of the sole against the trunk, in base axes at the sole."""
-        if foot not in self._J:
-            frame = self.robot.sole_ids[foot]
-            self._J[foot] = pin.getFrameJacobian(self.robot.model, self.data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self._J[foot]
 
     def leg_jacobian(self, foot: Foot) -> Array:
         """The Jacobian of (8), (6, n): see `stiffness.leg_jacobian`."""
-        columns = self.robot.leg_columns[foot]
-        return leg_jacobian(self.sole_jacobian(foot), columns, self.com, self.R[foot], self.p[foot])
+        return leg_jacobian(self.J, self.robot.leg_columns[foot], self.com, self.R[foot])
 
     def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
         """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
         out = np.empty((2, 3))  # what compiled code fills costs less than what it returns
-        _com_in_sole(self.com, self.com_vel, self.sole_jacobian(foot), self._v, self.R[foot], self.p[foot], out)
+        columns = self.robot.sole_columns[foot]
+        _com_in_sole(self.com, self.J_com, self.J, columns, self._v, self.R[foot], self.p[foot], out)
         return out[0], out[1]
 
-    def sole_to_sole(self, foot: Foot, other: Foot) -> tuple[Array, Array]:
-        """Pose of the sole `other` in the frame of the sole `foot`: rotation (3, 3), position (3,)."""
-        T = np.empty((4, 3))
+    def sole_pose(self, foot: Foot, other: Foot) -> Array:
+        """Pose (4, 4) of the sole `other` in the frame of the sole `foot`."""
+        T = np.empty((4, 4))
         _pose_in(self.R[foot], self.p[foot], self.R[other], self.p[other], T)
-        return T[:3], T[3]
+        return T
+
+    def sole_to_sole(self, foot: Foot, other: Foot) -> tuple[Array, Array]:
+        """The same as rotation (3, 3) and position (3,)."""
+        T = self.sole_pose(foot, other)
+        return T[:3, :3], T[:3, 3]
 
 
 @compiled
-def _com_in_sole(com: Array, com_vel: Array, J_sole: Array, v: Array, R: Array, p: Array, out: Array) -> None:
-    twist = apply(J_sole, v)
-    r, vel = np.empty(3), np.empty(3)
+def _com_in_sole(com: Array, J_com: Array, J: Array, columns: Array, v: Array, R: Array, p: Array, out: Array) -> None:
+    t0 = t1 = t2 = w0 = w1 = w2 = 0.0  # twist of the sole, as J tells it
+    for c in columns:
+        t0, t1, t2 = t0 + J[0, c] * v[c], t1 + J[1, c] * v[c], t2 + J[2, c] * v[c]
+        w0, w1, w2 = w0 + J[3, c] * v[c], w1 + J[4, c] * v[c], w2 + J[5, c] * v[c]
+    v0 = -t0 - (w1 * com[2] - w2 * com[1])
+    v1 = -t1 - (w2 * com[0] - w0 * com[2])
+    v2 = -t2 - (w0 * com[1] - w1 * com[0])
+    for c in range(v.shape[0]):
+        v0, v1, v2 = v0 + J_com[0, c] * v[c], v1 + J_com[1, c] * v[c], v2 + J_com[2, c] * v[c]
     for i in range(3):
-        r[i] = com[i] - p[i]
-        vel[i] = com_vel[i] - twist[i]
-    vel[0] -= twist[4] * r[2] - twist[5] * r[1]
-    vel[1] -= twist[5] * r[0] - twist[3] * r[2]
-    vel[2] -= twist[3] * r[1] - twist[4] * r[0]
-    for i in range(3):
-        out[0, i] = R[0, i] * r[0] + R[1, i] * r[1] + R[2, i] * r[2]
-        out[1, i] = R[0, i] * vel[0] + R[1, i] * vel[1] + R[2, i] * vel[2]
+        out[0, i] = R[0, i] * (com[0] - p[0]) + R[1, i] * (com[1] - p[1]) + R[2, i] * (com[2] - p[2])
+        out[1, i] = R[0, i] * v0 + R[1, i] * v1 + R[2, i] * v2
 
 
 @compiled
 def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array, out: Array) -> None:
     for i in range(3):
-        out[3, i] = 0.0
+        out[i, 3] = out[3, i] = 0.0
         for j in range(3):
             out[i, j] = R[0, i] * R_other[0, j] + R[1, i] * R_other[1, j] + R[2, i] * R_other[2, j]
-            out[3, i] += R[j, i] * (p_other[j] - p[j])
+            out[i, 3] += R[j, i] * (p_other[j] - p[j])
+    out[3, 3] = 1.0
 
 
 def _build(urdf: str, source: str) -> pin.Model:

@@ -10,14 +10,14 @@ from .types import Array
 
 
 @compiled
-def leg_jacobian(J_sole: Array, columns: Array, com: Array, R: Array, p: Array) -> Array:
+def leg_jacobian(J_joints: Array, columns: Array, com: Array, R: Array) -> Array:
     """The Jacobian of (8), from the sole to the frame at the COM.
 
     Args:
-        J_sole: (6, nv) velocity [linear; angular] of the sole against the trunk, base axes, at the sole.
+        J_joints: (6, nv) velocity [linear; angular] of the sole against the trunk, base axes, at the base origin.
         columns: (n,) columns of the leg's joints, hip to ankle.
         com: (3,) COM in base axes [m].
-        R, p: rotation (3, 3) and position (3,) of the sole in the base frame.
+        R: rotation (3, 3) of the sole in the base frame.
 
     Returns:
         (6, n) linear [m/rad] over angular [1] velocity of the trunk-fixed frame at the COM, in the axes of the
@@ -25,15 +25,14 @@ def leg_jacobian(J_sole: Array, columns: Array, com: Array, R: Array, p: Array) 
     """
     n = columns.shape[0]
     J = np.empty((6, n))
-    r0, r1, r2 = com[0] - p[0], com[1] - p[1], com[2] - p[2]
     for i in range(n):
         c = columns[i]
-        v0, v1, v2 = J_sole[0, c], J_sole[1, c], J_sole[2, c]
-        w0, w1, w2 = J_sole[3, c], J_sole[4, c], J_sole[5, c]
-        # Seen from the sole the trunk moves the other way; at the COM: -(v + w x r).
-        a0 = -v0 - (w1 * r2 - w2 * r1)
-        a1 = -v1 - (w2 * r0 - w0 * r2)
-        a2 = -v2 - (w0 * r1 - w1 * r0)
+        v0, v1, v2 = J_joints[0, c], J_joints[1, c], J_joints[2, c]
+        w0, w1, w2 = J_joints[3, c], J_joints[4, c], J_joints[5, c]
+        # Seen from the sole the trunk moves the other way; at the COM: -(v + w x com).
+        a0 = -v0 - (w1 * com[2] - w2 * com[1])
+        a1 = -v1 - (w2 * com[0] - w0 * com[2])
+        a2 = -v2 - (w0 * com[1] - w1 * com[0])
         for k in range(3):
             J[k, i] = R[0, k] * a0 + R[1, k] * a1 + R[2, k] * a2
             J[3 + k, i] = -(R[0, k] * w0 + R[1, k] * w1 + R[2, k] * w2)

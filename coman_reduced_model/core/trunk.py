@@ -12,23 +12,17 @@ from .types import Array
 
 
 @compiled
-def trunk_twist(J_sole: Array, columns: Array, p: Array) -> Array:
+def trunk_twist(J_joints: Array, columns: Array) -> Array:
     """(6, n) twist of the trunk against a sole at rest, in base axes at the base origin, by the joints of the leg.
 
     Args:
-        J_sole: (6, nv) velocity of the sole against the trunk, base axes, at the sole.
+        J_joints: (6, nv) of `Posture`: what the joints carry moves so against the trunk, the trunk the other way.
         columns: (n,) of the leg's joints.
-        p: (3,) of the sole in the base frame [m].
     """
-    n = columns.shape[0]
-    V = np.empty((6, n))
-    for i in range(n):
-        c = columns[i]
-        w0, w1, w2 = J_sole[3, c], J_sole[4, c], J_sole[5, c]
-        V[0, i] = -J_sole[0, c] - (p[1] * w2 - p[2] * w1)
-        V[1, i] = -J_sole[1, c] - (p[2] * w0 - p[0] * w2)
-        V[2, i] = -J_sole[2, c] - (p[0] * w1 - p[1] * w0)
-        V[3, i], V[4, i], V[5, i] = -w0, -w1, -w2
+    V = np.empty((6, columns.shape[0]))
+    for i in range(6):
+        for j in range(columns.shape[0]):
+            V[i, j] = -J_joints[i, columns[j]]
     return V
 
 
@@ -60,9 +54,9 @@ def com_jacobian(V: Array, columns: Array, J_com: Array, com: Array, R: Array) -
 
 @compiled
 def geometry(
-    Y: Array, mass: float, com: Array, J_s: Array, R_s: Array, p_s: Array, columns_s: Array, sole_s: Array,
-    J_o: Array, R_o: Array, p_o: Array, columns_o: Array, sole_o: Array, y: Array, w: Array,
-    V_before: Array, A_before: Array, dt: float, v: Array, a: Array,
+    Y: Array, mass: float, com: Array, J_joints: Array, R_s: Array, p_s: Array, columns_s: Array, sole_s: Array,
+    R_o: Array, p_o: Array, columns_o: Array, sole_o: Array, y: Array, w: Array, V_before: Array, A_before: Array,
+    dt: float, v: Array, a: Array,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """How trunk, COM and soles move with the joints of the support leg (n) and the other one (k), m of them.
 
@@ -70,9 +64,10 @@ def geometry(
         Y: (nv, nv) joint-space inertia with a free base, upper triangle.
         mass: [kg].
         com: (3,) in the base frame [m].
-        J_s, R_s, p_s, columns_s, sole_s: support leg: (6, nv) sole Jacobian, pose of the sole in the base frame,
-            columns (n,), edges of the sole (4,).
-        J_o, R_o, p_o, columns_o, sole_o: the same of the other leg.
+        J_joints: (6, nv) of `Posture`.
+        R_s, p_s, columns_s, sole_s: support leg: pose of the sole in the base frame, columns (n,), edges of the sole
+            (4,).
+        R_o, p_o, columns_o, sole_o: the same of the other leg.
         y, w: (m + 6,) joints and displacement of the support sole, their rates.
         V_before, A_before: V and A of the sample before, dt [s] ago; dt = 0: there is none.
         v, a: velocity and acceleration (nv,) of the model; those of the base are written, the joints not accelerating.
@@ -85,7 +80,7 @@ def geometry(
     n, k = columns_s.shape[0], columns_o.shape[0]
     m = n + k
     J_com = Y[:3] / mass  # the base is the origin of the axes in which the momentum is told
-    V, V_o = trunk_twist(J_s, columns_s, p_s), trunk_twist(J_o, columns_o, p_o)
+    V, V_o = trunk_twist(J_joints, columns_s), trunk_twist(J_joints, columns_o)
     A, C, height = contacts(V, R_s, p_s, V_o, R_o, p_o, sole_s, sole_o, y[m:])
     J = np.zeros((6, m))
     J[:, :n] = com_jacobian(V, columns_s, J_com, com, R_s)

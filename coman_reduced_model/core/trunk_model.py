@@ -232,13 +232,13 @@ class TrunkModel(Dynamics):
         posture.update(q, self._still)
         robot.scatter(q, self._q)
         self._v[robot.idx_v] = qd
-        before, R, p, J_sole = self._terms, posture.R, posture.p, posture.sole_jacobian
+        before, R, p = self._terms, posture.R, posture.p
         if before is None or before.foot != foot:
             before = None
         Y = pin.crba(self._pin, self._data, self._q)
         V, A, C, height, J, J_o, com, down = geometry(
-            Y, self.model.mass, posture.com, J_sole(foot), R[foot], p[foot], columns[foot], soles[foot],
-            J_sole(other), R[other], p[other], columns[other], soles[other], y, w,
+            Y, self.model.mass, posture.com, posture.J, R[foot], p[foot], columns[foot], soles[foot],
+            R[other], p[other], columns[other], soles[other], y, w,
             *((np.zeros((6, n)), np.zeros((6, 6)), 0.0) if before is None else (before.V, before.A, now.dt)),
             self._v, self._a,
         )  # fmt: skip

@@ -48,13 +48,13 @@ def zmp_from_wrenches(
     """
     if left_wrench is None or right_wrench is None:
         return None
-    x, y, fz = _net(left_wrench, right_wrench, T_support_left, T_support_right)
-    return np.array([x, y, 0.0]) if fz >= min_force else None
+    zmp = np.empty(3)  # what compiled code fills costs less than what it returns
+    return zmp if _net(left_wrench, right_wrench, T_support_left, T_support_right, zmp) >= min_force else None
 
 
 @compiled
-def _net(left: Array, right: Array, T_left: Array, T_right: Array) -> tuple[float, float, float]:
-    """ZMP x, y [m] and total vertical force [N] in the support sole; x and y are infinite without force."""
+def _net(left: Array, right: Array, T_left: Array, T_right: Array, zmp: Array) -> float:
+    """Write the ZMP (3,) [m] in the support sole; the total vertical force [N], without which it is infinite or NaN."""
     mx = my = fz = 0.0
     for wrench, T in ((left, T_left), (right, T_right)):
         f0 = T[0, 0] * wrench[0] + T[0, 1] * wrench[1] + T[0, 2] * wrench[2]
@@ -63,6 +63,5 @@ def _net(left: Array, right: Array, T_left: Array, T_right: Array) -> tuple[floa
         mx += T[0, 0] * wrench[3] + T[0, 1] * wrench[4] + T[0, 2] * wrench[5] + T[1, 3] * f2 - T[2, 3] * f1
         my += T[1, 0] * wrench[3] + T[1, 1] * wrench[4] + T[1, 2] * wrench[5] + T[2, 3] * f0 - T[0, 3] * f2
         fz += f2
-    if fz == 0.0:
-        return np.inf, np.inf, 0.0
-    return -my / fz, mx / fz, fz
+    zmp[0], zmp[1], zmp[2] = -my / fz, mx / fz, 0.0
+    return fz

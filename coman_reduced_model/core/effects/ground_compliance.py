@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from ..parameter import Parameter
 from ..types import Foot
@@ -68,11 +67,10 @@ class GroundCompliance(Effect):
 
     def _as_joints(self, foot: Foot) -> Array:
         """Joint motion (n, 3) that moves COM and trunk as the sole's sinking [m] and turning about x and y [rad] do."""
-        posture, robot = self._posture, self._posture.robot
+        posture = self._posture
         J, com = posture.leg_jacobian(foot), posture.com_in_sole(foot)[0]
         # Of the COM of all links, of which those of the leg move less than the trunk.
-        links = pin.jacobianCenterOfMass(robot.model, posture.data, True)[:, robot.leg_columns[foot]]
-        J[:3] += posture.R[foot].T @ links
+        J[:3] += posture.R[foot].T @ posture.J_com[:, posture.robot.leg_columns[foot]]
         ground = np.zeros((6, 3))
         ground[2, 0] = ground[3, 1] = ground[4, 2] = 1.0
         ground[:3, 1], ground[:3, 2] = (0.0, -com[2], com[1]), (com[2], 0.0, -com[0])  # axis x COM
