@@ -60,6 +60,7 @@ class Model:
         self._tuning_K = np.array([[c.a1, 1.0, c.c1], [1.0, 1.0, 1.0], [c.c2, 1.0, c.a2]])
         self._tuning_D = np.array([[c.b1, 1.0, c.e1], [1.0, 1.0, 1.0], [c.e2, 1.0, c.b2]])
         self.turning = config.turning
+        self._limit = c.singular_limit
         self._rows = 3 if c.stiffness == "condensed" else 6
         self.axes = np.array(sorted({0, 2}.union(*(effect.axes for effect in self.effects))))
         # A deflection that is not integrated is not felt either: without its column K p_r would pull all the same.
@@ -91,20 +92,24 @@ class Model:
             K [N/m], D [Ns/m], force (3,) [N] of springs that pull without a deflection of the COM, whether the posture
             is near singular.
         """
-        J = posture.leg_jacobian(foot)
-        if deflection is None:
-            deflection = -load * J[2] / self.springs.stiffness[foot]
-        still = np.zeros(J.shape[1])
-        leg = self.springs.leg(
-            foot, J, load, deflection, still if rate is None else rate, still if motor_rate is None else motor_rate
-        )
-        r = posture.com - posture.p[foot]
-        length = float(r.dot(r)) ** 0.5
-        limit = self.config.model.singular_limit
-        K, D, singular = spring_damper(J[: self._rows], leg.K_q, leg.D_q, length, limit)
+        J, springs, torque = posture.leg_jacobian(foot), self.springs, None
+        K_q, D_q = springs.matrices[foot]
+        if not springs.constant:
+            still = np.zeros(J.shape[1])
+            leg = springs.leg(
+                foot,
+                J,
+                load,
+                -load * J[2] / springs.stiffness[foot] if deflection is None else deflection,
+                still if rate is None else rate,
+                still if motor_rate is None else motor_rate,
+            )
+            K_q, D_q, torque = leg.K_q, leg.D_q, leg.torque
+        J, r = J[: self._rows], posture.com - posture.p[foot]
+        K, D, singular = spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
         bias = _NOTHING
-        if np.count_nonzero(leg.torque):  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
-            bias = -(K @ (J[: self._rows] @ np.linalg.solve(leg.K_q, leg.torque)))[:3]
+        if torque is not None and np.count_nonzero(torque):  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
+            bias = -(K @ (J @ np.linalg.solve(K_q, torque)))[:3]
         return K[:3, :3], D[:3, :3], bias, singular
 
     def terms(
@@ -140,18 +145,20 @@ class Model:
         )
         scale_K, scale_D = self._divided(share, landed) if double and not both else (self._tuning_K, self._tuning_D)
         K, D, force = _pulled(K, D, scale_K, scale_D, *references[foot])
-        terms = Terms(self._M, K, D, force + bias, self.axes, singular)
+        terms = Terms(self._M, K, D, force, self.axes, singular)
+        if bias is not _NOTHING:
+            force += bias
         if both:
             K, D, bias, singular = self.leg_stiffness(
                 posture, foot.other, weight * (1.0 - share), *known.get(foot.other, ())
             )
             R, _ = posture.sole_to_sole(foot, foot.other)
-            K, D, force = _pulled(R @ K @ R.T, R @ D @ R.T, scale_K, scale_D, *references[foot.other])
+            K, D, more = _pulled(R @ K @ R.T, R @ D @ R.T, scale_K, scale_D, *references[foot.other])
             terms.K += K
             terms.D += D
-            terms.force += force + R @ bias
+            force += more + R @ bias
             terms.near_singular |= singular
-        terms.force[2] -= weight
+        force[2] -= weight
         return terms
 
     def pendulum(self, height: float, zmp: Array) -> Terms:

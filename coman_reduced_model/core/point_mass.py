@@ -43,7 +43,7 @@ class PointMass(Dynamics):
 
     def prepare(self, now: Now) -> bool:
         sample, support, foot = now.sample, now.support, now.foot
-        deflections: dict[Foot, tuple[Array | None, Array | None, Array]] = {}
+        deflections: dict[Foot, tuple[Array | None, Array | None, Array]] = {}  # for springs that ask for them
         self.reference = self.reference_vel = _NAN3
         if self._source == "motor":
             if sample.motor_q is None or sample.motor_qd is None:
@@ -55,7 +55,7 @@ class PointMass(Dynamics):
                 R, p = now.link.sole_to_sole(foot, foot.other)
                 p_r, v_r = motor_com(posture, foot.other)
                 references[foot.other] = (R @ p_r + p, R @ v_r)
-            for side in references:
+            for side in () if self.model.springs.constant else references:
                 leg = self._legs[side]
                 motor_rate = sample.motor_qd[leg]
                 deflections[side] = (sample.q[leg] - sample.motor_q[leg], sample.qd[leg] - motor_rate, motor_rate)

@@ -48,7 +48,9 @@ class Springs:
 
     Attributes:
         stiffness, damping: (n,) nominal of the joints of each leg [Nm/rad], [Nms/rad].
-        plain: whether no effect but `gravity_stiffness` acts on them.
+        matrices: the same as diagonal matrices (n, n).
+        constant: whether no effect acts on them.
+        plain: whether no effect but `gravity_stiffness` does.
     """
 
     def __init__(self, config: RobotConfig, effects: Sequence[Effect]) -> None:
@@ -56,10 +58,11 @@ class Springs:
         self._effects = [e for e in effects if type(e).springs is not Effect.springs]
         self.stiffness = {Foot.LEFT: np.array(config.left.stiffness), Foot.RIGHT: np.array(config.right.stiffness)}
         self.damping = {Foot.LEFT: np.array(config.left.damping), Foot.RIGHT: np.array(config.right.damping)}
+        self.constant = not self._effects
         self.plain = all(effect.name == "gravity_stiffness" for effect in self._effects)
-        self._legs = {
-            foot: (leg.joints, np.diag(leg.stiffness), np.diag(leg.damping))
-            for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right))
+        self._joints = {Foot.LEFT: config.left.joints, Foot.RIGHT: config.right.joints}
+        self.matrices = {
+            foot: (np.diag(self.stiffness[foot]), np.diag(self.damping[foot])) for foot in (Foot.LEFT, Foot.RIGHT)
         }
 
     def leg(
@@ -73,7 +76,7 @@ class Springs:
         at: Array | None = None,
     ) -> LegSprings:
         """The springs of a leg; arguments as in `LegSprings`, `at` zero by default."""
-        joints, K_q, D_q = self._legs[foot]
+        joints, (K_q, D_q) = self._joints[foot], self.matrices[foot]
         zero = np.zeros(len(joints))
         leg = LegSprings(
             foot, joints, J, K_q.copy(), D_q.copy(), zero.copy(), load, deflection, rate, motor_rate,
