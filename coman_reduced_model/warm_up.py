@@ -21,6 +21,7 @@ from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to,
 
 _PERIOD_NS = 5_000_000
 _SAMPLES = 100
+_APART_NS = 1_000_000  # from joint states: so that streams are interpolated, and the plan goes on by its preview
 
 
 @contextmanager
@@ -57,9 +58,10 @@ def _walk(robot: Robot, config: Config, types: MessageTypes) -> None:
         zero = np.zeros(len(names))
         share = (0.5, 1.0, 0.5, 0.0)[index * 8 // _SAMPLES % 4]
         for foot, part in ((Foot.LEFT, share), (Foot.RIGHT, 1.0 - share)):
-            wrench = WrenchMessage(stamp, soles[foot], np.array((0.0, 0.0, part * weight)), np.zeros(3))
+            wrench = WrenchMessage(stamp + _APART_NS, soles[foot], np.array((0.0, 0.0, part * weight)), np.zeros(3))
             pipeline.feed(WRENCHES[foot], wrench_to(types, wrench), FROM[WRENCHES[foot]])
-        reference = reference_to(types, _reference(stamp))
+        apart = _APART_NS if 2 * index < _SAMPLES else -_APART_NS
+        reference = reference_to(types, _reference(stamp + apart))
         pipeline.feed(REFERENCE, reference, FROM[REFERENCE])
         motor = joint_to(types, JointMessage(stamp, names, q + 0.01, zero, None))
         pipeline.feed(MOTORS, motor, FROM[MOTORS])

@@ -316,7 +316,9 @@ class Joiner:
             return None if after is None else after[1].copy()
         if after is None or before[0] == stamp:
             return before[1].copy()
-        return before[1] + (stamp - before[0]) / (after[0] - before[0]) * (after[1] - before[1])
+        wrench = np.empty(6)
+        _mix(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), wrench)
+        return wrench
 
     def _join_motors(self, sample: Sample) -> None:
         stamp = sample.stamp_ns
@@ -356,6 +358,29 @@ def _to_sole(matrix: Array, force: Array, torque: Array, out: Array) -> bool:
     return usable(force) and usable(torque)
 
 
+@compiled
+def _mix(first: Array, second: Array, weight: float, out: Array) -> None:
+    """Write the point that is `weight` of the way from the first to the second (n,)."""
+    for i in range(out.shape[0]):
+        out[i] = first[i] + weight * (second[i] - first[i])
+
+
+@compiled
+def _mix_plans(
+    weight: float, com_0: Array, com_1: Array, vel_0: Array, vel_1: Array, acc_0: Array, acc_1: Array, zmp_0: Array,
+    zmp_1: Array, now: Array, preview_0: Array, preview_1: Array, preview_vel_0: Array, preview_vel_1: Array,
+    ahead: Array,
+) -> None:  # fmt: skip
+    """The same for all vectors of two plans: now (4, 3) and their previews (n, 3), ahead (2, n, 3)."""
+    _mix(com_0, com_1, weight, now[0])
+    _mix(vel_0, vel_1, weight, now[1])
+    _mix(acc_0, acc_1, weight, now[2])
+    _mix(zmp_0, zmp_1, weight, now[3])
+    for k in range(preview_0.shape[0]):
+        _mix(preview_0[k], preview_1[k], weight, ahead[0, k])
+        _mix(preview_vel_0[k], preview_vel_1[k], weight, ahead[1, k])
+
+
 def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Reference:
     """The plan between two of its points: vectors interpolated, feet and phase those of the nearer one.
 
@@ -364,21 +389,12 @@ def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Referen
     nearer = new if weight > 0.5 else old
     if old.preview_dt != new.preview_dt or old.preview_com.shape != new.preview_com.shape:
         return nearer
-
-    def mix(first: Array, second: Array) -> Array:
-        return first + weight * (second - first)
-
+    now, ahead = np.empty((4, 3)), np.empty((2, *new.preview_com.shape))
+    _mix_plans(
+        weight, old.com, new.com, old.com_vel, new.com_vel, old.com_acc, new.com_acc, old.zmp, new.zmp, now,
+        old.preview_com, new.preview_com, old.preview_com_vel, new.preview_com_vel, ahead,
+    )  # fmt: skip
     return Reference(
-        stamp,
-        mix(old.com, new.com),
-        mix(old.com_vel, new.com_vel),
-        mix(old.com_acc, new.com_acc),
-        mix(old.zmp, new.zmp),
-        nearer.T_odom_left,
-        nearer.T_odom_right,
-        nearer.phase,
-        nearer.step,
-        nearer.preview_dt,
-        mix(old.preview_com, new.preview_com),
-        mix(old.preview_com_vel, new.preview_com_vel),
-    )
+        stamp, now[0], now[1], now[2], now[3], nearer.T_odom_left, nearer.T_odom_right, nearer.phase, nearer.step,
+        nearer.preview_dt, ahead[0], ahead[1],
+    )  # fmt: skip

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from .compiled import compiled
@@ -26,17 +24,32 @@ def later(plan: Reference, late_ns: int) -> Reference:
     first = int(i)
     if first >= n:
         return plan
-    com, com_vel = np.vstack((plan.com, plan.preview_com)), np.vstack((plan.com_vel, plan.preview_com_vel))
-    com = (1.0 - w) * com[first:-1] + w * com[first + 1 :]
-    com_vel = (1.0 - w) * com_vel[first:-1] + w * com_vel[first + 1 :]
-    return replace(
-        plan,
-        stamp_ns=plan.stamp_ns + late_ns,
-        com=com[0],
-        com_vel=com_vel[0],
-        preview_com=com[1:],
-        preview_com_vel=com_vel[1:],
+    com, com_vel = np.empty((n - first, 3)), np.empty((n - first, 3))
+    _between(plan.com, plan.preview_com, first, w, com)
+    _between(plan.com_vel, plan.preview_com_vel, first, w, com_vel)
+    return Reference(
+        plan.stamp_ns + late_ns,
+        com[0],
+        com_vel[0],
+        plan.com_acc,
+        plan.zmp,
+        plan.T_odom_left,
+        plan.T_odom_right,
+        plan.phase,
+        plan.step,
+        plan.preview_dt,
+        com[1:],
+        com_vel[1:],
     )
+
+
+@compiled
+def _between(now: Array, preview: Array, first: int, w: float, out: Array) -> None:
+    """Points (k, 3) between those of now (3,) and preview (n, 3): w of the way from the first-th on to the next."""
+    for k in range(out.shape[0]):
+        for i in range(3):
+            before = now[i] if first + k == 0 else preview[first + k - 1, i]
+            out[k, i] = (1.0 - w) * before + w * preview[first + k, i]
 
 
 def planned_com(reference: Reference, foot: Foot) -> tuple[Array, Array]:
@@ -60,18 +73,18 @@ def plan_ahead(sample: Sample, foot: Foot) -> tuple[Array, Array, float]:
         return _NOTHING, _NOTHING, 0.0
     R = (plan.T_odom_left if foot == Foot.LEFT else plan.T_odom_right)[:3, :3]
     out = np.zeros((2, len(plan.preview_com) + 1, 3))
-    _change(plan.preview_com, plan.com, R, out[0])
-    _change(plan.preview_com_vel, plan.com_vel, R, out[1])
+    _change(plan.preview_com, plan.com, plan.preview_com_vel, plan.com_vel, R, out)
     return out[0], out[1], plan.preview_dt
 
 
 @compiled
-def _change(preview: Array, now: Array, R: Array, out: Array) -> None:
-    """Add the preview (n, 3) minus what is now (3,), in the axes R (3, 3), to out (n + 1, 3) from its second row on."""
+def _change(preview: Array, now: Array, preview_vel: Array, now_vel: Array, R: Array, out: Array) -> None:
+    """Add previews (n, 3) minus what is now (3,), in the axes R (3, 3), to out (2, n + 1, 3) after its first rows."""
     for k in range(preview.shape[0]):
         for i in range(3):
             for j in range(3):
-                out[k + 1, i] += (preview[k, j] - now[j]) * R[j, i]
+                out[0, k + 1, i] += (preview[k, j] - now[j]) * R[j, i]
+                out[1, k + 1, i] += (preview_vel[k, j] - now_vel[j]) * R[j, i]
 
 
 @compiled
