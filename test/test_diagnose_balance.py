@@ -216,6 +216,33 @@ def test_motors_that_yield_do_so_with_the_lag_and_the_inertia_of_their_loops():
     assert left(settling=settling, rotor=rotor) == left()  # motors that do not yield have neither
 
 
+def test_motors_that_yield_and_tell_move_the_com_off_its_plan_as_their_kinematics_say():
+    """Planned at the reference; moved by motors that are c times their torque away from it; no other law sees it."""
+    recording, world = standing()
+    names, compliance = robot().joint_names, 5e-4
+    posture, still = robot().posture(), np.zeros(len(names))
+    on_left = recording.changed(phase=np.full(len(t), Phase.LEFT), left_share=np.ones(len(t)))
+    planned = np.empty((len(t), 2))
+    for i, torque in enumerate(on_left.tau):
+        posture.update(compliance * torque, still)
+        planned[i] = posture.com_in_sole(Foot.LEFT)[0][:2]
+    posture.update(still, still)
+    moved = np.tile(posture.com_in_sole(Foot.LEFT)[0][:2], (len(t), 1))
+    walked = on_left.changed(plan=planned, moved=moved)
+    where = masks(walked, world)
+    before = evaluate(walked, world, where).residuals
+    _, believed = next(f for f in figures(walked, world) if f.name == "motor_compliance@plan.compliance").apply(
+        walked, world, compliance
+    )
+    after = evaluate(walked, believed, where).residuals
+    for axis in "xy":
+        assert rms(before[f"plan/{axis}"]) > 1e-3
+        assert rms(after[f"plan/{axis}"]) < 0.05 * rms(before[f"plan/{axis}"])
+    for name in before:
+        if not name.startswith("plan/"):
+            np.testing.assert_array_equal(before[name], after[name])
+
+
 # --- hypotheses: a figure undoes what it describes ---
 
 

@@ -61,6 +61,8 @@ class World:
         friction: (nj,) at the link side, against its motion [Nm].
         yielding, settling, rotor: of the motors' position loops [rad/Nm], the time constant [s] with which they yield,
             and the reflected inertia [kg m^2] that they carry beside the spring.
+        yielded: the same as yielding [rad/Nm], of motors whose states tell where they really are.
+        lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
         slip: by foot, how far it slides back while the other still stands too, each time after it has landed [m].
     """
 
@@ -79,6 +81,8 @@ class World:
     yielding: float = 0.0
     settling: float = 0.0
     rotor: float = 0.0
+    yielded: float = 0.0
+    lead: float = 0.0
     slip: dict[Foot, float] = field(default_factory=dict)
 
     @classmethod
@@ -325,7 +329,9 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for k, axis in enumerate(AXES):
         out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
         out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
-    out |= _joints(recording, world, where, motion, rest[:, robot.idx_v], smoothed)
+    needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / STICKING)
+    loads = _loads(recording, ticks, needed, smoothed)
+    out |= _joints(recording, world, where, needed, loads, smoothed)
     if recording.up is not None:
         believed = _blend(up, where.share)
         turn = np.cross(smoothed(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
@@ -335,6 +341,11 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out[name] = np.where(where.double, value, np.nan)
     if recording.plan is not None and recording.moved is not None:
         gap = (smoothed(recording.moved) - smoothed(recording.plan))[ticks]
+        joints = world.yielded * loads.of_motors(world)
+        if world.lead:
+            joints = joints - world.lead * np.nan_to_num(_planned_torque(world, recording, where) / world.stiffness)
+        if joints.any():
+            gap = gap + _com_by_joints(world, motion, where.share, joints)
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
@@ -440,20 +451,69 @@ def _inertial(
     return out, R
 
 
+@dataclass
+class _Loads:
+    """What the springs bear, and the rotors (m, nj), where motor states tell of them."""
+
+    torque: Array  # [Nm] measured, or else what motion and ground ask for
+    rate: Array  # [Nm/s]
+    rotor: Array | None  # [rad/s^2]
+
+    def of_motors(self, world: World) -> Array:
+        """(m, nj) [Nm] that the position loops yield to."""
+        load = self.torque - world.settling * self.rate
+        return load + world.rotor * self.rotor if world.rotor and self.rotor is not None else load
+
+
+def _loads(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed) -> _Loads:
+    torque = needed
+    if recording.tau is not None:
+        efforts = smoothed(recording.tau)
+        torque = np.where(np.isfinite(efforts).all(axis=0), efforts[ticks], needed)
+    motors = None if recording.motor_q is None else _rate(_rate(smoothed(recording.motor_q)))[ticks]
+    return _Loads(torque, np.gradient(torque, 1.0 / TICKS, axis=0), motors)
+
+
+def _planned_torque(world: World, recording: Recording, where: Masks) -> Array:
+    """(m, nj) [Nm] that the motion of the motor side asks for if one foot bears it all, as planned for single support."""
+    assert recording.motor_q is not None
+    motion = _motion(world, recording.motor_q, where.ticks)
+    left = np.where(where.share >= 0.5, 1.0, 0.0)
+    upright = {foot: motion.R[foot][:, :, 2] for foot in FEET}
+    inertial, _ = _inertial(world, motion, upright, left, None)
+    J = left[:, None, None] * motion.J[Foot.LEFT] + (1.0 - left[:, None, None]) * motion.J[Foot.RIGHT]
+    wrench = np.linalg.solve(J[:, :, :6].transpose(0, 2, 1), inertial[:, :6, None])
+    return (inertial - (J.transpose(0, 2, 1) @ wrench)[:, :, 0])[:, world.robot.idx_v]
+
+
+def _com_by_joints(world: World, motion: Motion, share: Array, joints: Array) -> Array:
+    """x, y (m, 2) by which joints (m, nj) [rad] move the COM in the frame of the stance sole, to first order."""
+    robot, model = world.robot, world.robot.model
+    data, configuration, velocity = model.createData(), pin.neutral(model), np.zeros(model.nv)
+    out = np.empty((len(joints), 2))
+    for i, left in enumerate(share >= 0.5):
+        foot = Foot.LEFT if left else Foot.RIGHT
+        robot.scatter(motion.q[i], configuration)
+        velocity[robot.idx_v] = joints[i]
+        R, sole = motion.R[foot][i], motion.J[foot][i] @ velocity
+        com = R.T @ (pin.jacobianCenterOfMass(model, data, configuration) @ velocity)
+        out[i] = (com - sole[:3] - np.cross(sole[3:], R.T @ (motion.com[i] - motion.p[foot][i])))[:2]
+    return out
+
+
 def _joints(
-    recording: Recording, world: World, where: Masks, motion: Motion, needed: Array, smoothed: Smoothed
+    recording: Recording, world: World, where: Masks, needed: Array, loads: _Loads, smoothed: Smoothed
 ) -> dict[str, Array]:
     """`torque` and `spring`; `needed` (m, nj): torques that motion and ground ask for."""
     robot, ticks = world.robot, where.ticks
-    needed = needed + world.friction * np.tanh(motion.qd / STICKING)
     efforts = None if recording.tau is None else smoothed(recording.tau)
     stretch = None if recording.motor_q is None else (smoothed(recording.motor_q) - smoothed(recording.q))[ticks]
+    yielding = world.yielding * loads.of_motors(world) if world.yielding else None
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
-        torque = needed[:, j]
+        torque = loads.torque[:, j]
         if efforts is not None and np.isfinite(efforts[:, j]).all():
-            torque = efforts[ticks, j]
             out[f"torque/{name}"] = torque - needed[:, j]
             elastic = _stretch(world, j, efforts[:, j], 1.0 / RATE)[ticks]
         else:
@@ -461,12 +521,7 @@ def _joints(
         if stretch is not None:
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
             bent = elastic + 0.5 * world.play[j] * play
-            if world.yielding:
-                load = torque - world.settling * np.gradient(torque, 1.0 / TICKS)
-                if world.rotor:
-                    load = load + world.rotor * _rate(_rate(smoothed(recording.motor_q)[:, j]))[ticks]
-                bent = bent + world.yielding * load
-            out[f"spring/{name}"] = stretch[:, j] - bent
+            out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
     return out
 
 

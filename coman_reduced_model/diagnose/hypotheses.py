@@ -43,6 +43,7 @@ PULL_SPREAD = 0.5  # [N] cables
 PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
 LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
+SAG_SPREAD = 0.5  # of the springs' sag under the planned torques, by which motors are commanded ahead
 SLIP_SPREAD = 0.0015  # [m] that soles creep while the load passes
 TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
 
@@ -161,6 +162,10 @@ def figures(recording: Recording, world: World) -> list[Figure]:
                 for k, axis in enumerate("xy"):
                     add("", stance, f"lead_{axis}", LEAD_SPREAD, LEAD_SPREAD, "m", _lead(foot, k))
         add("motor_compliance", "", "compliance", YIELD_SPREAD, 3e-4, "rad/Nm", _world("yielding"), low=0.0)
+        if recording.plan is not None:
+            more = {"low": 0.0, "slack": YIELD_SPREAD}
+            add("", "motors", "lead", SAG_SPREAD, SAG_SPREAD, "1", _world("lead"))
+            add("motor_compliance", PLAN, "compliance", 0.0, 3e-4, "rad/Nm", _world("yielded"), **more)
         add("", "motors", "settling", SETTLING_SPREAD, SETTLING_SPREAD, "s", _world("settling"))
         add("", "motors", "rotor", ROTOR_SPREAD, ROTOR_SPREAD, "kg m^2", _world("rotor"))
     for k, key in enumerate(("mass", "x", "y", "z")):
