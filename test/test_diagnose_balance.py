@@ -14,7 +14,7 @@ from synthetic import robot
 
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.types import Foot, Phase
-from coman_reduced_model.diagnose.balance import World, bent_stretch, evaluate, lagged, masks, smooth
+from coman_reduced_model.diagnose.balance import World, bent_stretch, evaluate, lagged, masks, on_flat_soles, smooth
 from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted
 from coman_reduced_model.diagnose.recording import FEET, RATE, Recording, moving
 
@@ -243,6 +243,67 @@ def test_motors_that_yield_and_tell_move_the_com_off_its_plan_as_their_kinematic
             np.testing.assert_array_equal(before[name], after[name])
 
 
+def test_motors_that_lead_their_plan_do_so_by_the_sag_of_its_torques():
+    """Standing bent on the left foot: the torques are the slope of the potential energy above that foot."""
+    recording, world = standing()
+    posture, still, share = robot().posture(), np.zeros(len(robot().joint_names)), 0.7
+    bent = np.array([{"Hip": -0.3, "Kne": 0.6, "Ank": -0.3}[name[1:4]] if name.endswith("Sag") else 0.05
+                     for name in robot().joint_names])  # fmt: skip
+
+    def com(q):
+        posture.update(q, still)
+        return posture.com_in_sole(Foot.LEFT)[0]
+
+    unit = 1e-4 * np.eye(len(bent))
+    torque = robot().mass * world.gravity * np.array([(com(bent + e) - com(bent - e))[2] / 2e-4 for e in unit])
+    stood = np.tile(bent, (len(t), 1))
+    planned = com(bent - share * np.nan_to_num(torque / world.stiffness))
+    on_left = recording.changed(
+        q=stood, motor_q=stood, phase=np.full(len(t), Phase.LEFT), left_share=np.ones(len(t)),
+        plan=np.tile(planned[:2], (len(t), 1)), moved=np.tile(com(bent)[:2], (len(t), 1)),
+    )  # fmt: skip
+    where = masks(on_left, world)
+    for axis in "xy":
+        before = rms(evaluate(on_left, world, where).residuals[f"plan/{axis}"])
+        assert before > 5e-4
+        assert rms(evaluate(on_left, world.changed(lead=share), where).residuals[f"plan/{axis}"]) < 0.05 * before
+
+
+def landing(force: np.ndarray, steps: int = 3) -> tuple[Recording, np.ndarray]:
+    """The right foot lands every second with a force (k,) [N] that then stays; the values of `landing/z`."""
+    recording, world = standing()
+    since = np.mod(t, 1.0) - 0.5
+    phase = np.where((since >= 0.0) & (t < steps), Phase.DOUBLE, Phase.LEFT)
+    borne = force[np.clip(np.round(since * RATE).astype(int), 0, len(force) - 1)]
+    wrench = {**recording.wrench, Foot.RIGHT: np.where(since >= 0.0, borne, 0.0)[:, None] * np.eye(6)[2]}
+    landed = recording.changed(phase=phase, wrench=wrench)
+    found = evaluate(landed, world, masks(landed, world)).residuals["landing/z"]
+    return landed, found[np.isfinite(found)]
+
+
+def test_a_force_that_only_rises_is_no_blow():
+    for rise_s in (0.02, 0.05, 0.1):
+        rising = 60.0 * np.clip(np.arange(1, 100) / RATE / rise_s, 0.0, 1.0)
+        np.testing.assert_array_equal(landing(rising)[1], np.zeros(3))
+    at_once = landing(np.full(100, 60.0))[1]
+    assert len(at_once) == 3 and (at_once < 0.3 * 60.0 * 0.015).all()
+
+
+@pytest.mark.parametrize("impulse", [0.7, 1.5])
+def test_a_blow_is_told_from_the_load_that_follows(impulse):
+    """A half sine of 10 ms beside a load that rises in 50 ms."""
+    k = np.arange(100)
+    blow = impulse * np.pi / 0.02 * np.sin(np.pi * (k + 0.5) / RATE / 0.01) * (k < 2)
+    recording, found = landing(blow + 50.0 * np.clip(k / RATE / 0.05, 0.0, 1.0))
+    assert found == pytest.approx(np.full(3, impulse), rel=0.25)
+    world = standing()[1]
+    _, believed = next(f for f in figures(recording, world) if f.effect == "touchdown_impact").apply(
+        recording, world, impulse
+    )
+    left = evaluate(recording, believed, masks(recording, world)).residuals["landing/z"]
+    assert rms(left) < 0.35 * rms(found)
+
+
 # --- hypotheses: a figure undoes what it describes ---
 
 
@@ -338,3 +399,21 @@ def test_contacts_and_gaps_are_left_out_and_feet_in_the_air_found():
     slid = where.slid[Foot.RIGHT]  # it has landed at 2 s
     assert np.ptp(slid[where.double & (at > 2.0)]) > 0.8 and not slid[at < 2.0].any()
     assert moving(phase) and not moving(recording.phase)
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+def test_a_step_that_was_mostly_stood_on_an_edge_is_left_out_unless_most_are(steps):
+    """Four steps, left and right; in some, more than half of the time on the edge of the sole, by the IMU."""
+    recording, world = standing()
+    since, step = np.mod(t, 1.0), np.floor(t)
+    phase = np.where(since < 0.2, Phase.DOUBLE, np.where(step % 2, Phase.RIGHT, Phase.LEFT))
+    edge = (step < steps) & (since > 0.2) & (since < 0.64)
+    up = np.column_stack([np.zeros(len(t)), 0.02 * (1.0 + since) * edge, np.ones(len(t))])
+    rocked = recording.changed(phase=phase, up=up, left_share=np.where(since < 0.2, 0.5, step % 2 == 0))
+    where = masks(rocked, world)
+    flat = on_flat_soles(where, evaluate(rocked, world, where))
+    single, at = flat.steady & ~flat.double, t[flat.ticks]
+    assert not single[edge[flat.ticks]].any()
+    rest = single[(at > 0.74) & (at < 0.92)]
+    assert not rest.any() if steps == 1 else rest.all()
+    assert single[(at > 3.3) & (at < 3.8)].all()

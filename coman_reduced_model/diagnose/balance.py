@@ -9,6 +9,7 @@
             floor, and x, y, yaw since touchdown, which do not change [m, rad]
 `tilt`      the trunk's roll and pitch by the IMU against kinematics from a flat sole [rad]
 `plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
+`landing`   by how much the force on a landing foot goes beyond what it then bears: the impulse of a blow [Ns]
 `unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
 
 All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
@@ -42,6 +43,10 @@ TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.8  # of the time
+STAGGERED = 0.5  # of a step so stood: the rest of it is no better
+BLOW, BORNE = (0.0, 0.015), (0.015, 0.035)  # [s] after a landing: when a blow is felt, and what the foot then bears
+RISING = 0.75  # of that, which a force that only rises has at most been during a blow, in the mean
+TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -64,6 +69,7 @@ class World:
         yielded: the same as yielding [rad/Nm], of motors whose states tell where they really are.
         lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
         slip: by foot, how far it slides back while the other still stands too, each time after it has landed [m].
+        impulse: of the ground on each landing foot beyond the load that it takes over [Ns].
     """
 
     robot: Robot
@@ -84,6 +90,7 @@ class World:
     yielded: float = 0.0
     lead: float = 0.0
     slip: dict[Foot, float] = field(default_factory=dict)
+    impulse: float = 0.0
 
     @classmethod
     def nominal(cls, robot: Robot, config: Config) -> World:
@@ -121,6 +128,7 @@ class Masks:
     share: Array  # (m,) smooth share of the left foot
     segment: Array  # (m,) number of the phase: what belongs together
     slid: dict[Foot, Array]  # (m,) 0..1, how much of its slide a landed foot has behind it, less that at touchdown
+    blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
 
 
@@ -152,7 +160,8 @@ def masks(recording: Recording, world: World) -> Masks:
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
     slid = _slid(phase, number, ticks, touchdown)
-    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slid, _taken_up(recording, world)[ticks])
+    blow, taken_up = _blow(recording, ticks), _taken_up(recording, world)[ticks]
+    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slid, blow, taken_up)
 
 
 def _scuffs(force: Array, air: Array, world: World) -> Array:
@@ -186,6 +195,13 @@ def on_flat_soles(where: Masks, state: State) -> Masks:
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
     if tipped[where.steady].mean() > TIPPED_SHARE:
         return where
+    whole = tipped.copy()
+    for value in np.unique(where.segment):
+        step = where.steady & ~where.double & (where.segment == value)
+        whole |= step & (tipped[step].mean() > STAGGERED if step.any() else False)
+    single = where.steady & ~where.double
+    if (single & ~whole).sum() >= 0.5 * (single & ~tipped).sum():  # else it hardly does anything but stagger
+        tipped = whole
     return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
 
 
@@ -208,6 +224,22 @@ def _slid(phase: Array, number: Array, ticks: Array, touchdown: Array) -> dict[F
             landed = Foot.RIGHT if before == Phase.LEFT else Foot.LEFT
             out[landed][mine] = np.linspace(0.0, 1.0, len(mine))
     return {foot: values[ticks] - values[ticks][touchdown] for foot, values in out.items()}
+
+
+def _blow(recording: Recording, ticks: Array) -> Array:
+    """(m,) [Ns] by which the force on a landing foot overshoots; a force that goes on rising is no blow."""
+    out = np.full(len(ticks), np.nan)
+    phase = recording.phase
+    first, last = (round(BLOW[1] * RATE), round(BORNE[1] * RATE))
+    for i in np.flatnonzero((np.diff(phase) != 0) & (phase[1:] == Phase.DOUBLE)) + 1:
+        landed = {Phase.LEFT: Foot.RIGHT, Phase.RIGHT: Foot.LEFT}.get(Phase(phase[i - 1]))
+        tick = np.searchsorted(ticks, i) - 1
+        if landed is None or tick < 0 or not recording.valid[i - 1 : i + last].all() or i + last > len(phase):
+            continue
+        force = recording.wrench[landed][i : i + last, 2]
+        beyond = force[:first].mean() - RISING * force[first:].mean()
+        out[tick] = max(beyond, 0.0) * (BLOW[1] - BLOW[0])
+    return out
 
 
 def _taken_up(recording: Recording, world: World) -> Array:
@@ -349,6 +381,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
+    out["landing/z"] = where.blow - TOLD * world.impulse
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)

@@ -23,6 +23,7 @@ from .hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
+ONE_A_STEP = {"landing/z"}  # channels with one value in each step: those of successive steps are neighbours
 ABSENT = 1e-4  # spread, as a share of reach, of a figure that healthy robots do not have
 
 
@@ -66,7 +67,8 @@ def assemble(
     for name, value in base.items():
         for part, chosen in (("double", where.double), ("single", ~where.double)):
             at = np.flatnonzero(np.isfinite(value) & chosen)
-            if len(at) < 8 * ORDER:
+            sparse = name in ONE_A_STEP
+            if len(at) < (2 if sparse else 8) * ORDER:
                 continue
             key = f"{name}|{part}"
             rows[key] = value[at]
@@ -76,7 +78,7 @@ def assemble(
                 if known[i].effect != "wrench_scale" or not name.startswith("unloaded/"):
                     columns[key][:, i] = slope[name][at]
             times[key] = at
-            pieces[key] = np.flatnonzero(np.diff(at, prepend=-9) > 1)
+            pieces[key] = np.zeros(1, dtype=np.intp) if sparse else np.flatnonzero(np.diff(at, prepend=-9) > 1)
     robot = state.world.robot
     resolution = {f"spring/{name}": float(c) for name, c in zip(robot.joint_names, state.recording.count, strict=True)}
     return Problem(known, rows, columns, pieces, times, resolution)

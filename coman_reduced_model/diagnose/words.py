@@ -42,6 +42,7 @@ CHANNELS = {
     "feet": "sole against sole",
     "tilt": "trunk's tilt",
     "plan": "motors against plan",
+    "landing": "force at landing",
     "unloaded": "sensor in the air",
     "com": "COM, free run",
 }
@@ -137,6 +138,8 @@ def channel_unit(name: str) -> tuple[str, float]:
         return "°", _SHOWN["rad"][1]
     if kind in ("plan", "com", "feet"):
         return _SHOWN["m"]
+    if kind == "landing":
+        return "Ns", 1.0
     newton = kind == "force" or (kind == "unloaded" and last.startswith("f"))
     return ("N", 1.0) if newton else ("Nm", 1.0)
 
