@@ -24,6 +24,7 @@ HIDDEN = {
     "encoder_bias": ("encoder_bias", {"where": "LAnkSag", "bias": 0.026}),
     "encoder_delay": ("encoder_delay", {"delay": 0.03}),  # from afar, motors that are late
     "motor_compliance": ("motor_compliance", {"compliance": 5e-4}),
+    "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
     "twisted_sensor": ("twisted_sensor", {"where": "left", "axis": "x", "angle": 0.35}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
@@ -131,6 +132,7 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
         ("encoder_bias", "LAnkSag", ""),
         ("encoder_delay", "", "torque/RKneeSag"),
         ("motor_compliance", "", "spring/RHipLat"),
+        ("touchdown_impact", "", "landing/z"),
     ],
 )
 def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, diagnose):

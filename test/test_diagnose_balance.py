@@ -396,8 +396,9 @@ def test_contacts_and_gaps_are_left_out_and_feet_in_the_air_found():
     assert where.air[Foot.RIGHT][(at > 1.2) & (at < 1.8)].all() and not where.air[Foot.RIGHT][at < 1.1].any()
     assert not where.air[Foot.LEFT][at < 3.1].any()
     assert where.double[(at > 2.1) & (at < 2.9)].all() and not where.double[(at > 1.0) & (at < 2.0)].any()
-    slid = where.slid[Foot.RIGHT]  # it has landed at 2 s
-    assert np.ptp(slid[where.double & (at > 2.0)]) > 0.8 and not slid[at < 2.0].any()
+    slid = where.slid[:, 1]  # the right foot has landed at 2 s
+    assert np.ptp(slid[where.double & (at > 2.0)]) > 0.8
+    assert slid[(at > 1.1) & (at < 1.9)] == pytest.approx(1.0) and slid[at > 2.3] == pytest.approx(1.0)
     assert moving(phase) and not moving(recording.phase)
 
 

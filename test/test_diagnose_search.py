@@ -7,6 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from test_diagnose_balance import standing
 
 from coman_reduced_model.diagnose import diagnosis, workflow
@@ -28,6 +30,14 @@ def test_a_channel_has_the_limit_of_its_own_or_of_its_law():
     most = {"force": 3.5, "force/y": 6.0}
     assert workflow.limit_of("force/y|single", most) == 6.0 and workflow.limit_of("force/x|single", most) == 3.5
     assert workflow.limit_of("plan/x|single", most) is None
+
+
+@given(st.floats(1e-6, 1e3), st.integers(0, 150))
+def test_what_is_left_is_told_by_most_of_the_values(sigma, stumbles):
+    values = sigma * np.random.default_rng(stumbles).standard_normal(1000)
+    values[:stumbles] *= 1e3
+    assert diagnosis.size(values) == pytest.approx(sigma, rel=0.1 if stumbles == 0 else 0.5)
+    assert diagnosis.size(values[:1]) > 0.0
 
 
 def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():

@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from ..core.compiled import compiled
 from ..core.config import Config
+from ..core.effects.foot_slip import SLIPS_FROM, SLIPS_TO
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
 from .recording import FEET, RATE, Recording
@@ -68,7 +69,7 @@ class World:
             and the reflected inertia [kg m^2] that they carry beside the spring.
         yielded: the same as yielding [rad/Nm], of motors whose states tell where they really are.
         lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
-        slip: by foot, how far it slides back while the other still stands too, each time after it has landed [m].
+        slip: (2,) how far the left, the right foot slides back each time after it has landed [m].
         impulse: of the ground on each landing foot beyond the load that it takes over [Ns].
     """
 
@@ -89,7 +90,7 @@ class World:
     rotor: float = 0.0
     yielded: float = 0.0
     lead: float = 0.0
-    slip: dict[Foot, float] = field(default_factory=dict)
+    slip: Array = field(default_factory=lambda: np.zeros(2))
     impulse: float = 0.0
 
     @classmethod
@@ -127,7 +128,7 @@ class Masks:
     touchdown: Array  # (m,) index of the tick at which this double support was first steady
     share: Array  # (m,) smooth share of the left foot
     segment: Array  # (m,) number of the phase: what belongs together
-    slid: dict[Foot, Array]  # (m,) 0..1, how much of its slide a landed foot has behind it, less that at touchdown
+    slid: Array  # (m, 2) 0..1, how much of its slide the left, the right foot has behind it
     blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
 
@@ -159,7 +160,7 @@ def masks(recording: Recording, world: World) -> Masks:
             touchdown[mine] = mine[0]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
-    slid = _slid(phase, number, ticks, touchdown)
+    slid = _slid(phase)[ticks]
     blow, taken_up = _blow(recording, ticks), _taken_up(recording, world)[ticks]
     return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slid, blow, taken_up)
 
@@ -215,15 +216,18 @@ def _usual(values: Array) -> float:
     return float(np.median(values[first : first + count]))
 
 
-def _slid(phase: Array, number: Array, ticks: Array, touchdown: Array) -> dict[Foot, Array]:
-    out = {foot: np.zeros(len(phase)) for foot in FEET}
-    for value in np.unique(number):
-        mine = np.flatnonzero(number == value)
-        before = phase[mine[0] - 1] if mine[0] else Phase.DOUBLE
-        if phase[mine[0]] == Phase.DOUBLE and before in (Phase.LEFT, Phase.RIGHT):
-            landed = Foot.RIGHT if before == Phase.LEFT else Foot.LEFT
-            out[landed][mine] = np.linspace(0.0, 1.0, len(mine))
-    return {foot: values[ticks] - values[ticks][touchdown] for foot, values in out.items()}
+def _slid(phase: Array) -> Array:
+    """(n, 2) 0..1 of feet that slide gently some time after each landing; before the first it stands."""
+    out = np.empty((len(phase), 2))
+    for k, swings in enumerate((Phase.RIGHT, Phase.LEFT)):
+        landed = np.flatnonzero((phase[:-1] == swings) & (phase[1:] != swings)) + 1
+        since = (
+            np.arange(len(phase))
+            - np.append(-len(phase), landed)[np.searchsorted(landed, np.arange(len(phase)), "right")]
+        )
+        share = np.clip((since / RATE - SLIPS_FROM) / (SLIPS_TO - SLIPS_FROM), 0.0, 1.0)
+        out[:, k] = share * share * (3.0 - 2.0 * share)
+    return smooth(out)
 
 
 def _blow(recording: Recording, ticks: Array) -> Array:
@@ -508,7 +512,7 @@ def _loads(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed
 
 
 def _planned_torque(world: World, recording: Recording, where: Masks) -> Array:
-    """(m, nj) [Nm] that the motion of the motor side asks for if one foot bears it all, as planned for single support."""
+    """(m, nj) [Nm] that the motion of the motor side asks for if one foot bears it all: single support as planned."""
     assert recording.motor_q is not None
     motion = _motion(world, recording.motor_q, where.ticks)
     left = np.where(where.share >= 0.5, 1.0, 0.0)
@@ -633,10 +637,7 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
     height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
     # The left sole sliding back takes the right one forward in its frame.
-    slid = (
-        world.slip.get(Foot.LEFT, 0.0) * where.slid[Foot.LEFT]
-        - world.slip.get(Foot.RIGHT, 0.0) * where.slid[Foot.RIGHT]
-    )
+    slid = where.slid @ (world.slip * (1.0, -1.0))
     p = p - np.column_stack([slid, np.zeros((len(slid), 2))])
     since = {"x": p[:, 0], "y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}

@@ -36,6 +36,7 @@ VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some resid
 MOST = 3  # effects at once
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
+BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
@@ -172,16 +173,16 @@ class Finding:
     refused: list[tuple[Candidate, str]] = field(default_factory=list)
 
     def leftover(self) -> dict[str, float]:
-        """By group, what the middle recording has left (of two, the worse), in units of the noise floor.
+        """By group, what the middle recording has left (of two, the worse), in units of the noise floor (see `size`).
 
-        A robot that staggers through one of three walks is not of another kind for that.
+        A robot that staggers through one of three walks, or in some steps of each, is not of another kind for that.
         """
         assert self.fit is not None
         ratios: dict[str, list[float]] = {}
         for case in [*self.train, *self.hold]:
             for key, value in case.left(case.own(self.fit, self.released)).items():
                 if case.floor.get(key, 0.0) > 0.0:
-                    ratios.setdefault(key, []).append(float(np.sqrt(np.mean(value**2))) / case.floor[key])
+                    ratios.setdefault(key, []).append(size(value) / case.floor[key])
         return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
 
     def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -199,6 +200,12 @@ class Finding:
     @property
     def released(self) -> list[int]:
         return [i for effect in self.chosen for i in effect.option.figures]
+
+
+def size(values: Array) -> float:
+    """Standard deviation about zero by the four fifths of the values that are nearest to it: stumbles do not count."""
+    squares = np.sort(values**2)[: max(1, round(BEST * len(values)))]
+    return float(np.sqrt(np.mean(squares))) / NORMAL
 
 
 def search(

@@ -14,8 +14,8 @@ from ..core.types import Array
 from .balance import Masks, State, evaluate
 
 DRAWS = 2
-# By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not make
-# every hair's breadth an effect.
+# By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not
+# make every hair's breadth an effect.
 LEAST = {
     "spring": 2e-5, "torque": 0.01, "force": 0.1, "moment": 0.01, "feet": 3e-5, "tilt": 5e-5, "plan": 3e-5,
     "landing": 0.03, "unloaded": 0.005,

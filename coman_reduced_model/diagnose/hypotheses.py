@@ -349,7 +349,7 @@ def _lead(foot: Foot, k: int) -> Apply:
 
 
 def _slip(foot: Foot) -> Apply:
-    return lambda r, w, x: (r, w.changed(slip={**w.slip, foot: w.slip.get(foot, 0.0) + x}))
+    return lambda r, w, x: (r, w.changed(slip=w.slip + x * (np.arange(2) == FEET.index(foot))))
 
 
 def _payload(k: int) -> Apply:

@@ -238,7 +238,7 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
             "to scatter as those "
             "of healthy robots do, in units of the sensors' own noise. Healthy robots reach "
             + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in limits(diagnosis.finding).items())
-            + " in single support.",
+            + " in single support, stumbles apart.",
         ),
         Table(
             ["law", "mean", "RMS", "noise floor"], laws, folded="The plain laws: measured minus nominal, nothing fitted"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from ..types import SupportState
 
-_FROM, _TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
+SLIPS_FROM, SLIPS_TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
 
 
 class FootSlip(Effect):
@@ -62,7 +62,7 @@ class FootSlip(Effect):
 
 def _glide(since: float) -> tuple[float, float]:
     """Share of the way, 0..1, that is done some time after the landing [s], and its second derivative [1/s^2]."""
-    s = (since - _FROM) / (_TO - _FROM)
+    s = (since - SLIPS_FROM) / (SLIPS_TO - SLIPS_FROM)
     if not 0.0 < s < 1.0:
         return (1.0 if s >= 1.0 else 0.0), 0.0
-    return s * s * (3.0 - 2.0 * s), (6.0 - 12.0 * s) / (_TO - _FROM) ** 2
+    return s * s * (3.0 - 2.0 * s), (6.0 - 12.0 * s) / (SLIPS_TO - SLIPS_FROM) ** 2
