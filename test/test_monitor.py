@@ -160,6 +160,7 @@ def test_it_is_forgotten_when_it_is_gone_and_when_the_stream_breaks_off():
     [
         ("backlash:where=LKneeSag,width=0.0122", "spring/LKneeSag"),
         ("wrench_scale:where=right,scale=1.07", "force/z"),
+        ("touchdown_impact:impulse=0.7", "landing/z"),
     ],
 )
 def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):

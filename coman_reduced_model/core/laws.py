@@ -12,6 +12,7 @@ white. Channels are named as in diagnose/balance.py:
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
 `feet/slide_x, slide_y`  by how much that changes in a double support [m]
 `tilt/roll, pitch`  trunk by the IMU against the support sole, taken as level [rad]
+`landing/z`       by how much the force on a landing foot goes beyond what it then bears: the impulse of a blow [Ns]
 `unloaded/FOOT/..`  what the sensor of a foot in the air reads [N, Nm]
 `plan/x, y`       where the motors carry the COM against where com/reference plans it (`reference: motor`) [m]
 """
@@ -30,10 +31,13 @@ from .types import Array, Foot, Prediction, Sample
 if TYPE_CHECKING:
     from .robot import Posture, Robot
 
+BLOW_S, BORNE_S = 0.015, 0.035  # [s] after a landing: a blow is felt until then, then the load that the foot bears
+RISING = 0.75  # of that load, which a force that only rises has been until then at most, in the mean
 KINDS = ("left", "right", "double support after left", "double support after right", "standing")
 _SPRINGS = 0.05  # share by which springs of healthy robots differ from the data sheet
 # By law: unit; usual standard deviation of a mean from phase to phase, in single and in double support; the same from
-# one healthy robot to the next (0: not known). Forces in weights, torques and moments in weight times COM height.
+# one healthy robot to the next (0: not known). Forces in weights, torques and moments in weight times COM height,
+# impulses in mass times m/s.
 _USUAL = {
     "spring": ("rad", 0.00015, 0.0003, 0.001),
     "torque": ("Nm", 0.0025, 0.004, 0.0),
@@ -46,6 +50,7 @@ _USUAL = {
     "feet/pitch": ("rad", 0.0007, 0.0007, 0.003),
     "feet": ("m", 0.0007, 0.0007, 0.0),
     "tilt": ("rad", 0.001, 0.001, 0.0),
+    "landing": ("Ns", 0.0025, 0.0025, 0.006),
     "unloaded/f": ("N", 0.003, 0.003, 0.015),
     "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002),
     "plan": ("m", 0.0001, 0.0002, 0.0),
@@ -60,7 +65,7 @@ class Laws:
     """The mean residuals of the phase under way.
 
     Attributes:
-        names, units: of the n channels; units are rad, m, N or Nm.
+        names, units: of the n channels; units are rad, m, N, Nm or Ns.
         noise: (kinds, n) usual standard deviation from phase to phase.
         looks: taken since `begin`.
     """
@@ -80,12 +85,13 @@ class Laws:
             *(f"{law}/{joint}" for law in ("spring", "torque") for joint in joints),
             *(f"{law}/{axis}" for law in ("force", "moment") for axis in "xyz"),
             *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
-            *(*feet, "plan/x", "plan/y"),
+            *(*feet, "plan/x", "plan/y", "landing/z"),
         )
         laws = [_usual(name) for name in self.names]
         self.units = tuple(unit for unit, *_ in laws)
         weight = self._mass * self._gravity
         scale = {"N": weight, "Nm": weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2])}
+        scale["Ns"] = self._mass
         figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest in laws]).T
         self.noise = figures[[0, 0, 1, 1, 1]]
         self._healthy = figures[2] ** 2
@@ -97,6 +103,8 @@ class Laws:
         self._shows[:2, at["feet/z"] : at["tilt/roll"]] = False
         self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
         self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
+        self._blow = at["landing/z"]
+        self._shows[[0, 1, 4], self._blow] = False
         self._rate = np.zeros(len(laws))  # channels with a rate in them
         self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
@@ -110,6 +118,7 @@ class Laws:
         """A phase begins."""
         self.looks = 0
         self._sums[:] = 0.0
+        self._landing = np.zeros((2, 2))  # sum of the force and its count, while a blow is felt and after it
 
     def look(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
         """Take a look at a sample with both wrenches, the posture and the prediction made of it."""
@@ -134,6 +143,10 @@ class Laws:
         )  # fmt: skip
         self.looks += 1
 
+    def land(self, since: float, force: float) -> None:
+        """The force [N] against gravity on a foot that has landed so long ago [s], less than BORNE_S."""
+        self._landing[int(since >= BLOW_S)] += force, 1.0
+
     def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array]:
         """Of a phase of a kind with so long between its first and its last look.
 
@@ -145,6 +158,10 @@ class Laws:
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
         values = mean[:n] + self._rate * way[:n] / seconds
         values[self._slide] = way[self._slide]
+        values[self._blow] = np.nan
+        if self._landing[:, 1].all():
+            felt, borne = self._landing[:, 0] / self._landing[:, 1]
+            values[self._blow] = max(felt - RISING * borne, 0.0) * BLOW_S
         values[~self._shows[kind]] = np.nan
         healthy = self._healthy.copy()
         if np.isfinite(values[nl : 2 * nl]).all():

@@ -18,7 +18,7 @@ import numpy as np
 
 from .compiled import compiled
 from .config import Config
-from .laws import KINDS, Laws
+from .laws import BORNE_S, KINDS, Laws
 from .types import Array, Phase, Prediction, Sample
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ _STUDENT = 4.0  # by how much more spread is allowed for while few phases tell o
 # mismatch, its size and the same in standard deviations. When it began [s].
 _LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _DOUBT = range(6)
 _WAY, _BAD, _SIZE, _SIGMA, _SINCE, _ROWS = 6, 8, 10, 12, 14, 15
-_SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "N": (1.0, "N"), "Nm": (1.0, "Nm")}
+_LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
+_SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "N": (1.0, "N"), "Nm": (1.0, "Nm"), "Ns": (1.0, "Ns")}
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,11 @@ class Monitor:
             self._before, self._phase, self._began, self._next = self._phase, phase, stamp, stamp
             self._start = self._start or stamp
             self.laws.begin()
+        since = (stamp - self._began) * 1e-9
+        if since < BORNE_S and phase is Phase.DOUBLE and self._before in _LANDED:
+            wrench = sample.right_wrench if self._before is Phase.LEFT else sample.left_wrench
+            if wrench is not None:
+                self.laws.land(since, wrench[2])
         if stamp < self._next or phase is Phase.FLIGHT or sample.left_wrench is None or sample.right_wrench is None:
             return
         self._next, self._last = stamp + _INTERVAL_NS, stamp
@@ -123,7 +129,7 @@ class Monitor:
             return
         kind = int(self._phase) - 1
         if self._phase is Phase.DOUBLE:
-            kind = 1 + int(self._before) if self._before in (Phase.LEFT, Phase.RIGHT) else 4
+            kind = 1 + int(self._before) if self._before in _LANDED else 4
         values, healthy, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
         if not self._alike(kind, np.append((stamp - self._began) * 1e-9, joints)):
             return

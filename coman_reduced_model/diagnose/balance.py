@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from ..core.compiled import compiled
 from ..core.config import Config
 from ..core.effects.foot_slip import SLIPS_FROM, SLIPS_TO
+from ..core.laws import BLOW_S, BORNE_S, RISING
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
 from .recording import FEET, RATE, Recording
@@ -45,8 +46,6 @@ SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.8  # of the time
 STAGGERED = 0.5  # of a step so stood: the rest of it is no better
-BLOW, BORNE = (0.0, 0.015), (0.015, 0.035)  # [s] after a landing: when a blow is felt, and what the foot then bears
-RISING = 0.75  # of that, which a force that only rises has at most been during a blow, in the mean
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
@@ -234,7 +233,7 @@ def _blow(recording: Recording, ticks: Array) -> Array:
     """(m,) [Ns] by which the force on a landing foot overshoots; a force that goes on rising is no blow."""
     out = np.full(len(ticks), np.nan)
     phase = recording.phase
-    first, last = (round(BLOW[1] * RATE), round(BORNE[1] * RATE))
+    first, last = round(BLOW_S * RATE), round(BORNE_S * RATE)
     for i in np.flatnonzero((np.diff(phase) != 0) & (phase[1:] == Phase.DOUBLE)) + 1:
         landed = {Phase.LEFT: Foot.RIGHT, Phase.RIGHT: Foot.LEFT}.get(Phase(phase[i - 1]))
         tick = np.searchsorted(ticks, i) - 1
@@ -242,7 +241,7 @@ def _blow(recording: Recording, ticks: Array) -> Array:
             continue
         force = recording.wrench[landed][i : i + last, 2]
         beyond = force[:first].mean() - RISING * force[first:].mean()
-        out[tick] = max(beyond, 0.0) * (BLOW[1] - BLOW[0])
+        out[tick] = max(beyond, 0.0) * BLOW_S
     return out
 
 
