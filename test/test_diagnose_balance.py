@@ -285,7 +285,9 @@ def test_a_force_that_only_rises_is_no_blow():
     for rise_s in (0.02, 0.05, 0.1):
         rising = 60.0 * np.clip(np.arange(1, 100) / RATE / rise_s, 0.0, 1.0)
         np.testing.assert_array_equal(landing(rising)[1], np.zeros(3))
-    at_once = landing(np.full(100, 60.0))[1]
+    landed, at_once = landing(np.full(100, 60.0))
+    seldom = landed.changed(period=0.02)
+    assert np.isnan(masks(seldom, standing()[1]).blow).all()  # of samples that are too far apart nothing is told
     assert len(at_once) == 3 and (at_once < 0.3 * 60.0 * 0.015).all()
 
 

@@ -11,11 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_diagnose_balance import standing
 
+from coman_reduced_model.core.config import Config
 from coman_reduced_model.diagnose import diagnosis, workflow
 from coman_reduced_model.diagnose.balance import masks
 from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Effect, Finding
 from coman_reduced_model.diagnose.evidence import Score
-from coman_reduced_model.diagnose.hypotheses import candidates, figures
+from coman_reduced_model.diagnose.hypotheses import PLAN, candidates, figures
+from coman_reduced_model.diagnose.words import effect_sentence
 
 
 def test_one_of_few_ways_needs_less_than_one_of_many_places():
@@ -82,6 +84,23 @@ def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatc
     else:
         assert finding.chosen == [before[1], Effect(whole, 25.0, 12.0)]
         assert finding.at.all() and (finding.train, finding.hold, finding.fit) == (["train"], ["hold"], "fit")
+
+
+@pytest.mark.parametrize("reference", ["motor", "topic"])
+def test_what_measured_motor_states_tell_is_named_but_needs_no_change_of_the_model(reference):
+    recording, world = standing()
+    still = np.zeros((len(recording.t), 2))
+    known = figures(recording.changed(plan=still, moved=still), world)
+    config = Config().replaced({"prediction.reference": reference})
+    against_plan = [option for option in candidates(known) if option.where == PLAN]
+    assert {option.effect for option in against_plan} == {"motor_compliance", "motor_lag", "transport_delay"}
+    fit = SimpleNamespace(x=np.full(len(known), 0.01), covariance=np.eye(len(known)))
+    for option in against_plan:
+        finding = Finding(known, np.zeros(len(known)), chosen=[Effect(option, 9.0, 9.0)], fit=fit)
+        (entry,) = workflow._effects(finding, config)
+        added = option.effect in {effect.name for effect in workflow.with_effects(config, finding).effects}
+        assert entry["in_model"] == added == (reference == "topic")
+        assert ("motor states tell it" in effect_sentence(entry)) == (reference == "motor")
 
 
 def test_one_load_alone_stays_what_it_is():

@@ -12,7 +12,7 @@ from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, names, robot, walk, write
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.laws import Laws
+from coman_reduced_model.core.laws import BORNE_S, Laws
 from coman_reduced_model.core.monitor import _NOISE, _QUIETEST, _ROWS, _judge
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot
@@ -171,6 +171,29 @@ def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):
     first = next(each for each in found if each["channel"] == channel)
     assert BEGINS < first["told_s"] <= BEGINS + WITHIN
     assert all(each["told_s"] > BEGINS for each in found)
+
+
+@pytest.mark.parametrize("rate", [200, 500, 1000])
+def test_a_blow_is_felt_alike_at_any_rate_and_with_stamps_that_jitter(rate):
+    """A half sine of 10 ms beside a load that rises in 50 ms; at rates at which nothing can be told, nothing is."""
+    laws, rng, impulse = Laws(robot(), Config()), np.random.default_rng(rate), 0.7
+    where, felt = laws.names.index("landing/z"), []
+    for _ in range(20):
+        laws.begin()
+        laws.looks = 1
+        stamps = (np.arange(60) + 0.1 * rng.uniform(-1.0, 1.0, 60)) / rate
+        for dt, at in zip(np.diff(stamps), stamps[1:] - stamps[1], strict=True):
+            if at < BORNE_S:
+                half = at + 0.5 / rate
+                blow = impulse * np.pi / 0.02 * np.sin(np.pi * half / 0.01) * (half < 0.01)
+                laws.land(at, dt, blow + 1000.0 * at)
+        felt.append(laws.mean(2, 0.1)[0][where])
+    assert felt == pytest.approx(np.full(20, impulse), rel=0.25) and np.std(felt) < 0.1 * impulse
+    laws.begin()
+    laws.looks = 1
+    for at in (0.0, 0.02):
+        laws.land(at, 0.02, 50.0)
+    assert np.isnan(laws.mean(2, 0.1)[0][where])
 
 
 def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():

@@ -32,14 +32,15 @@ class _Mcap(McapWriter):
 
     def close_chunk(self) -> None:
         chunk = self.chunk
-        for channel, messages in chunk.msgs.items():
-            self.channel_stats[channel] += len(messages)
+        for messages in chunk.msgs.values():
             stamps = [stamp for stamp, _ in messages]
             chunk.message_start_time = min(chunk.message_start_time, *stamps)
             chunk.message_end_time = max(chunk.message_end_time, *stamps)
         self.message_start_time = min(self.message_start_time, chunk.message_start_time)
         self.message_end_time = max(self.message_end_time, chunk.message_end_time)
         super().close_chunk()
+        for channel, messages in chunk.msgs.items():
+            self.channel_stats[channel] += len(messages)
 
 
 class _Writer(Writer):

@@ -31,7 +31,8 @@ from .types import Array, Foot, Prediction, Sample
 if TYPE_CHECKING:
     from .robot import Posture, Robot
 
-BLOW_S, BORNE_S = 0.015, 0.035  # [s] after a landing: a blow is felt until then, then the load that the foot bears
+# [s] after a landing until a blow is felt, then until the load is felt that the foot bears: between samples at 200 Hz.
+BLOW_S, BORNE_S = 0.0125, 0.0325
 RISING = 0.75  # of that load, which a force that only rises has been until then at most, in the mean
 KINDS = ("left", "right", "double support after left", "double support after right", "standing")
 _SPRINGS = 0.05  # share by which springs of healthy robots differ from the data sheet
@@ -96,14 +97,17 @@ class Laws:
         self.noise = figures[[0, 0, 1, 1, 1]]
         self._healthy = figures[2] ** 2
         bent = [e for e in active_effects(config.effects, robot) if type(e).springs is not Effect.springs]
-        if any(e.parameters for e in bent):  # springs that an effect describes: watched for changes alone
-            self._healthy[:nl] = 0.0
         at = {name: i for i, name in enumerate(self.names)}
+        self._blow = at["landing/z"]
+        # What an effect describes is watched for changes alone.
+        if any(e.parameters for e in bent):
+            self._healthy[:nl] = 0.0
+        if any(effect.name == "touchdown_impact" for effect in config.effects):
+            self._healthy[self._blow] = 0.0
         self._shows = np.ones((len(KINDS), len(laws)), dtype=bool)
         self._shows[:2, at["feet/z"] : at["tilt/roll"]] = False
         self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
         self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
-        self._blow = at["landing/z"]
         self._shows[[0, 1, 4], self._blow] = False
         self._rate = np.zeros(len(laws))  # channels with a rate in them
         self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
@@ -118,7 +122,7 @@ class Laws:
         """A phase begins."""
         self.looks = 0
         self._sums[:] = 0.0
-        self._landing = np.zeros((2, 2))  # sum of the force and its count, while a blow is felt and after it
+        self._landing = np.zeros((2, 2))  # impulse [Ns] and duration [s], while a blow is felt and after it
 
     def look(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
         """Take a look at a sample with both wrenches, the posture and the prediction made of it."""
@@ -143,9 +147,9 @@ class Laws:
         )  # fmt: skip
         self.looks += 1
 
-    def land(self, since: float, force: float) -> None:
-        """The force [N] against gravity on a foot that has landed so long ago [s], less than BORNE_S."""
-        self._landing[int(since >= BLOW_S)] += force, 1.0
+    def land(self, since: float, dt: float, force: float) -> None:
+        """The force [N] against gravity on a foot that landed so long ago [s], below BORNE_S; dt [s] from the last."""
+        self._landing[int(since > BLOW_S)] += (force * dt, dt) if dt < BLOW_S else np.nan
 
     def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array]:
         """Of a phase of a kind with so long between its first and its last look.
@@ -160,8 +164,8 @@ class Laws:
         values[self._slide] = way[self._slide]
         values[self._blow] = np.nan
         if self._landing[:, 1].all():
-            felt, borne = self._landing[:, 0] / self._landing[:, 1]
-            values[self._blow] = max(felt - RISING * borne, 0.0) * BLOW_S
+            (felt, lasted), (borne, bore) = self._landing
+            values[self._blow] = blow(felt, lasted, borne / bore)
         values[~self._shows[kind]] = np.nan
         healthy = self._healthy.copy()
         if np.isfinite(values[nl : 2 * nl]).all():
@@ -169,6 +173,15 @@ class Laws:
         else:  # what ground and weight ask for leaves out the inertia of the legs
             healthy[:nl] = 0.0
         return values, healthy, np.append(mean[n + nl :], way[n + nl :])
+
+
+def blow(felt: float, lasted: float, borne: float) -> float:
+    """Impulse [Ns] of a landing beyond the load that comes; zero if the force goes on rising.
+
+    Args:
+        felt, lasted: impulse [Ns] and duration [s] until BLOW_S; borne: mean force [N] from then until BORNE_S.
+    """
+    return max(felt - RISING * borne * lasted, 0.0)
 
 
 def _usual(name: str) -> tuple[str, float, float, float]:

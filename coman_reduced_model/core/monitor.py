@@ -99,7 +99,7 @@ class Monitor:
         self._strange = [False] * len(KINDS)  # the last phase of the kind was unlike those before it
         self._began_before = [0.0] * len(KINDS)  # [s]
         self._phase = self._before = Phase.FLIGHT
-        self._start = self._next = self._began = self._first = self._last = 0
+        self._start = self._next = self._began = self._first = self._last = self._stamp = 0
         self.mismatches: list[Mismatch] = []
         self.laws.begin()
 
@@ -115,7 +115,8 @@ class Monitor:
         if since < BORNE_S and phase is Phase.DOUBLE and self._before in _LANDED:
             wrench = sample.right_wrench if self._before is Phase.LEFT else sample.left_wrench
             if wrench is not None:
-                self.laws.land(since, wrench[2])
+                self.laws.land(since, (stamp - self._stamp) * 1e-9, wrench[2])
+        self._stamp = stamp
         if stamp < self._next or phase is Phase.FLIGHT or sample.left_wrench is None or sample.right_wrench is None:
             return
         self._next, self._last = stamp + _INTERVAL_NS, stamp

@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from ..core.compiled import compiled
 from ..core.config import Config
 from ..core.effects.foot_slip import SLIPS_FROM, SLIPS_TO
-from ..core.laws import BLOW_S, BORNE_S, RISING
+from ..core.laws import BLOW_S, BORNE_S, blow
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
 from .recording import FEET, RATE, Recording
@@ -230,18 +230,19 @@ def _slid(phase: Array) -> Array:
 
 
 def _blow(recording: Recording, ticks: Array) -> Array:
-    """(m,) [Ns] by which the force on a landing foot overshoots; a force that goes on rising is no blow."""
+    """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
     out = np.full(len(ticks), np.nan)
     phase = recording.phase
-    first, last = round(BLOW_S * RATE), round(BORNE_S * RATE)
+    if recording.period > BLOW_S:  # too few samples to tell a blow from the load that comes
+        return out
+    first, last = int(BLOW_S * RATE) + 1, int(BORNE_S * RATE) + 1
     for i in np.flatnonzero((np.diff(phase) != 0) & (phase[1:] == Phase.DOUBLE)) + 1:
         landed = {Phase.LEFT: Foot.RIGHT, Phase.RIGHT: Foot.LEFT}.get(Phase(phase[i - 1]))
         tick = np.searchsorted(ticks, i) - 1
         if landed is None or tick < 0 or not recording.valid[i - 1 : i + last].all() or i + last > len(phase):
             continue
         force = recording.wrench[landed][i : i + last, 2]
-        beyond = force[:first].mean() - RISING * force[first:].mean()
-        out[tick] = max(beyond, 0.0) * BLOW_S
+        out[tick] = blow(force[:first].sum() / RATE, first / RATE, force[first:].mean())
     return out
 
 
@@ -365,8 +366,8 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
         out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
     needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / STICKING)
-    loads = _loads(recording, ticks, needed, smoothed)
-    out |= _joints(recording, world, where, needed, loads, smoothed)
+    torques = _torques(recording, ticks, needed, smoothed)
+    out |= _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
         believed = _blend(up, where.share)
         turn = np.cross(smoothed(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
@@ -376,11 +377,12 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out[name] = np.where(where.double, value, np.nan)
     if recording.plan is not None and recording.moved is not None:
         gap = (smoothed(recording.moved) - smoothed(recording.plan))[ticks]
-        joints = world.yielded * loads.of_motors(world)
+        if world.yielded:
+            behind = _yielded(world.yielded, world, recording, ticks, torques, smoothed)
+            gap = gap + _com_by_joints(world, motion, where.share, behind)
         if world.lead:
-            joints = joints - world.lead * np.nan_to_num(_planned_torque(world, recording, where) / world.stiffness)
-        if joints.any():
-            gap = gap + _com_by_joints(world, motion, where.share, joints)
+            ahead = world.lead * np.nan_to_num(_planned_torque(world, recording, where) / world.stiffness)
+            gap = gap - _com_by_joints(world, motion, where.share, ahead)
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
@@ -487,27 +489,22 @@ def _inertial(
     return out, R
 
 
-@dataclass
-class _Loads:
-    """What the springs bear, and the rotors (m, nj), where motor states tell of them."""
-
-    torque: Array  # [Nm] measured, or else what motion and ground ask for
-    rate: Array  # [Nm/s]
-    rotor: Array | None  # [rad/s^2]
-
-    def of_motors(self, world: World) -> Array:
-        """(m, nj) [Nm] that the position loops yield to."""
-        load = self.torque - world.settling * self.rate
-        return load + world.rotor * self.rotor if world.rotor and self.rotor is not None else load
+def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed) -> Array:
+    """(m, nj) [Nm] that the springs bear: measured, or else what motion and ground ask for."""
+    if recording.tau is None:
+        return needed
+    efforts = smoothed(recording.tau)
+    return np.where(np.isfinite(efforts).all(axis=0), efforts[ticks], needed)
 
 
-def _loads(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed) -> _Loads:
-    torque = needed
-    if recording.tau is not None:
-        efforts = smoothed(recording.tau)
-        torque = np.where(np.isfinite(efforts).all(axis=0), efforts[ticks], needed)
-    motors = None if recording.motor_q is None else _rate(_rate(smoothed(recording.motor_q)))[ticks]
-    return _Loads(torque, np.gradient(torque, 1.0 / TICKS, axis=0), motors)
+def _yielded(
+    compliance: float, world: World, recording: Recording, ticks: Array, torque: Array, smoothed: Smoothed
+) -> Array:
+    """(m, nj) [rad] by which position loops yield to torques (m, nj) and to their rotors, a lag later."""
+    load = torque - world.settling * np.gradient(torque, 1.0 / TICKS, axis=0)
+    if world.rotor and recording.motor_q is not None:
+        load = load + world.rotor * _rate(_rate(smoothed(recording.motor_q)))[ticks]
+    return compliance * load
 
 
 def _planned_torque(world: World, recording: Recording, where: Masks) -> Array:
@@ -538,17 +535,19 @@ def _com_by_joints(world: World, motion: Motion, share: Array, joints: Array) ->
 
 
 def _joints(
-    recording: Recording, world: World, where: Masks, needed: Array, loads: _Loads, smoothed: Smoothed
+    recording: Recording, world: World, where: Masks, needed: Array, torques: Array, smoothed: Smoothed
 ) -> dict[str, Array]:
-    """`torque` and `spring`; `needed` (m, nj): torques that motion and ground ask for."""
+    """`torque` and `spring`; torques (m, nj) that motion and ground ask for (`needed`), and that the springs bear."""
     robot, ticks = world.robot, where.ticks
     efforts = None if recording.tau is None else smoothed(recording.tau)
     stretch = None if recording.motor_q is None else (smoothed(recording.motor_q) - smoothed(recording.q))[ticks]
-    yielding = world.yielding * loads.of_motors(world) if world.yielding else None
+    yielding = None
+    if world.yielding:
+        yielding = _yielded(world.yielding, world, recording, ticks, torques, smoothed)
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
-        torque = loads.torque[:, j]
+        torque = torques[:, j]
         if efforts is not None and np.isfinite(efforts[:, j]).all():
             out[f"torque/{name}"] = torque - needed[:, j]
             elastic = _stretch(world, j, efforts[:, j], 1.0 / RATE)[ticks]

@@ -245,6 +245,7 @@ def search(
         kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
         loaded = any(effect.option == whole for effect in finding.chosen)
         # With play, a joint is at the one end or the other: what looks like its zero is where it mostly is.
+        shown = {(e.option.effect, e.option.place): e.option.where for e in finding.chosen}  # not in two ways at once
         loose = {effect.option.where for effect in finding.chosen if effect.option.effect == "backlash"}
         rest = [
             option
@@ -252,6 +253,7 @@ def search(
             if option not in refused
             and not taken.intersection(option.figures)
             and CLASSES.get(option.effect) not in kin
+            and shown.get((option.effect, option.place), option.where) == option.where
             and not (loaded and option.effect in LOADS)
             and not (option.effect == "encoder_bias" and option.where in loose)
         ]

@@ -92,6 +92,11 @@ class Candidate:
     figures: tuple[int, ...]  # indices into the list of figures
 
     @property
+    def place(self) -> str:
+        """`where` as in the configuration."""
+        return "" if self.where in (PLAN, LINKS) else self.where
+
+    @property
     def name(self) -> str:
         return f"{self.effect}@{self.where}" if self.where else self.effect
 

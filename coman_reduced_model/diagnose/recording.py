@@ -51,6 +51,7 @@ class Recording:
         phase: (n,) of Phase; left_share: (n,).
         valid: (n,) bool, no gap here.
         count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
+        period: between samples [s], in the median.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Recording:
     valid: Array
     count: Array
     warnings: tuple[str, ...] = ()
+    period: float = 1.0 / RATE
 
     def changed(self, **fields: object) -> Recording:
         """A copy with other arrays: what a hypothesis makes of the measurement."""
@@ -158,7 +160,7 @@ def _grid(
         *_plan(complete, phases, shares, robot, at, t),
         phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < _REACH, _counts(np.array([s.q for s in complete])), warnings,
+        away < _REACH, _counts(np.array([s.q for s in complete])), warnings, float(np.median(np.diff(at))),
     )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ from .diagnosis import (
     smallest,
     total,
 )
-from .hypotheses import LINKS, PLAN, Candidate, candidates, figures
+from .hypotheses import PLAN, Candidate, candidates, figures
 from .recording import Recording, load, moving
 from .words import sentence
 
@@ -145,8 +145,8 @@ def diagnose(
     helper.shutdown()
     result = {
         "verdict": (verdict := _verdict(finding, excess, recordings[: len(train)], bool(told))),
-        "effects": _effects(finding) if verdict == "effect" else [],
-        "suspected": _effects(finding) if verdict != "effect" else [],
+        "effects": _effects(finding, config) if verdict == "effect" else [],
+        "suspected": _effects(finding, config) if verdict != "effect" else [],
         "ranking": _ranking(finding),
         "laws": laws(finding.before[0]),
         "localisation": localisation(finding),
@@ -157,7 +157,7 @@ def diagnose(
             "holdout": _gap(finding.before[1], finding.hold, finding, com[len(train) :]) if hold else None,
         },
         "undetectable_below": undetectable(finding),
-        "refused": [{"name": option.effect, "where": place(option), "why": why} for option, why in finding.refused],
+        "refused": [{"name": option.effect, "where": option.place, "why": why} for option, why in finding.refused],
         "not_checked": _not_checked(recordings, bool(hold)),
         "bags": {"train": [str(path) for path in train], "holdout": [str(path) for path in hold]},
         "model": MODEL_FILE,
@@ -203,7 +203,7 @@ def _check_told(told: Sequence[tuple[str, str]], prepared: Prepared) -> None:
     """Refuse what `search` could not fit, and would take for absent."""
     places: dict[str, list[str]] = {}
     for option in candidates(figures(prepared[0], prepared[1])):
-        places.setdefault(option.effect, []).append(place(option))
+        places.setdefault(option.effect, []).append(option.place)
     for name, where in told:
         if name not in places:
             raise ConfigError(f"--assume {name}: cannot be fitted to these bags (can be: {', '.join(places)})")
@@ -224,11 +224,6 @@ def _alike(prepared: list[Prepared]) -> list[Prepared]:
         (recording, world, taken_up_anew(where, before, recording, world))
         for recording, (before, world, where) in zip(less, prepared, strict=True)
     ]
-
-
-def place(option: Candidate) -> str:
-    """`where` of a candidate, as in the configuration."""
-    return "" if option.where in (PLAN, LINKS) else option.where
 
 
 def _verdict(finding: Finding, excess: Mapping[str, float], train: Sequence[Recording], told: bool) -> str:
@@ -282,7 +277,7 @@ def acts(finding: Finding, key: str) -> float:
     return most
 
 
-def _effects(finding: Finding) -> list[dict[str, Any]]:
+def _effects(finding: Finding, config: Config) -> list[dict[str, Any]]:
     assert finding.fit is not None
     deviation = np.sqrt(np.diag(finding.fit.covariance))
     out = []
@@ -303,10 +298,12 @@ def _effects(finding: Finding) -> list[dict[str, Any]]:
             {
                 "name": option.effect,
                 "class": _class(finding, option),
-                "where": place(option),
+                "where": option.place,
                 "parameters": parameters,
                 "evidence": effect.gain,
                 "holdout_evidence": effect.confirmed,
+                # What motors do against their plan, measured motor states tell the model themselves.
+                "in_model": not (option.where == PLAN and config.prediction.reference == "motor"),
             }
         )
     return out
@@ -332,9 +329,9 @@ def with_structure(config: Config) -> Config:
 def with_effects(config: Config, finding: Finding) -> Config:
     """The configuration with what was found added to its effects."""
     added = []
-    for entry in _effects(finding) if finding.chosen else []:
+    for entry in _effects(finding, config) if finding.chosen else []:
         kind = CATALOGUE.get(entry["name"])
-        if kind is None:
+        if kind is None or not entry["in_model"]:
             continue
         values = dict(nominal_effects([entry["name"]])[0].values)
         bounds = {p.name: (p.low, p.high) for p in kind.parameters}
@@ -350,9 +347,9 @@ def _ranking(finding: Finding) -> list[dict[str, Any]]:
         held = {s.option.name: s.gain for s in reversed(total(finding.before[1], [s.option for s in finding.first]))}
     best: dict[tuple[str, str], dict[str, Any]] = {}
     for score in finding.first:
-        key = score.option.effect, place(score.option)
+        key = score.option.effect, score.option.place
         entry = {
-            "name": score.option.effect, "where": place(score.option), "evidence": score.gain,
+            "name": score.option.effect, "where": score.option.place, "evidence": score.gain,
             "holdout_gain": held.get(score.option.name),
         }  # fmt: skip
         if key not in best or best[key]["evidence"] < score.gain:
