@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from ..core.compiled import compiled
 from ..core.config import Config
-from ..core.effects.foot_slip import SLIPS_FROM, SLIPS_TO
+from ..core.effects.foot_slip import SLIPS_TO, glide
 from ..core.laws import BLOW_S, BORNE_S, blow
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
@@ -217,15 +217,12 @@ def _usual(values: Array) -> float:
 
 def _slid(phase: Array) -> Array:
     """(n, 2) 0..1 of feet that slide gently some time after each landing; before the first it stands."""
-    out = np.empty((len(phase), 2))
+    way = np.array([glide(k / RATE)[0] for k in range(int(SLIPS_TO * RATE) + 2)])
+    out = np.ones((len(phase), 2))
     for k, swings in enumerate((Phase.RIGHT, Phase.LEFT)):
-        landed = np.flatnonzero((phase[:-1] == swings) & (phase[1:] != swings)) + 1
-        since = (
-            np.arange(len(phase))
-            - np.append(-len(phase), landed)[np.searchsorted(landed, np.arange(len(phase)), "right")]
-        )
-        share = np.clip((since / RATE - SLIPS_FROM) / (SLIPS_TO - SLIPS_FROM), 0.0, 1.0)
-        out[:, k] = share * share * (3.0 - 2.0 * share)
+        for i in np.flatnonzero((phase[:-1] == swings) & (phase[1:] != swings)) + 1:
+            since = np.arange(len(phase) - i)
+            out[i:, k] = way[np.minimum(since, len(way) - 1)]
     return smooth(out)
 
 

@@ -390,12 +390,8 @@ def smallest(finding: Finding) -> list[tuple[Figure, float]]:
         # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
         price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
-        out.append(
-            (
-                figure,
-                float(np.sqrt(2.0 * (_wanted(finding, figure.effect, enough, needed) + price) / max(worth, 1e-30))),
-            )
-        )
+        wanted = _wanted(finding, figure.effect, enough, needed)
+        out.append((figure, float(np.sqrt(2.0 * (wanted + price) / max(worth, 1e-30)))))
     return out
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from ..types import SupportState
 
-SLIPS_FROM, SLIPS_TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
+_FROM, SLIPS_TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
 
 
 class FootSlip(Effect):
@@ -52,17 +52,17 @@ class FootSlip(Effect):
         if foot not in self.feet or not self._landed_ns[foot]:
             return 0.0
         since = (stamp_ns - self._landed_ns[foot]) * 1e-9
-        slid, second = _glide(since)
+        slid, second = glide(since)
         self._acceleration = -self.values["distance"] * second
-        return -self.values["distance"] * (slid - _glide(since - (stamp_ns - last) * 1e-9)[0])
+        return -self.values["distance"] * (slid - glide(since - (stamp_ns - last) * 1e-9)[0])
 
     def push(self, push: Push, now: Now) -> None:
         push.force[0] -= self._mass * self._acceleration
 
 
-def _glide(since: float) -> tuple[float, float]:
+def glide(since: float) -> tuple[float, float]:
     """Share of the way, 0..1, that is done some time after the landing [s], and its second derivative [1/s^2]."""
-    s = (since - SLIPS_FROM) / (SLIPS_TO - SLIPS_FROM)
+    s = (since - _FROM) / (SLIPS_TO - _FROM)
     if not 0.0 < s < 1.0:
         return (1.0 if s >= 1.0 else 0.0), 0.0
-    return s * s * (3.0 - 2.0 * s), (6.0 - 12.0 * s) / (SLIPS_TO - SLIPS_FROM) ** 2
+    return s * s * (3.0 - 2.0 * s), (6.0 - 12.0 * s) / (SLIPS_TO - _FROM) ** 2
