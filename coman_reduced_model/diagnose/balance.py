@@ -6,7 +6,8 @@
 `force`     sum of the foot forces against the rate of momentum and weight, heading-aligned axes [N]
 `moment`    the same about the COM: the centre of pressure against the motion [Nm]
 `feet`      one sole in the frame of the other while both stand: height, roll and pitch, which are zero on a flat
-            floor, and x, y, yaw since touchdown, which do not change [m, rad]
+            floor, and y, yaw since touchdown, which do not change [m, rad]
+`slide`     how far a sole that has landed moves along its x axis while the other stands still [m]
 `tilt`      the trunk's roll and pitch by the IMU against kinematics from a flat sole [rad]
 `plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
 `landing`   by how much the force on a landing foot goes beyond what it then bears: the impulse of a blow [Ns]
@@ -18,6 +19,7 @@ are taken at TICKS a second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,6 +40,10 @@ TICKS = 25.0  # [Hz] at which residuals are looked at
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
+_LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
+_SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
+_SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
+STUMBLE, STUMBLE_SHARE = 0.002, 0.5  # [m], and share of the usual, by which a slide differs when a robot stumbles
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
 SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
 STICKING = 0.02  # [rad/s] below which friction has no clear sign
@@ -117,6 +123,17 @@ class World:
 
 
 @dataclass(frozen=True)
+class Slide:
+    """A landing after which the other foot stands for long enough that a slide would show."""
+
+    tick: int  # before it
+    foot: Foot  # that has landed
+    first: slice  # of the grid: it has just come down
+    last: slice  # ... and slid
+    share: float  # of a slide that is gone by between the two
+
+
+@dataclass(frozen=True)
 class Masks:
     """Where each residual means something; fixed by the measurement, the same for every hypothesis but `taken_up`."""
 
@@ -127,9 +144,10 @@ class Masks:
     touchdown: Array  # (m,) index of the tick at which this double support was first steady
     share: Array  # (m,) smooth share of the left foot
     segment: Array  # (m,) number of the phase: what belongs together
-    slid: Array  # (m, 2) 0..1, how much of its slide the left, the right foot has behind it
+    slides: tuple[Slide, ...]  # of each landing
     blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
+    staggers: bool = False  # nearly always on the edge of a foot
 
 
 def masks(recording: Recording, world: World) -> Masks:
@@ -159,9 +177,9 @@ def masks(recording: Recording, world: World) -> Masks:
             touchdown[mine] = mine[0]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
-    slid = _slid(phase)[ticks]
     blow, taken_up = _blow(recording, ticks), _taken_up(recording, world)[ticks]
-    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slid, blow, taken_up)
+    slides = _usual_slides(world, recording, _slides(recording, ticks))
+    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
 
 
 def _scuffs(force: Array, air: Array, world: World) -> Array:
@@ -183,7 +201,7 @@ def taken_up_anew(where: Masks, before: Recording, recording: Recording, world: 
 def on_flat_soles(where: Masks, state: State) -> Masks:
     """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there.
 
-    Unless that is nearly always: then it is no edge.
+    Unless that is nearly always: then little would be left.
     """
     tipped = np.zeros(len(where.ticks), dtype=bool)
     for axis in ("roll", "pitch"):
@@ -194,7 +212,7 @@ def on_flat_soles(where: Masks, state: State) -> Masks:
             tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
     if tipped[where.steady].mean() > TIPPED_SHARE:
-        return where
+        return replace(where, staggers=True)
     whole = tipped.copy()
     for value in np.unique(where.segment):
         step = where.steady & ~where.double & (where.segment == value)
@@ -215,15 +233,43 @@ def _usual(values: Array) -> float:
     return float(np.median(values[first : first + count]))
 
 
-def _slid(phase: Array) -> Array:
-    """(n, 2) 0..1 of feet that slide gently some time after each landing; before the first it stands."""
-    way = np.array([glide(k / RATE)[0] for k in range(int(SLIPS_TO * RATE) + 2)])
-    out = np.ones((len(phase), 2))
-    for k, swings in enumerate((Phase.RIGHT, Phase.LEFT)):
-        for i in np.flatnonzero((phase[:-1] == swings) & (phase[1:] != swings)) + 1:
-            since = np.arange(len(phase) - i)
-            out[i:, k] = way[np.minimum(since, len(way) - 1)]
-    return smooth(out)
+def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
+    """Landings at which a slide would show."""
+    out = []
+    phase = recording.phase
+    changes = np.append(np.flatnonzero(np.diff(phase)) + 1, len(phase))
+    for i, leaves in zip(changes[:-1], changes[1:], strict=True):
+        landed = _landed(phase, i)
+        end = min(i + round(SLIPS_TO * RATE), leaves - round(_CONTACT_S * RATE))
+        tick = int(np.searchsorted(ticks, i)) - 1
+        if landed is None or tick < 0 or end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
+            continue
+        first, last = (i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE)), (end - round(_SLID_S * RATE), end)
+        gone = [np.mean([glide((k - i) / RATE)[0] for k in range(*window)]) for window in (first, last)]
+        out.append(Slide(tick, landed, slice(*first), slice(*last), float(gone[1] - gone[0])))
+    return tuple(out)
+
+
+def _usual_slides(world: World, recording: Recording, slides: tuple[Slide, ...]) -> tuple[Slide, ...]:
+    """Those that are much like most of the same foot: when a robot stumbles, it does so now and then."""
+    whole = _slid(world, recording.q, slides) / np.array([slide.share for slide in slides])
+    usual = np.zeros(len(slides), dtype=bool)
+    for foot in FEET:
+        mine = np.array([slide.foot == foot for slide in slides], dtype=bool)
+        if not mine.any():
+            continue
+        middle = np.median(whole[mine])
+        alike = mine & (np.abs(whole - middle) < max(STUMBLE, STUMBLE_SHARE * abs(middle)))
+        if alike.sum() > 0.5 * mine.sum():
+            usual |= alike
+    return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
+
+
+def _landed(phase: Array, i: int) -> Foot | None:
+    """The foot that lands at a change of contact i."""
+    if phase[i] != Phase.DOUBLE:
+        return None
+    return {Phase.LEFT: Foot.RIGHT, Phase.RIGHT: Foot.LEFT}.get(Phase(phase[i - 1]))
 
 
 def _blow(recording: Recording, ticks: Array) -> Array:
@@ -233,8 +279,8 @@ def _blow(recording: Recording, ticks: Array) -> Array:
     if recording.period > BLOW_S:  # too few samples to tell a blow from the load that comes
         return out
     first, last = int(BLOW_S * RATE) + 1, int(BORNE_S * RATE) + 1
-    for i in np.flatnonzero((np.diff(phase) != 0) & (phase[1:] == Phase.DOUBLE)) + 1:
-        landed = {Phase.LEFT: Foot.RIGHT, Phase.RIGHT: Foot.LEFT}.get(Phase(phase[i - 1]))
+    for i in np.flatnonzero(np.diff(phase)) + 1:
+        landed = _landed(phase, i)
         tick = np.searchsorted(ticks, i) - 1
         if landed is None or tick < 0 or not recording.valid[i - 1 : i + last].all() or i + last > len(phase):
             continue
@@ -296,6 +342,7 @@ class State:
     up: dict[Foot, Array]
     inertial: Array  # (m, nv) generalised forces of motion and weight
     R: Array  # (m, 3, 3) world, heading as the root's x axis <- root
+    slid: Array  # (k,) along its x axis, by each foot that landed [m]
     residuals: dict[str, Array]
     smoothed: Smoothed
 
@@ -336,6 +383,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     robot, ticks = world.robot, where.ticks
     same_q = before is not None and recording.q is before.recording.q
     motion = before.motion if before and same_q else _motion(world, recording.q, ticks)
+    slid = before.slid if before and same_q else _slid(world, recording.q, where.slides)
     smoothed = Smoothed(before.smoothed if before else None)
     wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
@@ -384,10 +432,13 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
     out["landing/z"] = where.blow - TOLD * world.impulse
+    out["slide/x"] = np.full(len(ticks), np.nan)
+    for value, slide in zip(slid, where.slides, strict=True):
+        out["slide/x"][slide.tick] = value + slide.share * world.slip[FEET.index(slide.foot)]
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
-    return State(recording, world, motion, up, inertial, R, out, smoothed)
+    return State(recording, world, motion, up, inertial, R, slid, out, smoothed)
 
 
 def _same(world: World, other: World, name: str) -> bool:
@@ -631,9 +682,24 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - (left - right)[:, 1]
     sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
     height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
-    # The left sole sliding back takes the right one forward in its frame.
-    slid = where.slid @ (world.slip * (1.0, -1.0))
-    p = p - np.column_stack([slid, np.zeros((len(slid), 2))])
-    since = {"x": p[:, 0], "y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
+    since = {"y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
     return out | {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
+
+
+def _slid(world: World, q: Array, slides: Sequence[Slide]) -> Array:
+    """(k,) [m] along its x axis, by each foot that landed, against the other foot."""
+    robot = world.robot
+    data, configuration = robot.model.createData(), pin.neutral(robot.model)
+
+    def at(slide: Slide, window: slice) -> pin.SE3:
+        robot.scatter(q[window].mean(axis=0), configuration)
+        pin.framesForwardKinematics(robot.model, data, configuration)
+        other = Foot.LEFT if slide.foot == Foot.RIGHT else Foot.RIGHT
+        return data.oMf[robot.sole_ids[other]].actInv(data.oMf[robot.sole_ids[slide.foot]])
+
+    out = np.empty(len(slides))
+    for k, slide in enumerate(slides):
+        landed, now = at(slide, slide.first), at(slide, slide.last)
+        out[k] = (landed.rotation.T @ (now.translation - landed.translation))[0]
+    return out

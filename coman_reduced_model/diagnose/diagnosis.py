@@ -34,6 +34,7 @@ AGREES = 2.0  # nats that it must add on the held-out bags
 SURE = 2.0  # standard deviations by which a load must weigh something
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
+ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance sole to be still and flat on the ground
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
@@ -98,6 +99,9 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
             recording = recording.changed(up=None, warnings=(*recording.warnings, told))
             state = evaluate(recording, world, where)
     where = on_flat_soles(where, state)
+    if where.staggers:
+        told = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
+        recording = recording.changed(warnings=(*recording.warnings, told))
     if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
         raise BagError(
             f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
@@ -179,9 +183,12 @@ class Finding:
         """
         assert self.fit is not None
         ratios: dict[str, list[float]] = {}
-        for case in [*self.train, *self.hold]:
+        cases = [*self.train, *self.hold]
+        some_stand = not all(case.where.staggers for case in cases)
+        for case in cases:
             for key, value in case.left(case.own(self.fit, self.released)).items():
-                if case.floor.get(key, 0.0) > 0.0:
+                on_soles = key.partition("/")[0] in ON_SOLES
+                if case.floor.get(key, 0.0) > 0.0 and not (on_soles and some_stand and case.where.staggers):
                     ratios.setdefault(key, []).append(size(value) / case.floor[key])
         return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
 

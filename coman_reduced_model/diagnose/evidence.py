@@ -23,7 +23,8 @@ from .hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
-ONE_A_STEP = {"landing/z"}  # channels with one value in each step: those of successive steps are neighbours
+ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
+NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
 ABSENT = 1e-4  # spread, as a share of reach, of a figure that healthy robots do not have
 
 
@@ -67,8 +68,7 @@ def assemble(
     for name, value in base.items():
         for part, chosen in (("double", where.double), ("single", ~where.double)):
             at = np.flatnonzero(np.isfinite(value) & chosen)
-            sparse = name in ONE_A_STEP
-            if len(at) < (2 if sparse else 8) * ORDER:
+            if len(at) < ONE_A_STEP.get(name, 8 * ORDER):
                 continue
             key = f"{name}|{part}"
             rows[key] = value[at]
@@ -78,7 +78,8 @@ def assemble(
                 if known[i].effect != "wrench_scale" or not name.startswith("unloaded/"):
                     columns[key][:, i] = slope[name][at]
             times[key] = at
-            pieces[key] = np.zeros(1, dtype=np.intp) if sparse else np.flatnonzero(np.diff(at, prepend=-9) > 1)
+            alone = np.flatnonzero(np.diff(at, prepend=-9) > 1)
+            pieces[key] = alone[:1] if name in NEIGHBOURS else alone
     robot = state.world.robot
     resolution = {f"spring/{name}": float(c) for name, c in zip(robot.joint_names, state.recording.count, strict=True)}
     return Problem(known, rows, columns, pieces, times, resolution)

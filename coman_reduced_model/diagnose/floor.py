@@ -18,7 +18,7 @@ DRAWS = 2
 # make every hair's breadth an effect.
 LEAST = {
     "spring": 2e-5, "torque": 0.01, "force": 0.1, "moment": 0.01, "feet": 3e-5, "tilt": 5e-5, "plan": 3e-5,
-    "landing": 0.03, "unloaded": 0.005,
+    "landing": 0.03, "slide": 0.001, "unloaded": 0.005,
 }  # fmt: skip
 LEAST_FORCE = 0.1  # [N] of a sensor in the air
 

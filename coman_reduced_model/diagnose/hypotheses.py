@@ -44,7 +44,7 @@ PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
 LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
 SAG_SPREAD = 0.5  # of the springs' sag under the planned torques, by which motors are commanded ahead
-SLIP_SPREAD = 0.0015  # [m] that soles creep while the load passes
+SLIP_SPREAD = 0.0007  # [m] that soles creep while the load passes
 LANDING_SPREAD, BLOW_REACH = 0.006, 0.05  # [m/s] by which a landing, a hard one, stops the whole robot
 TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
 
@@ -228,7 +228,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     for k, key in enumerate("xy"):
         add("external_force", "", key, PULL_SPREAD, 10.0, "N", _pull(k))
     for where, foot in SIDES.items():
-        add("foot_slip", where, "distance", SLIP_SPREAD, 0.01, "m", _slip(foot))
+        add("foot_slip", where, "distance", SLIP_SPREAD, 0.02, "m", _slip(foot))
     blow, landing = BLOW_REACH * robot.mass, LANDING_SPREAD * robot.mass
     add("touchdown_impact", "", "impulse", 0.0, blow, "Ns", _world("impulse"), low=0.0)
     add("", "landings", "impulse", landing, landing, "Ns", _world("impulse"))

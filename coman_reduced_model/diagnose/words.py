@@ -40,6 +40,8 @@ CHANNELS = {
     "force": "force balance",
     "moment": "moment balance",
     "feet": "sole against sole",
+    "slide": "sole after landing",
+    "slide": "sole after landing",
     "tilt": "trunk's tilt",
     "plan": "motors against plan",
     "landing": "force at landing",
@@ -138,7 +140,7 @@ def channel_unit(name: str) -> tuple[str, float]:
     last = rest.rpartition("/")[2]
     if kind in ("spring", "tilt") or last in ("roll", "pitch", "yaw"):
         return "°", _SHOWN["rad"][1]
-    if kind in ("plan", "com", "feet"):
+    if kind in ("plan", "com", "feet", "slide"):
         return _SHOWN["m"]
     if kind == "landing":
         return "Ns", 1.0
