@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -13,8 +14,18 @@ from scipy.integrate import solve_ivp
 from synthetic import robot
 
 from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.effects.foot_slip import glide
 from coman_reduced_model.core.types import Foot, Phase
-from coman_reduced_model.diagnose.balance import World, bent_stretch, evaluate, lagged, masks, on_flat_soles, smooth
+from coman_reduced_model.diagnose.balance import (
+    JOLT,
+    World,
+    bent_stretch,
+    evaluate,
+    lagged,
+    masks,
+    on_flat_soles,
+    smooth,
+)
 from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted
 from coman_reduced_model.diagnose.recording import FEET, RATE, Recording, moving
 
@@ -110,14 +121,48 @@ def test_soles_at_different_heights_and_angles():
     found = residuals(recording.changed(q=q))
     assert abs(np.nanmean(found["feet/roll"])) == pytest.approx(0.03, rel=1e-3)
     assert rms(found["feet/pitch"]) < 1e-3 < rms(found["feet/z"])
-    assert rms(found["feet/x"]) < 1e-6  # where it stood at touchdown is where it stands
+    assert rms(found["feet/y"]) < 1e-6  # where it stood at touchdown is where it stands
 
 
-def test_a_foot_that_slides_shows_as_it_goes():
+def stepping(slides: Sequence[float], seconds: float = 0.3) -> tuple[Recording, float]:
+    """The right foot lands every 0.8 s for so long; by how much of 0.01 rad its hip gives way each time as it bears.
+
+    Also how far back 0.01 rad takes the right sole [m].
+    """
     recording, _ = standing()
+    since, step = np.mod(t, 0.8) - 0.3, np.minimum(np.floor(t / 0.8).astype(int), len(slides) - 1)
+    phase = np.where((since >= 0.0) & (since < seconds), Phase.DOUBLE, Phase.LEFT)
+    gone = np.array([glide(s)[0] for s in since])
     q = recording.q.copy()
-    q[:, index("RHipSag")] += 0.02 * t / SECONDS
-    assert np.ptp(residuals(recording.changed(q=q))["feet/x"]) > 0.004
+    q[:, index("RHipSag")] += 0.01 * np.array(slides)[step] * gone
+    posture, bent = robot().posture(), np.zeros(len(robot().joint_names))
+    ends = []
+    for angle in (0.0, 0.01):
+        bent[index("RHipSag")] = angle
+        posture.update(bent, bent)
+        ends.append(posture.p[Foot.RIGHT][0])
+    return recording.changed(phase=phase, q=q), ends[0] - ends[1]
+
+
+def test_a_foot_that_slides_after_each_landing_shows_step_by_step():
+    world, (recording, back) = standing()[1], stepping([1.0] * 5)
+    where = masks(recording, world)
+    found = evaluate(recording, world, where).residuals["slide/x"]
+    assert [slide.foot for slide in where.slides] == [Foot.RIGHT] * 5
+    assert found[np.isfinite(found)] == pytest.approx(np.full(5, -back), rel=0.05)
+    left = evaluate(recording, world.changed(slip=np.array([0.0, back])), where).residuals["slide/x"]
+    assert np.nanmax(np.abs(left)) < 0.03 * abs(back)
+    other = evaluate(recording, world.changed(slip=np.array([back, 0.0])), where).residuals["slide/x"]
+    np.testing.assert_array_equal(other, found)  # the left foot has not landed
+
+
+def test_a_stumble_is_no_slide_and_a_foot_that_soon_leaves_tells_none():
+    world = standing()[1]
+    stumbled, _ = stepping([0.0, 0.0, 3.0, 0.0, 0.0])
+    where = masks(stumbled, world)
+    found = evaluate(stumbled, world, where).residuals["slide/x"]
+    assert len(where.slides) == 4 and np.nanmax(np.abs(found)) < 1e-9
+    assert not masks(stepping([1.0] * 5, seconds=0.15)[0], world).slides
 
 
 # --- springs ---
@@ -278,24 +323,26 @@ def landing(force: np.ndarray, steps: int = 3) -> tuple[Recording, np.ndarray]:
     wrench = {**recording.wrench, Foot.RIGHT: np.where(since >= 0.0, borne, 0.0)[:, None] * np.eye(6)[2]}
     landed = recording.changed(phase=phase, wrench=wrench)
     found = evaluate(landed, world, masks(landed, world)).residuals["landing/z"]
-    return landed, found[np.isfinite(found)]
+    return landed, found[np.isfinite(found)] + JOLT * robot().mass
 
 
 def test_a_force_that_only_rises_is_no_blow():
     for rise_s in (0.02, 0.05, 0.1):
         rising = 60.0 * np.clip(np.arange(1, 100) / RATE / rise_s, 0.0, 1.0)
-        np.testing.assert_array_equal(landing(rising)[1], np.zeros(3))
+        assert landing(rising)[1] == pytest.approx(np.zeros(3), abs=1e-9)
     landed, at_once = landing(np.full(100, 60.0))
     seldom = landed.changed(period=0.02)
     assert np.isnan(masks(seldom, standing()[1]).blow).all()  # of samples that are too far apart nothing is told
-    assert len(at_once) == 3 and (at_once < 0.3 * 60.0 * 0.015).all()
+    assert at_once == pytest.approx(np.zeros(3), abs=1e-9)
 
 
+@pytest.mark.parametrize("late", [0, 8])
 @pytest.mark.parametrize("impulse", [0.7, 1.5])
-def test_a_blow_is_told_from_the_load_that_follows(impulse):
-    """A half sine of 10 ms beside a load that rises in 50 ms."""
+def test_a_blow_is_told_from_the_load_that_follows(impulse, late):
+    """A half sine of 10 ms beside a load that rises in 50 ms; the edge of the foot may have touched before."""
     k = np.arange(100)
-    blow = impulse * np.pi / 0.02 * np.sin(np.pi * (k + 0.5) / RATE / 0.01) * (k < 2)
+    inside = (k >= late) & (k < late + 2)
+    blow = impulse * np.pi / 0.02 * np.abs(np.sin(np.pi * (k + 0.5) / RATE / 0.01)) * inside
     recording, found = landing(blow + 50.0 * np.clip(k / RATE / 0.05, 0.0, 1.0))
     assert found == pytest.approx(np.full(3, impulse), rel=0.25)
     world = standing()[1]
@@ -303,7 +350,13 @@ def test_a_blow_is_told_from_the_load_that_follows(impulse):
         recording, world, impulse
     )
     left = evaluate(recording, believed, masks(recording, world)).residuals["landing/z"]
-    assert rms(left) < 0.35 * rms(found)
+    assert rms(left + JOLT * robot().mass) < 0.35 * rms(found)
+
+
+def test_a_foot_that_chatters_does_not_land():
+    recording, world = standing()
+    phase = np.where(np.mod(t, 0.2) < 0.1, Phase.DOUBLE, Phase.LEFT)
+    assert np.isnan(masks(recording.changed(phase=phase), world).blow).all()
 
 
 # --- hypotheses: a figure undoes what it describes ---
@@ -398,9 +451,8 @@ def test_contacts_and_gaps_are_left_out_and_feet_in_the_air_found():
     assert where.air[Foot.RIGHT][(at > 1.2) & (at < 1.8)].all() and not where.air[Foot.RIGHT][at < 1.1].any()
     assert not where.air[Foot.LEFT][at < 3.1].any()
     assert where.double[(at > 2.1) & (at < 2.9)].all() and not where.double[(at > 1.0) & (at < 2.0)].any()
-    slid = where.slid[:, 1]  # the right foot has landed at 2 s
-    assert np.ptp(slid[where.double & (at > 2.0)]) > 0.8
-    assert slid[(at > 1.1) & (at < 1.9)] == pytest.approx(1.0) and slid[at > 2.3] == pytest.approx(1.0)
+    (slide,) = where.slides
+    assert slide.foot == Foot.RIGHT and 2.0 < t[slide.first.start] < t[slide.last.stop] <= 2.2 and slide.share > 0.9
     assert moving(phase) and not moving(recording.phase)
 
 
@@ -419,4 +471,15 @@ def test_a_step_that_was_mostly_stood_on_an_edge_is_left_out_unless_most_are(ste
     assert not single[edge[flat.ticks]].any()
     rest = single[(at > 0.74) & (at < 0.92)]
     assert not rest.any() if steps == 1 else rest.all()
-    assert single[(at > 3.3) & (at < 3.8)].all()
+    assert single[(at > 3.3) & (at < 3.8)].all() and not flat.staggers
+
+
+def test_who_is_nearly_always_on_an_edge_staggers():
+    recording, world = standing()
+    sway = 0.05 * np.sin(2.0 * np.pi * 1.3 * t)
+    up = np.column_stack([np.zeros(len(t)), sway, np.ones(len(t))])
+    phase = np.select([t < 1.0, t < 2.0], [Phase.LEFT, Phase.RIGHT], Phase.DOUBLE)
+    swaying = recording.changed(phase=phase, up=up)
+    where = masks(swaying, world)
+    found = on_flat_soles(where, evaluate(swaying, world, where))
+    assert found.staggers and found.steady.sum() == where.steady.sum()

@@ -10,7 +10,8 @@
 `slide`     how far a sole that has landed moves along its x axis while the other stands still [m]
 `tilt`      the trunk's roll and pitch by the IMU against kinematics from a flat sole [rad]
 `plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
-`landing`   by how much the force on a landing foot goes beyond what it then bears: the impulse of a blow [Ns]
+`landing`   by how much the force on a landing foot goes beyond what it bears before and after, and beyond the jolt of
+            any landing: the impulse of a blow [Ns]
 `unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
 
 All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
@@ -24,6 +25,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
@@ -31,7 +33,6 @@ from scipy.spatial.transform import Rotation
 from ..core.compiled import compiled
 from ..core.config import Config
 from ..core.effects.foot_slip import SLIPS_TO, glide
-from ..core.laws import BLOW_S, BORNE_S, blow
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
 from .recording import FEET, RATE, Recording
@@ -40,6 +41,10 @@ TICKS = 25.0  # [Hz] at which residuals are looked at
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
+_BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
+_LANDING_S = 0.085  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
+_SELDOM_S = 0.0125  # [s] between samples, from which on a blow cannot be told
+_SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
 _LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
 _SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
 _SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
@@ -52,6 +57,7 @@ SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.8  # of the time
 STAGGERED = 0.5  # of a step so stood: the rest of it is no better
+JOLT = 0.004  # [m/s] by which any landing stops the robot
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
@@ -244,7 +250,10 @@ def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
         tick = int(np.searchsorted(ticks, i)) - 1
         if landed is None or tick < 0 or end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
             continue
-        first, last = (i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE)), (end - round(_SLID_S * RATE), end)
+        first, last = (
+            (i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE)),
+            (end - round(_SLID_S * RATE), end),
+        )
         gone = [np.mean([glide((k - i) / RATE)[0] for k in range(*window)]) for window in (first, last)]
         out.append(Slide(tick, landed, slice(*first), slice(*last), float(gone[1] - gone[0])))
     return tuple(out)
@@ -275,18 +284,33 @@ def _landed(phase: Array, i: int) -> Foot | None:
 def _blow(recording: Recording, ticks: Array) -> Array:
     """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
     out = np.full(len(ticks), np.nan)
-    phase = recording.phase
-    if recording.period > BLOW_S:  # too few samples to tell a blow from the load that comes
+    if recording.period > _SELDOM_S:
         return out
-    first, last = int(BLOW_S * RATE) + 1, int(BORNE_S * RATE) + 1
-    for i in np.flatnonzero(np.diff(phase)) + 1:
+    phase = recording.phase
+    changes = np.concatenate([[0], np.flatnonzero(np.diff(phase)) + 1, [len(phase)]])
+    for left, i, leaves in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
         landed = _landed(phase, i)
-        tick = np.searchsorted(ticks, i) - 1
-        if landed is None or tick < 0 or not recording.valid[i - 1 : i + last].all() or i + last > len(phase):
+        end = min(i + round(_LANDING_S * RATE), leaves)
+        tick = int(np.searchsorted(ticks, i)) - 1
+        if landed is None or tick < 0 or i - left < _SWING_S * RATE or not recording.valid[i - 1 : end].all():
             continue
-        force = recording.wrench[landed][i : i + last, 2]
-        out[tick] = blow(force[:first].sum() / RATE, first / RATE, force[first:].mean())
+        out[tick] = blow(recording.wrench[landed][i:end, 2])
     return out
+
+
+def blow(force: Array) -> float:
+    """The largest impulse [Ns] of a few samples beyond what the foot bears before and after, at RATE.
+
+    A force (n,) [N] that only rises after the landing gives nothing; NaN if there is too little of it. Unlike the node
+    (core/laws.py), which judges a landing by its first touch, this also finds the blow of a foot whose edge came first.
+    """
+    if len(force) < _BLOW + _BESIDE:
+        return float("nan")
+    force = np.concatenate([np.zeros(_BESIDE), force])  # in the air before
+    around = sliding_window_view(force, _BLOW + 2 * _BESIDE)
+    before, felt, after = np.split(around, [_BESIDE, _BESIDE + _BLOW], axis=1)
+    borne = np.maximum(before.mean(axis=1), after.mean(axis=1)).clip(0.0)
+    return max(0.0, float((felt - borne[:, None]).sum(axis=1).max()) / RATE)
 
 
 def _taken_up(recording: Recording, world: World) -> Array:
@@ -431,7 +455,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
-    out["landing/z"] = where.blow - TOLD * world.impulse
+    out["landing/z"] = where.blow - JOLT * robot.mass - TOLD * world.impulse
     out["slide/x"] = np.full(len(ticks), np.nan)
     for value, slide in zip(slid, where.slides, strict=True):
         out["slide/x"][slide.tick] = value + slide.share * world.slip[FEET.index(slide.foot)]

@@ -31,7 +31,7 @@ TORQUE_SPREAD = 0.15  # [Nm] zero of a joint torque sensor
 WRENCH_SPREAD = (1.0, 1.0, 2.2, 0.045, 0.045, 0.035)  # [N, Nm] zero of a foot sensor
 GAIN_SPREAD = 0.01  # of a foot sensor
 CLOCK_SPREAD = 0.0015  # [s] between streams
-DRIVER_SPREAD = 0.0007  # [s] between what one driver reads
+DRIVER_SPREAD = 0.0012  # [s] between what one driver reads
 CUBIC_SPREAD = 0.025  # of the torque, at the stretch under a typical load
 YIELD_SPREAD = 3e-5  # [rad/Nm] of a position loop
 SETTLING_SPREAD = 0.01  # [s] with which a position loop yields, and ...
@@ -45,7 +45,7 @@ FRICTION_SPREAD = 0.10  # [Nm]
 LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
 SAG_SPREAD = 0.5  # of the springs' sag under the planned torques, by which motors are commanded ahead
 SLIP_SPREAD = 0.0007  # [m] that soles creep while the load passes
-LANDING_SPREAD, BLOW_REACH = 0.006, 0.05  # [m/s] by which a landing, a hard one, stops the whole robot
+LANDING_SPREAD, BLOW_REACH = 0.004, 0.05  # [m/s] by which landings differ in how they stop the robot; a hard one
 TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
 
 

@@ -41,7 +41,6 @@ CHANNELS = {
     "moment": "moment balance",
     "feet": "sole against sole",
     "slide": "sole after landing",
-    "slide": "sole after landing",
     "tilt": "trunk's tilt",
     "plan": "motors against plan",
     "landing": "force at landing",
