@@ -11,6 +11,7 @@ from synthetic import walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import STANDARD_EFFECTS, load_config
+from coman_reduced_model.diagnose.evidence import ONE_A_STEP
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
@@ -24,6 +25,7 @@ HIDDEN = {
     "encoder_bias": ("encoder_bias", {"where": "LAnkSag", "bias": 0.026}),
     "encoder_delay": ("encoder_delay", {"delay": 0.03}),  # from afar, motors that are late
     "motor_compliance": ("motor_compliance", {"compliance": 5e-4}),
+    "foot_slip": ("foot_slip", {"where": "right", "distance": 0.012}),
     "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
     "twisted_sensor": ("twisted_sensor", {"where": "left", "axis": "x", "angle": 0.35}),
 }
@@ -132,6 +134,7 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
         ("encoder_bias", "LAnkSag", ""),
         ("encoder_delay", "", "torque/RKneeSag"),
         ("motor_compliance", "", "spring/RHipLat"),
+        ("foot_slip", "right", "slide/x"),
         ("touchdown_impact", "", "landing/z"),
     ],
 )
@@ -143,6 +146,8 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
     assert parameters[key]["value"] == pytest.approx(value, rel=0.3)
     if channel:
         shrinks(result, channel)
+    if channel in ONE_A_STEP:
+        assert (result["localisation"][0]["channel"], result["localisation"][0]["phase"]) == (channel, "double")
     if case == "payload":
         law = result["laws"][channel]  # before anything is fitted
         assert law["mean"] == pytest.approx(

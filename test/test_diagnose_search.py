@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic import robot
 from test_diagnose_balance import standing
 
 from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.types import Phase
 from coman_reduced_model.diagnose import diagnosis, workflow
 from coman_reduced_model.diagnose.balance import masks
 from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Effect, Finding
@@ -40,6 +42,33 @@ def test_what_is_left_is_told_by_most_of_the_values(sigma, stumbles):
     values[:stumbles] *= 1e3
     assert diagnosis.size(values) == pytest.approx(sigma, rel=0.1 if stumbles == 0 else 0.5)
     assert diagnosis.size(values[:1]) > 0.0
+
+
+def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_always_does():
+    def case(staggers: bool, tau: object = "torques"):
+        return SimpleNamespace(where=SimpleNamespace(staggers=staggers), recording=SimpleNamespace(tau=tau))
+
+    known = figures(*standing())
+    steady, edgy, without = case(False), case(True), case(True, None)
+    finding = Finding(known, np.zeros(len(known)), train=[steady], hold=[edgy, without])
+    for key in ("force/y|single", "moment/x", "torque/LAnkLat|double", "tilt/roll|single"):
+        assert finding.judged(steady, key) and not finding.judged(edgy, key)
+    assert finding.judged(edgy, "spring/LAnkLat|single") and not finding.judged(without, "spring/LAnkLat|single")
+    assert finding.judged(edgy, "slide/x|single") and finding.judged(edgy, "unloaded/left/fz|single")
+    always = Finding(known, np.zeros(len(known)), train=[edgy])
+    assert always.judged(edgy, "force/y|single")
+
+
+def test_what_was_noticed_of_a_recording_is_told_with_what_was_not_checked():
+    recording, world = standing()
+    t = recording.t
+    sway = 0.05 * np.sin(2.0 * np.pi * 1.3 * t)
+    up = np.column_stack([np.zeros(len(t)), sway, np.ones(len(t))])
+    phase = np.select([t < 1.0, t < 2.0], [Phase.LEFT, Phase.RIGHT], Phase.LEFT)
+    prepared = diagnosis.prepare(recording.changed(up=up, phase=phase), robot(), Config())
+    told = workflow._not_checked([prepared], True)
+    assert any("nearly always on the edge of a foot" in line for line in told)
+    assert any("a foot that slides does not show" in line for line in told)
 
 
 def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():

@@ -81,7 +81,7 @@ def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool =
     state: Any = SimpleNamespace(
         recording=recording, world=world, motion=motion, residuals=residuals, smoothed=Smoothed()
     )
-    where: Any = SimpleNamespace(ticks=ticks)
+    where: Any = SimpleNamespace(ticks=ticks, staggers=False)
     evidence = weighed(problem, at, noises)
     return Case(recording, where, state, problem, evidence, noises, dict.fromkeys(problem.rows, FLOOR))
 
@@ -104,7 +104,8 @@ def diagnosis(
     stamps = np.arange(1600) * 5_000_000
     error = 0.002 * np.sin(np.outer(stamps * 1e-9, (1.0, 2.0, 3.0)))
     monkeypatch.setattr(workflow, "load", lambda *_: (before[0].recording, before[0].state.world.robot))
-    monkeypatch.setattr(workflow, "prepare", lambda *_: (before[0].recording, before[0].state.world, None))
+    where = SimpleNamespace(slides=())
+    monkeypatch.setattr(workflow, "prepare", lambda *_: (before[0].recording, before[0].state.world, where))
     monkeypatch.setattr(workflow, "Looked", lambda *_: None)
     monkeypatch.setattr(workflow, "search", lambda *_, **__: finding)
     monkeypatch.setattr(workflow, "com_errors", lambda *_: (stamps, error))

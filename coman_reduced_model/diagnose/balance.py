@@ -15,7 +15,7 @@
 `unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
 
 All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
-are taken at TICKS a second.
+are taken at TICKS a second; but for `slide` and `landing`, one value for each landing, from the samples as they are.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
 _BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
 _LANDING_S = 0.085  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
-_SELDOM_S = 0.0125  # [s] between samples, from which on a blow cannot be told
+_SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be told
 _SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
 _LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
 _SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
@@ -56,7 +56,7 @@ TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.8  # of the time
-STAGGERED = 0.5  # of a step so stood: the rest of it is no better
+EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
 JOLT = 0.004  # [m/s] by which any landing stops the robot
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
@@ -150,7 +150,7 @@ class Masks:
     touchdown: Array  # (m,) index of the tick at which this double support was first steady
     share: Array  # (m,) smooth share of the left foot
     segment: Array  # (m,) number of the phase: what belongs together
-    slides: tuple[Slide, ...]  # of each landing
+    slides: tuple[Slide, ...]  # landings that show whether the foot slides
     blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
     staggers: bool = False  # nearly always on the edge of a foot
@@ -207,7 +207,7 @@ def taken_up_anew(where: Masks, before: Recording, recording: Recording, world: 
 def on_flat_soles(where: Masks, state: State) -> Masks:
     """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there.
 
-    Unless that is nearly always: then little would be left.
+    Unless that is nearly always: then little would be left, and the robot `staggers`.
     """
     tipped = np.zeros(len(where.ticks), dtype=bool)
     for axis in ("roll", "pitch"):
@@ -222,7 +222,7 @@ def on_flat_soles(where: Masks, state: State) -> Masks:
     whole = tipped.copy()
     for value in np.unique(where.segment):
         step = where.steady & ~where.double & (where.segment == value)
-        whole |= step & (tipped[step].mean() > STAGGERED if step.any() else False)
+        whole |= step & (tipped[step].mean() > EDGE_STEP if step.any() else False)
     single = where.steady & ~where.double
     if (single & ~whole).sum() >= 0.5 * (single & ~tipped).sum():  # else it hardly does anything but stagger
         tipped = whole
@@ -250,12 +250,10 @@ def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
         tick = int(np.searchsorted(ticks, i)) - 1
         if landed is None or tick < 0 or end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
             continue
-        first, last = (
-            (i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE)),
-            (end - round(_SLID_S * RATE), end),
-        )
-        gone = [np.mean([glide((k - i) / RATE)[0] for k in range(*window)]) for window in (first, last)]
-        out.append(Slide(tick, landed, slice(*first), slice(*last), float(gone[1] - gone[0])))
+        first = slice(i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE))
+        last = slice(end - round(_SLID_S * RATE), end)
+        gone = [np.mean([glide((k - i) / RATE)[0] for k in range(w.start, w.stop)]) for w in (first, last)]
+        out.append(Slide(tick, landed, first, last, float(gone[1] - gone[0])))
     return tuple(out)
 
 
@@ -301,8 +299,8 @@ def _blow(recording: Recording, ticks: Array) -> Array:
 def blow(force: Array) -> float:
     """The largest impulse [Ns] of a few samples beyond what the foot bears before and after, at RATE.
 
-    A force (n,) [N] that only rises after the landing gives nothing; NaN if there is too little of it. Unlike the node
-    (core/laws.py), which judges a landing by its first touch, this also finds the blow of a foot whose edge came first.
+    A force (n,) [N] that only rises after the landing gives nothing; NaN if there is too little of it. The node
+    (core/laws.py) judges a landing by its first touch; this also finds the blow of a foot whose edge came first.
     """
     if len(force) < _BLOW + _BESIDE:
         return float("nan")

@@ -180,17 +180,22 @@ class Finding:
         """By group, what the middle recording has left (of two, the worse), in units of the noise floor (see `size`).
 
         A robot that staggers through one of three walks, or in some steps of each, is not of another kind for that.
+        Laws that take the stance sole as flat are not judged where it nearly always stands on an edge.
         """
         assert self.fit is not None
         ratios: dict[str, list[float]] = {}
-        cases = [*self.train, *self.hold]
-        some_stand = not all(case.where.staggers for case in cases)
-        for case in cases:
+        for case in [*self.train, *self.hold]:
             for key, value in case.left(case.own(self.fit, self.released)).items():
-                on_soles = key.partition("/")[0] in ON_SOLES
-                if case.floor.get(key, 0.0) > 0.0 and not (on_soles and some_stand and case.where.staggers):
+                if case.floor.get(key, 0.0) > 0.0 and self.judged(case, key):
                     ratios.setdefault(key, []).append(size(value) / case.floor[key])
         return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
+
+    def judged(self, case: Case, key: str) -> bool:
+        """Whether a group or channel of a recording says something: of a robot that staggers, only if all do."""
+        law = key.partition("/")[0]
+        on_soles = law in ON_SOLES or (law == "spring" and case.recording.tau is None)
+        all_stagger = all(each.where.staggers for each in [*self.train, *self.hold])
+        return not (on_soles and case.where.staggers) or all_stagger
 
     def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
         """By group, what is left of a recording without and with what was found: the effects are all the difference.
@@ -393,7 +398,10 @@ def smallest(finding: Finding) -> list[tuple[Figure, float]]:
         if not figure.effect or i in finding.released:
             continue
         narrow = max(figure.spread, figure.slack)
-        noise = 1.0 / max(1.0 / variance[i] - 1.0 / before[i], 1e-6 / figure.reach**2)  # of the data alone
+        told = 1.0 / variance[i] - 1.0 / before[i]
+        if told < 1e-6 / figure.reach**2:  # nothing of it shows, however large
+            continue
+        noise = 1.0 / told  # of the data alone
         # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
         price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
@@ -540,7 +548,7 @@ def _confirm(
         without_mean[i], without[i] = 0.0, max(known[i].slack, known[i].spread, 1e-9 * known[i].reach) ** 2
     gain = evidence.posterior(mean, variance).log - evidence.posterior(without_mean, without).log
     if gain < AGREES:
-        return gain, f"held-out bags speak against it ({gain:.1f} nats)"
+        return gain, f"held-out bags {'speak against it' if gain < 0.0 else 'show too little of it'} ({gain:.1f} nats)"
     again = evidence.fit(released)
     spread = np.sqrt(np.diag(again.covariance) + np.diag(covariance))
     for i in option.figures:

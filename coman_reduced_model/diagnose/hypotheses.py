@@ -23,7 +23,8 @@ Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
-# Widths are set by what is common on real robots and in data sheets; none comes from the cases that are judged.
+# Widths are set by what is common on real robots and in data sheets; those of clocks, slides and landings also by what
+# healthy virtual robots do; none comes from the cases that are reported.
 STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.045, 0.10, 0.03, 0.0025
 HEIGHT_SPREAD = 0.012  # [m] of the trunk: cables, covers, and walking hardly shows it
 ENCODER_SPREAD = 0.001  # [rad] zero of a link encoder

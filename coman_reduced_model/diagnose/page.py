@@ -197,7 +197,8 @@ def _strongest(pair: Pair, figures: list[int]) -> list[str]:
 
 def _worst(train: list[Pair], hold: list[Pair], name: str) -> Pair:
     """The recording with most left of a channel."""
-    return max([*train, *hold], key=lambda pair: float(np.nanmean(np.append(pair.over_ticks(name)[1] ** 2, 0.0))))
+    judged = [pair for pair in [*train, *hold] if pair.finding.judged(pair.after, name)]
+    return max(judged, key=lambda pair: float(np.nanmean(np.append(pair.over_ticks(name)[1] ** 2, 0.0))))
 
 
 def _where(diagnosis: Diagnosis) -> list[Part]:
