@@ -46,7 +46,7 @@ FRICTION_SPREAD = 0.10  # [Nm]
 LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
 SAG_SPREAD = 0.5  # of the springs' sag under the planned torques, by which motors are commanded ahead
 SLIP_SPREAD = 0.0007  # [m] that soles creep while the load passes
-LANDING_SPREAD, BLOW_REACH = 0.004, 0.05  # [m/s] by which landings differ in how they stop the robot; a hard one
+LANDING_SPREAD, BLOW_REACH = 0.005, 0.05  # [m/s] by which landings differ in how they stop the robot; a hard one
 TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
 
 
