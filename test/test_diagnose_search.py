@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import robot
-from test_diagnose_balance import standing
+from test_diagnose_balance import standing, swaying
 
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.types import Phase
@@ -60,12 +60,7 @@ def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_
 
 
 def test_what_was_noticed_of_a_recording_is_told_with_what_was_not_checked():
-    recording, world = standing()
-    t = recording.t
-    sway = 0.05 * np.sin(2.0 * np.pi * 1.3 * t)
-    up = np.column_stack([np.zeros(len(t)), sway, np.ones(len(t))])
-    phase = np.select([t < 1.0, t < 2.0], [Phase.LEFT, Phase.RIGHT], Phase.LEFT)
-    prepared = diagnosis.prepare(recording.changed(up=up, phase=phase), robot(), Config())
+    prepared = diagnosis.prepare(swaying(Phase.LEFT), robot(), Config())
     told = workflow._not_checked([prepared], True)
     assert any("nearly always on the edge of a foot" in line for line in told)
     assert any("a foot that slides does not show" in line for line in told)

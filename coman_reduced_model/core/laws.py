@@ -12,7 +12,7 @@ white. Channels are named as in diagnose/balance.py:
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
 `feet/slide_x, slide_y`  by how much that changes in a double support [m]
 `tilt/roll, pitch`  trunk by the IMU against the support sole, taken as level [rad]
-`landing/z`       by how much the force on a landing foot goes beyond what it then bears: the impulse of a blow [Ns]
+`landing/z`       by how much the force of a foot's first touch goes beyond what it then bears: a blow's impulse [Ns]
 `unloaded/FOOT/..`  what the sensor of a foot in the air reads [N, Nm]
 `plan/x, y`       where the motors carry the COM against where com/reference plans it (`reference: motor`) [m]
 """
@@ -165,7 +165,7 @@ class Laws:
         values[self._blow] = np.nan
         if self._landing[:, 1].all():
             (felt, lasted), (borne, bore) = self._landing
-            values[self._blow] = blow(felt, lasted, borne / bore)
+            values[self._blow] = max(felt - RISING * borne / bore * lasted, 0.0)
         values[~self._shows[kind]] = np.nan
         healthy = self._healthy.copy()
         if np.isfinite(values[nl : 2 * nl]).all():
@@ -173,15 +173,6 @@ class Laws:
         else:  # what ground and weight ask for leaves out the inertia of the legs
             healthy[:nl] = 0.0
         return values, healthy, np.append(mean[n + nl :], way[n + nl :])
-
-
-def blow(felt: float, lasted: float, borne: float) -> float:
-    """Impulse [Ns] of a landing beyond the load that comes; zero if the force goes on rising.
-
-    Args:
-        felt, lasted: impulse [Ns] and duration [s] until BLOW_S; borne: mean force [N] from then until BORNE_S.
-    """
-    return max(felt - RISING * borne * lasted, 0.0)
 
 
 def _usual(name: str) -> tuple[str, float, float, float]:

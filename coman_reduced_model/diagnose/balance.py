@@ -20,7 +20,7 @@ are taken at TICKS a second; but for `slide` and `landing`, one value for each l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -242,13 +242,9 @@ def _usual(values: Array) -> float:
 def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
     """Landings at which a slide would show."""
     out = []
-    phase = recording.phase
-    changes = np.append(np.flatnonzero(np.diff(phase)) + 1, len(phase))
-    for i, leaves in zip(changes[:-1], changes[1:], strict=True):
-        landed = _landed(phase, i)
+    for landed, tick, _, i, leaves in _landings(recording.phase, ticks):
         end = min(i + round(SLIPS_TO * RATE), leaves - round(_CONTACT_S * RATE))
-        tick = int(np.searchsorted(ticks, i)) - 1
-        if landed is None or tick < 0 or end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
+        if end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
             continue
         first = slice(i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE))
         last = slice(end - round(_SLID_S * RATE), end)
@@ -272,11 +268,13 @@ def _usual_slides(world: World, recording: Recording, slides: tuple[Slide, ...])
     return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
 
 
-def _landed(phase: Array, i: int) -> Foot | None:
-    """The foot that lands at a change of contact i."""
-    if phase[i] != Phase.DOUBLE:
-        return None
-    return {Phase.LEFT: Foot.RIGHT, Phase.RIGHT: Foot.LEFT}.get(Phase(phase[i - 1]))
+def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int, int]]:
+    """Each foot that lands, the tick before it, and on the grid when it left the ground, lands, and what is next."""
+    changes = np.concatenate([[0], np.flatnonzero(np.diff(phase)) + 1, [len(phase)]])
+    for left, i, leaves in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
+        tick = int(np.searchsorted(ticks, i)) - 1
+        if tick >= 0 and phase[i] == Phase.DOUBLE and phase[i - 1] in (Phase.LEFT, Phase.RIGHT):
+            yield Foot(phase[i - 1]).other, tick, left, i, leaves
 
 
 def _blow(recording: Recording, ticks: Array) -> Array:
@@ -284,15 +282,10 @@ def _blow(recording: Recording, ticks: Array) -> Array:
     out = np.full(len(ticks), np.nan)
     if recording.period > _SELDOM_S:
         return out
-    phase = recording.phase
-    changes = np.concatenate([[0], np.flatnonzero(np.diff(phase)) + 1, [len(phase)]])
-    for left, i, leaves in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
-        landed = _landed(phase, i)
+    for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
         end = min(i + round(_LANDING_S * RATE), leaves)
-        tick = int(np.searchsorted(ticks, i)) - 1
-        if landed is None or tick < 0 or i - left < _SWING_S * RATE or not recording.valid[i - 1 : end].all():
-            continue
-        out[tick] = blow(recording.wrench[landed][i:end, 2])
+        if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
+            out[tick] = blow(recording.wrench[landed][i:end, 2])
     return out
 
 
@@ -711,17 +704,14 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
 
 def _slid(world: World, q: Array, slides: Sequence[Slide]) -> Array:
     """(k,) [m] along its x axis, by each foot that landed, against the other foot."""
-    robot = world.robot
-    data, configuration = robot.model.createData(), pin.neutral(robot.model)
+    posture, still = world.robot.posture(), np.zeros(q.shape[1])
 
-    def at(slide: Slide, window: slice) -> pin.SE3:
-        robot.scatter(q[window].mean(axis=0), configuration)
-        pin.framesForwardKinematics(robot.model, data, configuration)
-        other = Foot.LEFT if slide.foot == Foot.RIGHT else Foot.RIGHT
-        return data.oMf[robot.sole_ids[other]].actInv(data.oMf[robot.sole_ids[slide.foot]])
+    def at(slide: Slide, window: slice) -> tuple[Array, Array]:
+        posture.update(q[window].mean(axis=0), still)
+        return posture.sole_to_sole(slide.foot.other, slide.foot)
 
     out = np.empty(len(slides))
     for k, slide in enumerate(slides):
-        landed, now = at(slide, slide.first), at(slide, slide.last)
-        out[k] = (landed.rotation.T @ (now.translation - landed.translation))[0]
+        (R, landed), (_, now) = at(slide, slide.first), at(slide, slide.last)
+        out[k] = R[:, 0] @ (now - landed)
     return out

@@ -108,16 +108,17 @@ def diagnose(
     for i, path in enumerate(paths):
         if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
             raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
-    recordings, prepared = [], []
+    prepared = []
     helper = ProcessPoolExecutor(1, get_context("spawn"))
     nominal = [helper.submit(com_errors, path, config, urdf, names) for path in paths]
     try:
         for i, path in enumerate(paths):
             recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
             prepared.append(prepare(recording, robot, config))
-            recordings.append(prepared[-1][0])  # with what was noticed there
             _same_robot(path, robot, paths[0], prepared[0][1].robot)
-        as_they_are, prepared = prepared, _alike(prepared)
+        recordings = [recording for recording, _, _ in prepared]  # with what was noticed, and all of their streams
+        not_checked = _not_checked(prepared, bool(hold))
+        prepared = _alike(prepared)
         if told:
             _check_told(told, prepared[0])
     except BaseException:
@@ -159,7 +160,7 @@ def diagnose(
         },
         "undetectable_below": undetectable(finding),
         "refused": [{"name": option.effect, "where": option.place, "why": why} for option, why in finding.refused],
-        "not_checked": _not_checked(as_they_are, bool(hold)),
+        "not_checked": not_checked,
         "bags": {"train": [str(path) for path in train], "holdout": [str(path) for path in hold]},
         "model": MODEL_FILE,
         "seconds": time.perf_counter() - began,
@@ -475,6 +476,6 @@ def _not_checked(prepared: Sequence[Prepared], held: bool) -> list[str]:
         lines.append("in a bag, the other foot leaves soon after each landing: a foot that slides does not show there")
     if not held:
         lines.append("no held-out bag: nothing was confirmed on data that was not fitted")
-    for recording, _, _ in prepared:
+    for recording in recordings:
         lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
     return lines
