@@ -196,7 +196,10 @@ class VirtualRobot:
                 mujoco.mj_step(model, data)
                 # Poses, velocities and forces in `data` are still those of the state before the step.
                 mujoco.mj_rnePostConstraint(model, data)
-                tau = data.actuator_force + (0.0 if extra is None else extra)
+                # The integrator damps with the velocity after the step: this is the torque that it has applied.
+                tau = data.actuator_force - self.damping * (data.qvel - state[1])[self._v]
+                if extra is not None:
+                    tau += extra
                 for name in streams:
                     getattr(self, f"_take_{name}")(state, motor_q, motor_qd, tau, history[: i + 1])
                 if "joints" in streams and self._options.motor_source == "commanded":
