@@ -645,19 +645,33 @@ def lagged(values: Array, time_constant: float) -> Array:
 
 
 def without_noise(recording: Recording, world: World) -> Recording:
-    """The same motion without the quantisation of the link encoders.
+    """The same motion without the quantisation of the link encoders, and torques without most of their noise.
 
-    Motor side minus stretched springs if both are known, else smoothed twice as much.
+    Of a joint whose motor side and torque are known, the quieter of link encoder and torque sensor tells both, by its
+    spring; link encoders are else smoothed twice as much.
     """
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
-    if recording.motor_q is not None and recording.tau is not None:
-        known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
-        for j in np.flatnonzero(known):
-            stretch = gaussian_filter1d(recording.motor_q[:, j] - recording.q[:, j], 0.5 * RATE, mode="nearest")
-            bent = _stretch(world, j, recording.tau[:, j], 1.0 / RATE)
-            level = gaussian_filter1d(bent, 0.5 * RATE, mode="nearest")
-            q[:, j] = recording.motor_q[:, j] - bent - (stretch - level)  # what is slow is the encoder's
-    return recording.changed(q=q)
+    if recording.motor_q is None or recording.tau is None:
+        return recording.changed(q=q)
+    tau, noise = recording.tau.copy(), white(recording.tau)
+    known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
+    for j in np.flatnonzero(known):
+        stretch = recording.motor_q[:, j] - recording.q[:, j]
+        if world.stiffness[j] * recording.count[j] / np.sqrt(12.0) < noise[j]:
+            x = gaussian_filter1d(stretch, 2.0 * SMOOTHING * RATE, mode="nearest")
+            tau[:, j] = world.stiffness[j] * x * (1.0 + world.cubic[j] * x**2) + world.damping[j] * _rate(x)
+            continue
+        bent = _stretch(world, j, tau[:, j], 1.0 / RATE)
+        slow, level = (gaussian_filter1d(each, 0.5 * RATE, mode="nearest") for each in (stretch, bent))
+        q[:, j] = recording.motor_q[:, j] - bent - (slow - level)  # what is slow is the encoder's
+    return recording.changed(q=q, tau=tau)
+
+
+def white(values: Array) -> Array:
+    """Standard deviation (k,) of the white noise of a signal (n, k): by its fastest part but for impacts."""
+    fast = values - gaussian_filter1d(values, 1.0, axis=0)
+    gain = 0.70  # root of the sum of squares of the kernel: what is left of white noise
+    return np.asarray(1.4826 * np.median(np.abs(fast), axis=0) / gain)
 
 
 @compiled

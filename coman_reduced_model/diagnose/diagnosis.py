@@ -27,7 +27,9 @@ from .recording import Recording, moving
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
 FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
 SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
-FURTHER = 8.0  # nats that another effect must add beside one: what the first explains not quite looks like a second
+# Nats that another effect must add beside one at most, and as a share of what that one adds: what an effect explains
+# not quite looks like a second one.
+FURTHER, INHERITED = 8.0, 0.05
 ALONE = 9.0  # nats that it must add on the training bags where no held-out bag can contradict
 WORTH_TRYING = 0.55  # of these, on the training bags, for a look at the held-out ones
 AGREES = 2.0  # nats that it must add on the held-out bags
@@ -38,6 +40,7 @@ ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance so
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
+JUDGED_S = 2.0  # [s] of a law that tell how much is left of it; less is hardly more than one error of an encoder
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
@@ -180,13 +183,19 @@ class Finding:
         """By group, what the middle recording has left (of two, the worse), in units of the noise floor (see `size`).
 
         A robot that staggers through one of three walks, or in some steps of each, is not of another kind for that.
-        Laws that take the stance sole as flat are not judged where it nearly always stands on an edge.
+        Laws that take the stance sole as flat are not judged where it nearly always stands on an edge, and a
+        recording does not count where others show more than it does of a law (JUDGED_S).
         """
         assert self.fit is not None
         ratios: dict[str, list[float]] = {}
-        for case in [*self.train, *self.hold]:
+        cases = [*self.train, *self.hold]
+        longest = Counter[str]()
+        for case in cases:
+            longest |= Counter({key: len(row) for key, row in case.problem.rows.items()})
+        for case in cases:
             for key, value in case.left(case.own(self.fit, self.released)).items():
-                if case.floor.get(key, 0.0) > 0.0 and self.judged(case, key):
+                enough = len(value) >= min(JUDGED_S * TICKS, longest[key])
+                if case.floor.get(key, 0.0) > 0.0 and enough and self.judged(case, key):
                     ratios.setdefault(key, []).append(size(value) / case.floor[key])
         return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
 
@@ -340,8 +349,11 @@ def _needed(enough: float, options: Sequence[Candidate]) -> dict[str, float]:
 
 def _wanted(finding: Finding, name: str, enough: float, needed: dict[str, float]) -> float:
     """The evidence that an effect needs beside those that were chosen: more beside one of another name."""
-    beside = any(effect.option.effect != name for effect in finding.chosen)
-    return max(enough, FURTHER) if beside else needed[name]
+    others = [effect for effect in finding.chosen if effect.option.effect != name]
+    if not others:
+        return needed[name]
+    most = max(float(np.nanmean([effect.gain, effect.confirmed])) for effect in others)
+    return min(max(enough, FURTHER), max(needed[name], ENOUGH - FEWER) + INHERITED * most)
 
 
 def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:

@@ -2,18 +2,20 @@
 """The noise floor of the residuals: what the sensors' own noise makes of them, which no effect can leak into.
 
 Resolution of the encoders and the fast part of torques and wrenches are noise; a recording with as much of it again,
-drawn at random, differs from the recording by the floor.
+drawn at random, differs from the recording by the floor. Where sensors seem to have hardly any noise, there is still
+their drift, and rigid bodies on flat soles do not explain a walk to a hair's breadth: quiet sensors are taken for
+ordinary ones of a good make.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from ..core.types import Array
-from .balance import Masks, State, evaluate
+from .balance import Masks, State, evaluate, white, without_noise
+from .recording import RATE
 
-DRAWS = 2
+DRAWS = 4
 # By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not
 # make every hair's breadth an effect.
 LEAST = {
@@ -21,6 +23,9 @@ LEAST = {
     "landing": 0.03, "slide": 0.001, "unloaded": 0.005,
 }  # fmt: skip
 LEAST_FORCE = 0.1  # [N] of a sensor in the air
+# The least noise that any sensor is taken to have: shares of the weight, and of the weight times a foot's length; an
+# encoder of 13 bits [rad]; the direction of a tilt.
+FORCE, TORQUE, COUNT, UP = 0.0035, 0.0006, 2.0 * np.pi / 8192, 3e-4
 
 
 def least(key: str) -> float:
@@ -32,14 +37,19 @@ def least(key: str) -> float:
 def floor(state: State, where: Masks) -> dict[str, float]:
     """Root mean square of each residual, in single and double support apart, that noise alone would make."""
     rng = np.random.default_rng(0)
-    recording = state.recording
+    recording, robot = state.recording, state.world.robot
+    stride = max(1, round(recording.period * RATE))
+    force = FORCE * robot.mass * state.world.gravity
+    torque = TORQUE * robot.mass * state.world.gravity * robot.config.foot_length
+    wrench = np.repeat([force, torque], 3)
+    positions = without_noise(recording, state.world).q
     sums: dict[str, list[float]] = {}
     for _ in range(DRAWS):
         noisy = recording.changed(
-            q=recording.q + recording.count * rng.uniform(-0.5, 0.5, recording.q.shape),
-            tau=None if recording.tau is None else recording.tau + _like(recording.tau, rng),
-            wrench={foot: value + _like(value, rng) for foot, value in recording.wrench.items()},
-            up=None if recording.up is None else recording.up + _like(recording.up, rng),
+            q=recording.q + _rounding(positions, np.maximum(recording.count, COUNT), stride, rng),
+            tau=None if recording.tau is None else recording.tau + _like(recording.tau, torque, stride, rng),
+            wrench={foot: value + _like(value, wrench, stride, rng) for foot, value in recording.wrench.items()},
+            up=None if recording.up is None else recording.up + _like(recording.up, UP, stride, rng),
         )
         moved = evaluate(noisy, state.world, where, state).residuals
         for name, value in state.residuals.items():
@@ -51,9 +61,29 @@ def floor(state: State, where: Masks) -> dict[str, float]:
     return {key: max(float(np.sqrt(np.mean(values))), least(key)) for key, values in sums.items()}
 
 
-def _like(values: Array, rng: np.random.Generator) -> Array:
-    """White noise as large as the fastest part of a signal (n, k): its median, which impacts pass by."""
-    fast = values - gaussian_filter1d(values, 1.0, axis=0)
-    gain = 0.70  # root of the sum of squares of the kernel: what is left of white noise
-    sigma = 1.4826 * np.median(np.abs(fast), axis=0) / gain
-    return np.asarray(sigma * rng.standard_normal(values.shape))
+def _rounding(positions: Array, count: Array, stride: int, rng: np.random.Generator) -> Array:
+    """Error (n, nj) of encoders that round positions (n, nj) to counts (nj,), which lie anywhere.
+
+    Of a joint that hardly moves it is not white: smoothing leaves it as it is. What is always there is the zero.
+    """
+    samples = positions[::stride] / count + rng.uniform(0.0, 1.0, positions.shape[1])
+    error = count * (np.round(samples) - samples)
+    return _between(error - error.mean(axis=0), stride, len(positions))
+
+
+def _like(values: Array, least: float | Array, stride: int, rng: np.random.Generator) -> Array:
+    """White noise as large as that of a signal (n, k), and at least `least`.
+
+    Of a stream that is slower than the grid, every `stride`-th value is a sample, and the others lie between them.
+    """
+    samples = values[::stride]
+    sigma = np.maximum(white(samples), least)
+    return _between(sigma * rng.standard_normal(samples.shape), stride, len(values))
+
+
+def _between(samples: Array, stride: int, n: int) -> Array:
+    """(n, k) lines through samples that are `stride` apart."""
+    if stride == 1:
+        return samples
+    at = np.arange(n) / stride
+    return np.column_stack([np.interp(at, np.arange(len(samples)), column) for column in samples.T])

@@ -34,6 +34,7 @@ GAIN_SPREAD = 0.01  # of a foot sensor
 CLOCK_SPREAD = 0.0015  # [s] between streams
 DRIVER_SPREAD = 0.0012  # [s] between what one driver reads
 CUBIC_SPREAD = 0.025  # of the torque, at the stretch under a typical load
+BENDS = 2.0  # counts of an encoder that a spring must stretch by: the errors of an encoder come again with every step
 YIELD_SPREAD = 3e-5  # [rad/Nm] of a position loop
 SETTLING_SPREAD = 0.01  # [s] with which a position loop yields, and ...
 ROTOR_SPREAD = 0.15  # [kg m^2] reflected, that it carries (by its data, COMAN's is 0.139): of no effect by themselves
@@ -150,9 +151,9 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     for where, which in joints.items():
         if motors:
             scale = _stretch(recording, world, int(which[0]))
-            add(
-                "spring_nonlinearity", where, "cubic", CUBIC_SPREAD / scale**2, 0.4 / scale**2, "1/rad^2", _cubic(which)
-            )
+            if scale > BENDS * recording.count[which[0]]:
+                bend, reach = CUBIC_SPREAD / scale**2, 0.4 / scale**2
+                add("spring_nonlinearity", where, "cubic", bend, reach, "1/rad^2", _cubic(which))
             add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
             add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which), low=0.0)
