@@ -102,7 +102,8 @@ def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]
             raise ConfigError(f"--remap: {INPUT_TOPICS[twin]} and {topic} would both be {names(topic)}")
     missing = [topic for topic, stream in topics.items() if stream in needed and not bag.counts.get(topic)]
     if missing:
-        hint = f" (prediction.reference: {source})" if source != "none" else ""
+        by_choice = any(topics[topic] in (MOTORS, REFERENCE) for topic in missing)
+        hint = f" (prediction.reference: {source}; `none` does without)" if by_choice else ""
         raise BagError(missing_topics(bag, missing) + hint)
     for topic, stream in topics.items():
         if topic in bag.topics and bag.topics[topic] != INPUT_TYPES[stream]:

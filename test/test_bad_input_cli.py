@@ -25,6 +25,8 @@ from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config, config_to_yaml, parameter_table
 from coman_reduced_model.errors import ComanError
+from coman_reduced_model.sim.record import record
+from coman_reduced_model.sim.sensors import SensorOptions
 
 few = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SECONDS, SAMPLES = 2.0, 400
@@ -393,6 +395,13 @@ def test_bags_without_a_needed_topic(tmp_path, predict, missing):
     code, _, err = predict(write_bag(tmp_path / "bag", walk(0.2), skip=[missing]))
     assert code == 2 and f"no topic /{missing}" in err
     assert "topics of the bag: " in err
+    assert ("`none` does without" in err) == (missing == MOTORS)
+
+
+def test_a_needed_topic_without_a_message(tmp_path, predict):
+    record("stand", tmp_path / "bag", sensors=SensorOptions(motor_states=False), duration_s=1.0)
+    code, _, err = predict(tmp_path / "bag")
+    assert code == 2 and "no topic /motor_states; topics of the bag: " in err and "/motor_states (no message)" in err
 
 
 def test_a_topic_that_is_there_and_empty_is_missing(tmp_path, predict):

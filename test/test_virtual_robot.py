@@ -6,6 +6,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -253,7 +254,7 @@ def test_torques_in_motion_are_those_that_move_the_legs(standing, legs):
         truths.append(robot.truth)
     q = [np.concatenate([t.base_position, t.base_orientation, t.q]) for t in truths]
     dt, model, data = 0.001, legs.model, legs.data
-    v = [pin.difference(model, a, b) / dt for a, b in zip(q, q[1:])]  # halfway between
+    v = [pin.difference(model, a, b) / dt for a, b in pairwise(q)]  # halfway between
     off, size = [], []
     for i in range(100, len(q) - 1):
         needed = pin.rnea(model, data, q[i], 0.5 * (v[i - 1] + v[i]), (v[i] - v[i - 1]) / dt)

@@ -308,6 +308,6 @@ def open_bag(path: str | Path, topics: Collection[str]) -> Iterator[tuple[str, i
 
 
 def missing_topics(bag: Bag, missing: Collection[str]) -> str:
-    """The sentence for topics that a bag lacks: those looked for and those there are."""
-    found = ", ".join(sorted(bag.topics)) or "none"
+    """The sentence for topics that a bag lacks, or has no message of: those looked for and those there are."""
+    found = ", ".join(t if bag.counts.get(t) else f"{t} (no message)" for t in sorted(bag.topics)) or "none"
     return f"{bag.path}: no topic {', '.join(missing)}; topics of the bag: {found}"
