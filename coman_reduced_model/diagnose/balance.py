@@ -59,6 +59,7 @@ TIPPED_SHARE = 0.8  # of the time
 EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
 JOLT = 0.004  # [m/s] by which any landing stops the robot
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
+NOISY = 0.05  # of a joint's torques, from which on the noise of their sensor matters for derivatives
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -647,24 +648,33 @@ def lagged(values: Array, time_constant: float) -> Array:
 def without_noise(recording: Recording, world: World) -> Recording:
     """The same motion without the quantisation of the link encoders, and torques without most of their noise.
 
-    Of a joint whose motor side and torque are known, the quieter of link encoder and torque sensor tells both, by its
-    spring; link encoders are else smoothed twice as much.
+    Motor side minus stretched springs if both are known, else smoothed twice as much. Where a torque sensor is noisy
+    and the link encoder tells the spring's torque better, the encoder tells both but for the slow part.
     """
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
     if recording.motor_q is None or recording.tau is None:
         return recording.changed(q=q)
-    tau, noise = recording.tau.copy(), white(recording.tau)
+    stride = max(1, round(recording.period * RATE))  # of slower streams only every so many are samples
+    stretch = recording.motor_q - recording.q
+    noise = white(recording.tau[::stride])
+    coarse = np.maximum(recording.count / np.sqrt(12.0), white(stretch[::stride])) * world.stiffness
+    tau = recording.tau.copy()
     known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
     for j in np.flatnonzero(known):
-        stretch = recording.motor_q[:, j] - recording.q[:, j]
-        if world.stiffness[j] * recording.count[j] / np.sqrt(12.0) < noise[j]:
-            x = gaussian_filter1d(stretch, 2.0 * SMOOTHING * RATE, mode="nearest")
-            tau[:, j] = world.stiffness[j] * x * (1.0 + world.cubic[j] * x**2) + world.damping[j] * _rate(x)
-            continue
-        bent = _stretch(world, j, tau[:, j], 1.0 / RATE)
-        slow, level = (gaussian_filter1d(each, 0.5 * RATE, mode="nearest") for each in (stretch, bent))
-        q[:, j] = recording.motor_q[:, j] - bent - (slow - level)  # what is slow is the encoder's
+        noisy = noise[j] > max(NOISY * float(np.std(recording.tau[:, j])), 2.0 * coarse[j])
+        if noisy and not (world.play[j] or world.cubic[j]):
+            x = gaussian_filter1d(stretch[:, j], 2.0 * SMOOTHING * RATE, mode="nearest")
+            torque = world.stiffness[j] * x + world.damping[j] * _rate(x)
+            tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
+            q[:, j] = recording.motor_q[:, j] - x
+        else:
+            bent = _stretch(world, j, recording.tau[:, j], 1.0 / RATE)
+            q[:, j] = recording.motor_q[:, j] - bent - _slow(stretch[:, j] - bent)  # what is slow is the encoder's
     return recording.changed(q=q, tau=tau)
+
+
+def _slow(values: Array) -> Array:
+    return np.asarray(gaussian_filter1d(values, 0.5 * RATE, mode="nearest"))
 
 
 def white(values: Array) -> Array:

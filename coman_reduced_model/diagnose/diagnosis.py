@@ -184,19 +184,18 @@ class Finding:
 
         A robot that staggers through one of three walks, or in some steps of each, is not of another kind for that.
         Laws that take the stance sole as flat are not judged where it nearly always stands on an edge, and a
-        recording does not count where others show more than it does of a law (JUDGED_S).
+        recording does not count where it shows little of a law (JUDGED_S) and others more than twice as much.
         """
         assert self.fit is not None
-        ratios: dict[str, list[float]] = {}
-        cases = [*self.train, *self.hold]
-        longest = Counter[str]()
-        for case in cases:
-            longest |= Counter({key: len(row) for key, row in case.problem.rows.items()})
-        for case in cases:
+        found: dict[str, list[tuple[int, float]]] = {}
+        for case in [*self.train, *self.hold]:
             for key, value in case.left(case.own(self.fit, self.released)).items():
-                enough = len(value) >= min(JUDGED_S * TICKS, longest[key])
-                if case.floor.get(key, 0.0) > 0.0 and enough and self.judged(case, key):
-                    ratios.setdefault(key, []).append(size(value) / case.floor[key])
+                if case.floor.get(key, 0.0) > 0.0 and self.judged(case, key):
+                    found.setdefault(key, []).append((len(value), size(value) / case.floor[key]))
+        ratios = {}
+        for key, each in found.items():
+            enough = min(JUDGED_S * TICKS, 0.5 * max(each)[0])
+            ratios[key] = [ratio for ticks, ratio in each if ticks >= enough]
         return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
 
     def judged(self, case: Case, key: str) -> bool:
@@ -306,7 +305,7 @@ def search(
             continue
         finding.chosen.append(Effect(best.option, best.gain, confirmed))
         finding.at, finding.train, finding.hold = at, cases, held
-        _drop_what_the_last_one_explains(finding, looked, tried * enough)
+        _drop_what_the_last_one_explains(finding, looked, enough, needed)
         _one_load(finding, looked, options)
         if progress:
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
@@ -325,15 +324,18 @@ def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
     return ""
 
 
-def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float) -> None:
+def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float, needed: dict[str, float]) -> None:
     """Backward elimination: an effect that was chosen first may have stood for one that was found later.
 
-    `enough`: beside another, one of few ways has no better odds.
+    It needs as much evidence beside the later one as if it had come after it.
     """
     for effect in finding.chosen[:-1]:
-        others = [i for i in finding.released if i not in effect.option.figures]
+        rest = [other for other in finding.chosen if other is not effect]
+        others = [i for other in rest for i in other.option.figures]
         (alone,) = scores(_sum(finding.train), [effect.option], others)
-        if alone.gain >= enough:
+        tried = 1.0 if np.isnan(effect.confirmed) else WORTH_TRYING
+        wanted = _wanted(replace(finding, chosen=rest), effect.option.effect, enough, needed)
+        if alone.gain >= tried * enough and np.nanmean([alone.gain, effect.confirmed]) >= wanted:
             continue
         finding.chosen.remove(effect)
         finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
@@ -407,7 +409,7 @@ def smallest(finding: Finding) -> list[tuple[Figure, float]]:
     variance = np.diag(fit.covariance)
     out = []
     for i, figure in enumerate(finding.known):
-        if not figure.effect or i in finding.released:
+        if not figure.effect or not figure.offered or i in finding.released:
             continue
         narrow = max(figure.spread, figure.slack)
         told = 1.0 / variance[i] - 1.0 / before[i]

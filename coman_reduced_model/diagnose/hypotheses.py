@@ -64,6 +64,7 @@ class Figure:
         own: each recording has its own value: sensors' zeros change from one day to the next.
         step: for the difference quotient.
         unit: of the value.
+        offered: as a candidate; else it is too fine for this recording to tell.
         apply: recording and world under the hypothesis that the figure differs from nominal by so much.
     """
 
@@ -79,6 +80,7 @@ class Figure:
     slack: float = 0.0
     low: float = -np.inf
     own: bool = False
+    offered: bool = True
 
     @property
     def name(self) -> str:
@@ -117,7 +119,8 @@ def figures(recording: Recording, world: World) -> list[Figure]:
         nominal, step = more.get("nominal", 0.0), more.get("step", 0.1 * reach)
         slack, low = more.get("slack", 0.0), more.get("low", -np.inf)
         own = not effect and not key.startswith(("mass", "com_", "settling", "rotor"))
-        out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own))
+        offered = bool(more.get("offered", True))
+        out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own, offered))
 
     motors, efforts = recording.motor_q is not None, recording.tau is not None
     for where, which in {**joints, **groups}.items():
@@ -151,9 +154,9 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     for where, which in joints.items():
         if motors:
             scale = _stretch(recording, world, int(which[0]))
-            if scale > BENDS * recording.count[which[0]]:
-                bend, reach = CUBIC_SPREAD / scale**2, 0.4 / scale**2
-                add("spring_nonlinearity", where, "cubic", bend, reach, "1/rad^2", _cubic(which))
+            bend, reach = CUBIC_SPREAD / scale**2, 0.4 / scale**2
+            offered = scale > BENDS * recording.count[which[0]]
+            add("spring_nonlinearity", where, "cubic", bend, reach, "1/rad^2", _cubic(which), offered=offered)
             add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
             add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which), low=0.0)
@@ -254,7 +257,7 @@ def candidates(known: list[Figure]) -> list[Candidate]:
     """Figures of the same effect at the same place, released together."""
     places: dict[tuple[str, str], list[int]] = {}
     for i, figure in enumerate(known):
-        if figure.effect:
+        if figure.effect and figure.offered:
             places.setdefault((figure.effect, figure.where), []).append(i)
     out = []
     for (effect, where), indices in places.items():

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..report.figures import heat_map
 from ..report.page import Notice, Part, Section, Table, Text, page, picture
-from .diagnosis import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, MOST
+from .diagnosis import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
 from .workflow import Diagnosis, limit_of, limits
@@ -111,7 +111,7 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
             "effect and with no "
             f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
             f"(with none held out {ALONE:g}; of an effect of no more than {FEW} ways {FEWER:g} less; beside another "
-            f"effect {FURTHER:g}), and {AGREES:g} on the held-out ones."
+            f"effect more by {INHERITED:.0%} of that one's, up to {FURTHER:g}), and {AGREES:g} on the held-out ones."
         )
         parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
     if result["effects"]:

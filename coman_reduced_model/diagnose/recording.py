@@ -31,6 +31,7 @@ from ..topics import TopicNames
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
 _REACH = 0.02  # [s] a grid point farther than this from any sample is not used
 _SHORTEST = 2.0  # [s] of recording
+_LEAST_LOADED, _ALL = 5.0, 0.8  # percent of the time in which each foot of a walk is in the air; of the weight
 FEET = (Foot.LEFT, Foot.RIGHT)
 
 
@@ -148,9 +149,8 @@ def _grid(
         values = np.array([np.full(size, np.nan) if row is None else row for row in rows])
         return _resample(at, values, t)
 
-    detector = SupportDetector(config.support, robot.mass * config.robot.gravity)
-    states = [detector.update(s.stamp_ns, float(s.left_wrench[2]), float(s.right_wrench[2])) for s in complete]  # type: ignore[index]
-    phases, shares = np.array([s.phase for s in states]), np.array([s.left_share for s in states])
+    forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete])  # type: ignore[index]
+    phases, shares, noticed = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
     left, right = array("left_wrench"), array("right_wrench")
     q = array("q")
     assert left is not None and right is not None and q is not None
@@ -160,8 +160,37 @@ def _grid(
         *_plan(complete, phases, shares, robot, at, t),
         phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < _REACH, _counts(np.array([s.q for s in complete])), warnings, float(np.median(np.diff(at))),
+        away < _REACH, _counts(np.array([s.q for s in complete])), (*warnings, *noticed), float(np.median(np.diff(at))),
     )  # fmt: skip
+
+
+def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Array, Array, list[str]]:
+    """Phase and load share (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed on the way.
+
+    A sensor that is off by more than the thresholds never tells that its foot is in the air. Where there are no steps
+    because of that, the least that it reads is taken for its zero: while the other foot bears all of the weight.
+    """
+
+    def detected(zeros: Array) -> tuple[Array, Array]:
+        detector = SupportDetector(config.support, weight)
+        pairs = zip(stamps.tolist(), (forces - zeros).tolist(), strict=True)
+        states = [detector.update(stamp, left, right) for stamp, (left, right) in pairs]
+        return np.array([s.phase for s in states]), np.array([s.left_share for s in states])
+
+    phases, shares = detected(np.zeros(2))
+    if moving(phases):
+        return phases, shares, []
+    zeros = np.percentile(forces, _LEAST_LOADED, axis=0)
+    zeros[zeros < config.support.contact_off * weight] = 0.0
+    for foot, zero in enumerate(zeros):
+        least = forces[:, foot] <= zero + config.support.contact_off * weight
+        if zero and np.median(forces[least, 1 - foot] - zeros[1 - foot]) < _ALL * weight:
+            zeros[foot] = 0.0
+    again = detected(zeros)
+    if not moving(again[0]):
+        return phases, shares, []
+    told = [f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)]
+    return *again, [f"{', '.join(told)}: taken for its zero, else there would be no steps"]
 
 
 def _plan(

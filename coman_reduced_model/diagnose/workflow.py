@@ -97,6 +97,8 @@ def diagnose(
         config: nominal robot and model.
         assume: effects that are told (`NAME` or `NAME:where=PLACE`): only their figures are fitted.
 
+    A held-out bag that hardly stands steadily is left out, which `not_checked` tells.
+
     Raises:
         ComanError: a bag, the robot or the configuration cannot be used.
     """
@@ -108,16 +110,23 @@ def diagnose(
     for i, path in enumerate(paths):
         if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
             raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
-    prepared = []
+    prepared, left_out = [], {}
     helper = ProcessPoolExecutor(1, get_context("spawn"))
-    nominal = [helper.submit(com_errors, path, config, urdf, names) for path in paths]
+    nominal = {path: helper.submit(com_errors, path, config, urdf, names) for path in paths}
     try:
         for i, path in enumerate(paths):
             recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
-            prepared.append(prepare(recording, robot, config))
-            _same_robot(path, robot, paths[0], prepared[0][1].robot)
+            if i:
+                _same_robot(path, robot, paths[0], prepared[0][1].robot)
+            try:
+                prepared.append(prepare(recording, robot, config))
+            except BagError as error:
+                if i < len(train):
+                    raise
+                left_out[path] = f"{error}; left out"
+        paths, hold = ([path for path in some if path not in left_out] for some in (paths, hold))
         recordings = [recording for recording, _, _ in prepared]  # with what was noticed, and all of their streams
-        not_checked = _not_checked(prepared, bool(hold))
+        not_checked = [*left_out.values(), *_not_checked(prepared, bool(hold))]
         prepared = _alike(prepared)
         if told:
             _check_told(told, prepared[0])
@@ -140,8 +149,8 @@ def diagnose(
     # Every other bag here, the rest in the other process.
     others = [helper.submit(com_errors, path, model, urdf, names) for path in paths[1::2]] if finding.chosen else []
     here = [com_errors(path, model, urdf, names) for path in paths[::2]] if finding.chosen else []
-    for i, future in enumerate(nominal):
-        before = future.result()
+    for i, path in enumerate(paths):
+        before = nominal[path].result()
         after = (here[i // 2] if i % 2 == 0 else others[i // 2].result()) if finding.chosen else before
         com.append(_paired(before, after))
     helper.shutdown()
