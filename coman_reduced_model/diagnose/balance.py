@@ -42,13 +42,14 @@ SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
 _BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
-_LANDING_S = 0.085  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
+_LANDING_S = 0.16  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
 _SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be told
 _SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
 _LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
 _SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
 _SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
 STUMBLE, STUMBLE_SHARE = 0.002, 0.5  # [m], and share of the usual, by which a slide differs when a robot stumbles
+UNLIKE = 0.01  # [m/s], and STUMBLE_SHARE of the usual, by which a blow at landing differs from most
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
 SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
 STICKING = 0.02  # [rad/s] below which friction has no clear sign
@@ -184,7 +185,7 @@ def masks(recording: Recording, world: World) -> Masks:
             touchdown[mine] = mine[0]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
-    blow, taken_up = _blow(recording, ticks), _taken_up(recording, world)[ticks]
+    blow, taken_up = _blow(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
     slides = _usual_slides(world, recording, _slides(recording, ticks))
     return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
 
@@ -278,7 +279,7 @@ def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int,
             yield Foot(phase[i - 1]).other, tick, left, i, leaves
 
 
-def _blow(recording: Recording, ticks: Array) -> Array:
+def _blow(recording: Recording, ticks: Array, mass: float) -> Array:
     """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
     out = np.full(len(ticks), np.nan)
     if recording.period > _SELDOM_S:
@@ -287,6 +288,13 @@ def _blow(recording: Recording, ticks: Array) -> Array:
         end = min(i + round(_LANDING_S * RATE), leaves)
         if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
             out[tick] = blow(recording.wrench[landed][i:end, 2])
+    # A blow that comes after the next foot has left is not heard: most landings tell, if they are alike.
+    heard = np.isfinite(out)
+    if heard.any():
+        middle = float(np.median(out[heard]))
+        alike = heard & (np.abs(out - middle) < max(UNLIKE * mass, STUMBLE_SHARE * middle))
+        if alike.sum() > 0.5 * heard.sum():
+            out[~alike] = np.nan
     return out
 
 
