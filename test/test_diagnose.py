@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
-from synthetic import walk, write_bag
+from synthetic import WRENCHES, walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import STANDARD_EFFECTS, load_config
@@ -211,6 +212,19 @@ def stepping(tmp_path_factory):
 
 def test_a_bag_given_twice_confirms_nothing(stepping, refused):
     assert "given twice" in refused(stepping, "--holdout", stepping)
+
+
+def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_path):
+    def lifted(stream, message):
+        return replace(message, force=0.0 * message.force) if stream in WRENCHES.values() else message
+
+    fallen = write_bag(tmp_path / "fallen", walk(3.0), lifted)
+    record("stand", tmp_path / "stand", duration_s=4.0, seed=3)
+    result, _ = diagnose(tmp_path / "stand", "--holdout", fallen)
+    (line,) = [line for line in result["not_checked"] if line.endswith("left out")]
+    assert line.startswith("fallen: steady on its feet for 0.0 s of 3.0 s")
+    assert result["gap"]["holdout"] is None and result["bags"]["holdout"] == []
+    assert "fallen: steady on its feet" in refused(fallen, out="other")  # to find something in
 
 
 @pytest.mark.parametrize(

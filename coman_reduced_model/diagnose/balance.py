@@ -219,7 +219,7 @@ def on_flat_soles(where: Masks, state: State) -> Masks:
             left, right = (_usual(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
             tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
-    if tipped[where.steady].mean() > TIPPED_SHARE:
+    if where.steady.any() and tipped[where.steady].mean() > TIPPED_SHARE:
         return replace(where, staggers=True)
     whole = tipped.copy()
     for value in np.unique(where.segment):
