@@ -25,8 +25,7 @@ from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config, config_to_yaml, parameter_table
 from coman_reduced_model.errors import ComanError
-from coman_reduced_model.sim.record import record
-from coman_reduced_model.sim.sensors import SensorOptions
+from coman_reduced_model.topics import INPUT_TOPICS
 
 few = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SECONDS, SAMPLES = 2.0, 400
@@ -398,15 +397,11 @@ def test_bags_without_a_needed_topic(tmp_path, predict, missing):
     assert ("`none` does without" in err) == (missing == MOTORS)
 
 
-def test_a_needed_topic_without_a_message(tmp_path, predict):
-    record("stand", tmp_path / "bag", sensors=SensorOptions(motor_states=False), duration_s=1.0)
-    code, _, err = predict(tmp_path / "bag")
-    assert code == 2 and "no topic /motor_states; topics of the bag: " in err and "/motor_states (no message)" in err
-
-
-def test_a_topic_that_is_there_and_empty_is_missing(tmp_path, predict):
-    code, _, err = predict(write_bag(tmp_path / "bag", walk(0.2), lambda s, m: None if s == LEFT else m))
-    assert code == 2 and "/left_foot/wrench" in err
+@pytest.mark.parametrize("empty", [LEFT, MOTORS])
+def test_a_topic_that_is_there_and_empty_is_missing(empty, tmp_path, predict):
+    code, _, err = predict(write_bag(tmp_path / "bag", walk(0.2), lambda s, m: None if s == empty else m))
+    topic = f"/{INPUT_TOPICS[empty]}"
+    assert code == 2 and f"no topic {topic}; topics of the bag: " in err and f"{topic} (no message)" in err
 
 
 def test_a_topic_of_another_type(tmp_path, predict):

@@ -28,10 +28,7 @@ HIDDEN = {
     "motor_compliance": ("motor_compliance", {"compliance": 5e-4}),
     "foot_slip": ("foot_slip", {"where": "right", "distance": 0.012}),
     "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
-    "wrench_bias": (
-        "wrench_bias",
-        {"where": "right", "fz": 25.0},
-    ),  # so much that the foot never seems to be in the air
+    "wrench_bias": ("wrench_bias", {"where": "right", "fz": 25.0}),  # the foot never seems to be in the air
     "twisted_sensor": ("twisted_sensor", {"where": "left", "axis": "x", "angle": 0.35}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
@@ -50,9 +47,8 @@ def bags(tmp_path_factory):
     def call(name: str):
         if name not in known:
             folder = tmp_path_factory.mktemp(name)
-            hidden = (
-                [make(HIDDEN[name][0], dict(HIDDEN[name][1]))] if name not in MADE_OTHERWISE and HIDDEN[name] else []
-            )
+            effect = None if name in MADE_OTHERWISE else HIDDEN[name]
+            hidden = [make(effect[0], dict(effect[1]))] if effect else []
             # Motor states that echo the command hide what the motors do: the harder of the two kinds of robot.
             sensors = SensorOptions(motor_source="commanded" if name in ECHOED else "measured")
             sensors = MADE_OTHERWISE.get(name, sensors)

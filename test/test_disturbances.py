@@ -40,6 +40,10 @@ class Rates(Disturbance):
     def apply(self, t, model, data) -> None:
         self.qd[round(t / self.dt)] = data.qvel[self.joints].copy()
 
+    def after(self, truths) -> np.ndarray:
+        """(n, 12) [rad/s] after the physics steps that begin with these truths: what the integrator damps with."""
+        return np.array([self.qd[round(truth.t / self.dt) + 1] for truth in truths])
+
 
 class Run:
     """A motion gone through: readings and truths, period by period."""
@@ -59,9 +63,8 @@ class Run:
         return np.array([getattr(truth, name) for truth in self.truths])
 
     def damped(self) -> np.ndarray:
-        """(n, 12) [rad/s] between motors and links, as the integrator damps: with the links after the physics step."""
-        after = np.array([self._rates.qd[round(t.t / self._rates.dt) + 1] for t in self.truths])
-        return self.truth("motor_qd") - after
+        """(n, 12) [rad/s] between motors and links, as the integrator damps."""
+        return self.truth("motor_qd") - self._rates.after(self.truths)
 
     def wrench(self, foot: str) -> np.ndarray:
         messages = [getattr(r, f"{foot}_wrench") for r in self.readings]

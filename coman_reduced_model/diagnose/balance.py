@@ -263,11 +263,16 @@ def _usual_slides(world: World, recording: Recording, slides: tuple[Slide, ...])
         mine = np.array([slide.foot == foot for slide in slides], dtype=bool)
         if not mine.any():
             continue
-        middle = np.median(whole[mine])
-        alike = mine & (np.abs(whole - middle) < max(STUMBLE, STUMBLE_SHARE * abs(middle)))
-        if alike.sum() > 0.5 * mine.sum():
-            usual |= alike
+        alike = _alike(whole[mine], STUMBLE)
+        if alike.mean() > 0.5:
+            usual[np.flatnonzero(mine)[alike]] = True
     return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
+
+
+def _alike(values: Array, least: float) -> Array:
+    """(k,) those of values (k,) that are much like their median: within `least`, or a share of it."""
+    middle = float(np.median(values))
+    return np.abs(values - middle) < max(least, STUMBLE_SHARE * abs(middle))
 
 
 def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int, int]]:
@@ -289,12 +294,9 @@ def _blow(recording: Recording, ticks: Array, mass: float) -> Array:
         if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
             out[tick] = blow(recording.wrench[landed][i:end, 2])
     # A blow that comes after the next foot has left is not heard: most landings tell, if they are alike.
-    heard = np.isfinite(out)
-    if heard.any():
-        middle = float(np.median(out[heard]))
-        alike = heard & (np.abs(out - middle) < max(UNLIKE * mass, STUMBLE_SHARE * middle))
-        if alike.sum() > 0.5 * heard.sum():
-            out[~alike] = np.nan
+    heard = np.flatnonzero(np.isfinite(out))
+    if len(heard) and (alike := _alike(out[heard], UNLIKE * mass)).mean() > 0.5:
+        out[heard[~alike]] = np.nan
     return out
 
 
@@ -662,7 +664,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
     if recording.motor_q is None or recording.tau is None:
         return recording.changed(q=q)
-    stride = max(1, round(recording.period * RATE))  # of slower streams only every so many are samples
+    stride = recording.stride
     stretch = recording.motor_q - recording.q
     noise = white(recording.tau[::stride])
     coarse = np.maximum(recording.count / np.sqrt(12.0), white(stretch[::stride])) * world.stiffness

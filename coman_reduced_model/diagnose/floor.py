@@ -13,7 +13,6 @@ import numpy as np
 
 from ..core.types import Array
 from .balance import Masks, State, evaluate, white, without_noise
-from .recording import RATE
 
 DRAWS = 4
 # By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not
@@ -38,7 +37,7 @@ def floor(state: State, where: Masks) -> dict[str, float]:
     """Root mean square of each residual, in single and double support apart, that noise alone would make."""
     rng = np.random.default_rng(0)
     recording, robot = state.recording, state.world.robot
-    stride = max(1, round(recording.period * RATE))
+    stride = recording.stride
     force = FORCE * robot.mass * state.world.gravity
     torque = TORQUE * robot.mass * state.world.gravity * robot.config.foot_length
     wrench = np.repeat([force, torque], 3)

