@@ -167,6 +167,38 @@ def test_stops_cleanly(start, ros_domain, signals):
         assert "Traceback" not in node.output
 
 
+HANGS = """
+import ctypes, sys
+from coman_reduced_model.ros.spin import run
+
+def find():
+    from rclpy.node import Node
+
+    class Hangs(Node):
+        def __init__(self):
+            super().__init__("hangs")
+            self.create_timer(0.1, lambda: print("spins", flush=True))
+
+        def finish(self):
+            pass
+
+        def destroy_node(self):
+            ctypes.PyDLL(None).sleep(600)  # with the interpreter's lock, as where the middleware hangs
+
+    return Hangs
+
+sys.exit(run("hangs", find))
+"""
+
+
+def test_ends_even_if_the_middleware_hangs_while_it_is_taken_down(start, ros_domain):
+    node = start(sys.executable, "-c", HANGS)
+    node.wait_for("spins")
+    node.send(signal.SIGTERM)
+    assert node.wait(60.0) == 0
+    assert "Traceback" not in node.output
+
+
 BAD_CONFIGURATIONS = {
     "unknown key": "support.contact_no: 0.2",
     "wrong type": "support.contact_on: high",

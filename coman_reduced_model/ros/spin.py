@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import signal
 import sys
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import Any
 from ..errors import ComanError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_TAKING_DOWN_S = 3.0  # launch sends the next signal after 5 s
 
 
 class Stop:
@@ -29,6 +31,35 @@ class Stop:
             signal.signal(each, signal.SIG_IGN)
         if self.at_once:
             raise KeyboardInterrupt
+
+
+class _TimerEvent(ctypes.Structure):
+    """`struct sigevent` of Linux: at its time, a thread of its own calls `function(value)`."""
+
+    _fields_ = [
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("rest", ctypes.c_char * 40),
+    ]
+
+
+def exit_in(seconds: float) -> None:
+    """End the process with code 0 after some seconds [s], even if by then a call into C holds the interpreter's lock.
+
+    Fast DDS 2.14 can hang while it is taken down: `DomainParticipant::set_listener` waits for a callback of discovery
+    that waits for the participant's mutex, if another participant leaves at that moment (seen in one of 250 nodes that
+    were stopped six at a time). No Python thread can run then. Where timers are not in libc, nothing happens.
+    """
+    thread = 2  # SIGEV_THREAD
+    with suppress(AttributeError, OSError):
+        libc = ctypes.CDLL(None)
+        leave = ctypes.cast(libc._exit, ctypes.c_void_p).value
+        timer, event = ctypes.c_void_p(), _TimerEvent(value=0, notify=thread, function=leave)
+        if not libc.timer_create(1, ctypes.byref(event), ctypes.byref(timer)):  # CLOCK_MONOTONIC
+            when = (ctypes.c_long * 4)(0, 0, int(seconds), int(seconds % 1.0 * 1e9))  # once: no interval
+            libc.timer_settime(timer, 0, ctypes.byref(when), None)
 
 
 def run(name: str, find: Callable[[], Callable[[], Any]]) -> int:
@@ -87,6 +118,9 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
         node.finish()
     finally:
         stop.at_once = False
+        if stop.requested:
+            sys.stdout.flush()
+            exit_in(_TAKING_DOWN_S)
         with suppress(Exception):  # whatever is wrong at the end, the reason for ending is what counts
             if executor is not None:
                 executor.shutdown()
