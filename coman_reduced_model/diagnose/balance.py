@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 from ..core.compiled import compiled
 from ..core.config import Config
 from ..core.effects.foot_slip import SLIPS_TO, glide
+from ..core.effects.joint_friction import CREEP
 from ..core.robot import Robot
 from ..core.types import Array, Foot, Phase
 from .recording import FEET, RATE, Recording
@@ -52,7 +53,6 @@ STUMBLE, STUMBLE_SHARE = 0.002, 0.5  # [m], and share of the usual, by which a s
 UNLIKE = 0.01  # [m/s], and STUMBLE_SHARE of the usual, by which a blow at landing differs from most
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
 SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
-STICKING = 0.02  # [rad/s] below which friction has no clear sign
 TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
@@ -77,7 +77,7 @@ class World:
         pull: constant force at the trunk (2,), heading-aligned axes [N].
         tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
         cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
-        friction: (nj,) at the link side, against its motion [Nm].
+        friction, creep: (nj,) at the link side, against its motion [Nm], and the speed below which it creeps [rad/s].
         yielding, settling, rotor: of the motors' position loops [rad/Nm], the time constant [s] with which they yield,
             and the reflected inertia [kg m^2] that they carry beside the spring.
         yielded: the same as yielding [rad/Nm], of motors whose states tell where they really are.
@@ -94,6 +94,7 @@ class World:
     cubic: Array
     play: Array
     friction: Array
+    creep: Array
     slope: Array = field(default_factory=lambda: np.zeros(2))
     pull: Array = field(default_factory=lambda: np.zeros(2))
     tilting: float = 0.0
@@ -115,7 +116,7 @@ class World:
         none = np.zeros(len(robot.joint_names))
         model = robot.model.copy()
         model.gravity.linear = np.array([0.0, 0.0, -config.robot.gravity])
-        return cls(robot, model, stiffness, damping, config.robot.gravity, none, none, none)
+        return cls(robot, model, stiffness, damping, config.robot.gravity, none, none, none, none + CREEP)
 
     def changed(self, **fields: object) -> World:
         """A copy with other figures."""
@@ -436,7 +437,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for k, axis in enumerate(AXES):
         out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
         out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
-    needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / STICKING)
+    needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / world.creep)
     torques = _torques(recording, ticks, needed, smoothed)
     out |= _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:

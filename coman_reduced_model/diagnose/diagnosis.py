@@ -139,10 +139,12 @@ def examine(
     moved = recording
     for figure, value in zip(known, at, strict=True):
         if value:
-            moved, world = figure.apply(moved, world, float(value))
+            moved, world = figure.apply(moved, world, float(value) + figure.usual)
     where = taken_up_anew(where, recording, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh)
+    usual = np.array([0.0 if value else figure.usual for figure, value in zip(known, at, strict=True)])
+    problem.rows = {key: row - problem.columns[key] @ usual for key, row in problem.rows.items()}
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)
     return Case(recording, where, state, problem, evidence, noise, like.floor if like else floor(state, where))
 

@@ -15,12 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from ..core.effects.joint_friction import CREEP
 from ..core.types import Array, Foot
 from .balance import WRENCH, World, lagged
 from .recording import FEET, RATE, Recording
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
+ALONE = {"payload": "mass", "joint_friction": "coulomb"}  # figures that may be there without the others of their effect
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
 # Widths are set by what is common on real robots and in data sheets; those of clocks, slides and landings also by what
@@ -44,11 +46,14 @@ FLOOR_SPREAD = 0.002  # [rad] no floor is quite level
 PULL_SPREAD = 0.5  # [N] cables
 PLAY_SLACK = 0.001  # [rad] of any gear
 FRICTION_SPREAD = 0.10  # [Nm]
+CREEP_SPREAD, SLOWEST = 0.02, 0.005  # [rad/s] below which joints creep instead of sticking; at least
 LEAD_SPREAD = 0.004  # [m] of references planned ahead of the springs' sag
 SAG_SPREAD = 0.5  # of the springs' sag under the planned torques, by which motors are commanded ahead
 SLIP_SPREAD = 0.0007  # [m] that soles creep while the load passes
 LANDING_SPREAD, BLOW_REACH = 0.005, 0.05  # [m/s] by which landings differ in how they stop the robot; a hard one
-TILTING_SPREAD, SINKING_SPREAD = 0.006, 3e-4  # [rad], [m] of rubber under a foot that bears the weight at its edge
+# [rad], [m] of sole and floor under a foot that bears the weight at its edge: usual, about that, and of a soft floor.
+USUAL_TILTING, TILTING_SPREAD, TILTING_REACH = 0.0027, 0.0012, 0.012
+USUAL_SINKING, SINKING_SPREAD, SINKING_REACH = 1.6e-4, 1.2e-4, 2e-3
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,7 @@ class Figure:
         step: for the difference quotient.
         unit: of the value.
         offered: as a candidate; else it is too fine for this recording to tell.
+        usual: what healthy robots have of it, beyond nominal: deviations count from there.
         apply: recording and world under the hypothesis that the figure differs from nominal by so much.
     """
 
@@ -81,6 +87,7 @@ class Figure:
     low: float = -np.inf
     own: bool = False
     offered: bool = True
+    usual: float = 0.0
 
     @property
     def name(self) -> str:
@@ -120,7 +127,10 @@ def figures(recording: Recording, world: World) -> list[Figure]:
         slack, low = more.get("slack", 0.0), more.get("low", -np.inf)
         own = not effect and not key.startswith(("mass", "com_", "settling", "rotor"))
         offered = bool(more.get("offered", True))
-        out.append(Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own, offered))
+        usual = more.get("usual", 0.0)
+        out.append(
+            Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own, offered, usual)
+        )
 
     motors, efforts = recording.motor_q is not None, recording.tau is not None
     for where, which in {**joints, **groups}.items():
@@ -160,6 +170,8 @@ def figures(recording: Recording, world: World) -> list[Figure]:
             add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
             add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which), low=0.0)
+            creep = {"nominal": CREEP, "low": SLOWEST - CREEP}
+            add("joint_friction", where, "creep", CREEP_SPREAD, 0.1, "rad/s", _creep(which), **creep)
         if efforts:
             add("", where, "torque_zero", TORQUE_SPREAD, TORQUE_SPREAD, "Nm", _torque_zero(which))
     if motors:
@@ -238,9 +250,13 @@ def figures(recording: Recording, world: World) -> list[Figure]:
     add("touchdown_impact", "", "impulse", 0.0, blow, "Ns", _world("impulse"), low=0.0)
     add("", "landings", "impulse", landing, landing, "Ns", _world("impulse"))
     weight = robot.mass * world.gravity
-    tilting, sinking = TILTING_SPREAD / (weight * 0.5 * robot.config.foot_length), SINKING_SPREAD / weight
-    add("ground_compliance", "", "rotational", tilting, 12.0 * tilting, "rad/Nm", _world("tilting"), low=0.0)
-    add("ground_compliance", "", "vertical", sinking, 12.0 * sinking, "m/N", _world("sinking"), low=0.0)
+    edge = weight * 0.5 * robot.config.foot_length
+    for key, unit, load, usual, spread, reach, name in (
+        ("rotational", "rad/Nm", edge, USUAL_TILTING, TILTING_SPREAD, TILTING_REACH, "tilting"),
+        ("vertical", "m/N", weight, USUAL_SINKING, SINKING_SPREAD, SINKING_REACH, "sinking"),
+    ):
+        more = {"low": 0.0, "usual": usual / load}
+        add("ground_compliance", "", key, spread / load, reach / load, unit, _world(name), **more)
     return out
 
 
@@ -263,7 +279,7 @@ def candidates(known: list[Figure]) -> list[Candidate]:
     for (effect, where), indices in places.items():
         out.append(Candidate(effect, where, tuple(indices)))
         if len(indices) > 1:  # a pull along x needs no figure for y: what is not needed counts against an effect
-            out += [Candidate(effect, where, (i,)) for i in indices if effect != "payload" or known[i].key == "mass"]
+            out += [Candidate(effect, where, (i,)) for i in indices if ALONE.get(effect, known[i].key) == known[i].key]
         if effect == "payload":
             out.append(Candidate(effect, where, tuple(indices[:2])))
     return out
@@ -303,6 +319,10 @@ def _backlash(which: Array) -> Apply:
 
 def _friction(which: Array) -> Apply:
     return lambda r, w, x: (r, w.changed(friction=_vector(w.friction, which, lambda f: f + x)))
+
+
+def _creep(which: Array) -> Apply:
+    return lambda r, w, x: (r, w.changed(creep=_vector(w.creep, which, lambda c: np.maximum(c + x, SLOWEST))))
 
 
 def _torque_zero(which: Array) -> Apply:

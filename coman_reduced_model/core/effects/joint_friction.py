@@ -11,12 +11,11 @@ from .base import Effect
 
 if TYPE_CHECKING:
     from ..springs import LegSprings
-
-_SLOW = 0.03  # [rad/s] below this a joint creeps instead of sticking
+CREEP = 0.03  # [rad/s] unless told
 
 
 class JointFriction(Effect):
-    """A torque coulomb * tanh(speed / 0.03 rad/s) against the motion of the link.
+    """A torque coulomb * tanh(speed / creep) against the motion of the link.
 
     Told as the damper with that torque at the present speed: for any step stable, as friction is.
     """
@@ -25,12 +24,13 @@ class JointFriction(Effect):
     place: ClassVar[str] = "joint"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("coulomb", "float", 0.0, "Nm", "friction torque against the motion of the link", 0.0, 200.0),
+        Parameter("creep", "float", CREEP, "rad/s", "speed below which a joint creeps instead of sticking", 0.001, 10.0),
     )
 
     def springs(self, leg: LegSprings) -> None:
         for i in self.leg_joints.get(leg.foot, ()):
             speed = leg.motor_rate[i] + leg.rate[i]
-            ratio = speed / _SLOW
-            damping = self.values["coulomb"] / _SLOW * (tanh(ratio) / ratio if abs(ratio) > 1e-6 else 1.0)
+            ratio = speed / self.values["creep"]
+            damping = self.values["coulomb"] / self.values["creep"] * (tanh(ratio) / ratio if abs(ratio) > 1e-6 else 1.0)
             leg.D_q[i, i] += damping
             leg.torque[i] += damping * leg.motor_rate[i]
