@@ -26,6 +26,7 @@ from coman_reduced_model.diagnose.balance import (
     on_flat_soles,
     smooth,
 )
+from coman_reduced_model.diagnose.diagnosis import examine
 from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted
 from coman_reduced_model.diagnose.recording import FEET, RATE, Recording, moving
 
@@ -238,6 +239,42 @@ def test_a_hardening_spring_is_explained_by_its_cubic():
     cubic = 0.4 / (12.0 / k) ** 2
     hard = stretched(lambda tau, _: bent_stretch(np.ascontiguousarray(tau), k, d, cubic, 1.0 / RATE))
     assert told(hard, f"spring_nonlinearity@{JOINT}.cubic", cubic) < 0.05
+
+
+@given(coulomb=st.floats(0.1, 10.0), creep=st.floats(0.01, 0.3))
+@settings(max_examples=10)
+def test_friction_that_creeps_is_explained_by_both_of_its_figures(coulomb, creep):
+    """The torque beyond what motion and ground ask for is against the rate of the joint (here a slow one)."""
+    recording, world = standing()
+    q, j = recording.q.copy(), index()
+    q[:, j] = 0.05 * np.sin(2.0 * np.pi * t)
+    swings = recording.changed(q=q)
+    where = masks(swings, world)
+    rate = evaluate(swings, world, where).motion.qd[:, j]
+    assumed = swings, world
+    for name, value in (("coulomb", coulomb), ("creep", creep)):
+        which = figure(f"joint_friction@{JOINT}.{name}")
+        assumed = which.apply(*assumed, value - which.nominal)
+    before, after = (evaluate(*each, where).residuals[f"torque/{JOINT}"] for each in ((swings, world), assumed))
+    friction = coulomb * np.tanh(rate / creep)
+    np.testing.assert_allclose((before - after)[where.steady], friction[where.steady], atol=1e-9)
+
+
+def test_soles_give_way_as_usual_before_anything_is_found():
+    """Derivatives do it as well as the law itself, which is used once a soft floor is found."""
+    recording, world = standing()
+    pressed = np.outer(np.sin(9.0 * t), [0.0, 0.0, 20.0, 1.0, 2.0, 0.0])  # by one foot alone
+    left = recording.wrench[Foot.LEFT] + pressed
+    recording = recording.changed(wrench={**recording.wrench, Foot.LEFT: left})
+    known = figures(recording, world)
+    soft = [i for i, each in enumerate(known) if each.effect == "ground_compliance"]
+    tiny = np.where(np.isin(np.arange(len(known)), soft), 1e-9 * np.array([each.reach for each in known]), 0.0)
+    prepared = recording, world, masks(recording, world)
+    nothing, exact = (examine(prepared, known, at).problem.rows for at in (np.zeros(len(known)), tiny))
+    assert all(known[i].usual > 0.0 for i in soft) and len(soft) == 2
+    assert rms(evaluate(*prepared).residuals["feet/pitch"]) < 1e-12 < 1e-5 < rms(nothing["feet/pitch|double"])
+    for key in ("feet/roll|double", "feet/pitch|double", "feet/z|double", "force/z|double"):
+        np.testing.assert_allclose(nothing[key], exact[key], atol=0.02 * rms(exact[key]))
 
 
 def test_motors_that_yield_do_so_with_the_lag_and_the_inertia_of_their_loops():

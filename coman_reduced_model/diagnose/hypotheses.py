@@ -22,11 +22,11 @@ from .recording import FEET, RATE, Recording
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
-ALONE = {"payload": "mass", "joint_friction": "coulomb"}  # figures that may be there without the others of their effect
+BY_ITSELF = {"payload": "mass", "joint_friction": "coulomb"}  # what may differ without the other figures of its effect
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
-# Widths are set by what is common on real robots and in data sheets; those of clocks, slides and landings also by what
-# healthy virtual robots do; none comes from the cases that are reported.
+# Widths are set by what is common on real robots and in data sheets; those of clocks, soles, slides and landings also
+# by what healthy virtual robots do; none comes from the cases that are reported.
 STIFFNESS_SPREAD, DAMPING_SPREAD, MASS_SPREAD, COM_SPREAD = 0.045, 0.10, 0.03, 0.0025
 HEIGHT_SPREAD = 0.012  # [m] of the trunk: cables, covers, and walking hardly shows it
 ENCODER_SPREAD = 0.001  # [rad] zero of a link encoder
@@ -279,7 +279,9 @@ def candidates(known: list[Figure]) -> list[Candidate]:
     for (effect, where), indices in places.items():
         out.append(Candidate(effect, where, tuple(indices)))
         if len(indices) > 1:  # a pull along x needs no figure for y: what is not needed counts against an effect
-            out += [Candidate(effect, where, (i,)) for i in indices if ALONE.get(effect, known[i].key) == known[i].key]
+            out += [
+                Candidate(effect, where, (i,)) for i in indices if BY_ITSELF.get(effect, known[i].key) == known[i].key
+            ]
         if effect == "payload":
             out.append(Candidate(effect, where, tuple(indices[:2])))
     return out

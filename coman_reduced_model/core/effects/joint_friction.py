@@ -24,13 +24,14 @@ class JointFriction(Effect):
     place: ClassVar[str] = "joint"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("coulomb", "float", 0.0, "Nm", "friction torque against the motion of the link", 0.0, 200.0),
-        Parameter("creep", "float", CREEP, "rad/s", "speed below which a joint creeps instead of sticking", 0.001, 10.0),
+        Parameter("creep", "float", CREEP, "rad/s", "speed below which it creeps instead of sticking", 0.001, 10.0),
     )
 
     def springs(self, leg: LegSprings) -> None:
         for i in self.leg_joints.get(leg.foot, ()):
             speed = leg.motor_rate[i] + leg.rate[i]
-            ratio = speed / self.values["creep"]
-            damping = self.values["coulomb"] / self.values["creep"] * (tanh(ratio) / ratio if abs(ratio) > 1e-6 else 1.0)
+            coulomb, creep = self.values["coulomb"], self.values["creep"]
+            ratio = speed / creep
+            damping = coulomb / creep * (tanh(ratio) / ratio if abs(ratio) > 1e-6 else 1.0)
             leg.D_q[i, i] += damping
             leg.torque[i] += damping * leg.motor_rate[i]
