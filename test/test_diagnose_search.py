@@ -10,15 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import robot
-from test_diagnose_balance import standing, swaying
+from test_diagnose_balance import standing, stretched, swaying
+from test_diagnose_evidence import FIGURES
 
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.types import Phase
 from coman_reduced_model.diagnose import diagnosis, workflow
 from coman_reduced_model.diagnose.balance import masks
-from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Effect, Finding
-from coman_reduced_model.diagnose.evidence import Score
-from coman_reduced_model.diagnose.hypotheses import PLAN, candidates, figures
+from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Case, Effect, Finding
+from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed
+from coman_reduced_model.diagnose.hypotheses import PLAN, Candidate, candidates, figures
 from coman_reduced_model.diagnose.words import effect_sentence
 
 
@@ -78,6 +79,16 @@ def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
     assert kept[2] is where
 
 
+def test_the_zero_of_an_encoder_takes_up_no_play():
+    """Where torques are too small to tell at which end a joint is, the law tells it, about its middle."""
+    played, off = (
+        masks(stretched(lambda tau, nominal, zero=zero: nominal + 0.005 * np.sign(tau) + zero), standing()[1]).taken_up
+        for zero in (0.0, 0.004)
+    )
+    np.testing.assert_allclose(off, played, atol=1e-9)
+    assert np.abs(played).max() == pytest.approx(1.0, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("disagrees", "impossible"), [("", ""), ("held-out bags speak against it", ""), ("", "a load without a mass")]
 )
@@ -125,6 +136,34 @@ def test_what_measured_motor_states_tell_is_named_but_needs_no_change_of_the_mod
         added = option.effect in {effect.name for effect in workflow.with_effects(config, finding).effects}
         assert entry["in_model"] == added == (reference == "topic")
         assert ("motor states tell it" in effect_sentence(entry)) == (reference == "motor")
+
+
+@pytest.mark.parametrize(("where", "apart"), [("spring/knee|single", False), ("force/x|single", True)])
+def test_evidence_is_apart_where_the_chosen_effects_do_nothing(where, apart):
+    """One effect makes a spring law's residual, another that of the same law or of a balance that the first leaves."""
+    rng, n = np.random.default_rng(1), 200
+    groups = ["spring/knee|single", "force/x|single"]
+    columns = {key: np.zeros((n, len(FIGURES))) for key in groups}
+    columns[groups[0]][:, 0] = rng.standard_normal(n)
+    columns[where][:, 2] = rng.standard_normal(n)
+    x = np.array([2.0, 0.0, 1.0, 0.0])
+    pieces, times = ({key: value for key in groups} for value in (np.array([0]), np.arange(n)))
+    noise = {key: Noise(np.array([0.5, 0.0, 0.0, 0.0]), 0.0) for key in groups}
+
+    def case() -> Case:
+        rows = {key: columns[key] @ x + 0.5 * rng.standard_normal(n) for key in groups}
+        problem = Problem(FIGURES, rows, columns, pieces, times, {})
+        evidence = weighed(problem, np.zeros(len(FIGURES)), noise)
+        return Case(None, None, None, problem, evidence, noise, dict.fromkeys(groups, 0.5))
+
+    first, second = Candidate("payload", "", (0,)), Candidate("backlash", "", (2,))
+    cases = [case()], [case()]
+    finding = Finding(FIGURES, np.zeros(len(FIGURES)), [Effect(first, 99.0, 99.0)], train=cases[0], hold=cases[1])
+    evidence = diagnosis._sum(finding.train)
+    finding.fit = evidence.fit(finding.released)
+    (score,) = diagnosis.scores(evidence, [second], finding.released)
+    assert score.gain > ENOUGH
+    assert diagnosis._apart(finding, finding.hold, evidence.fit([0, 2]), score, ENOUGH) == apart
 
 
 def test_one_load_alone_stays_what_it_is():

@@ -37,6 +37,7 @@ SURE = 2.0  # standard deviations by which a load must weigh something
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
 ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance sole to be still and flat on the ground
+TOUCHED = 0.1  # of the noise floor, from which on an effect is seen in a residual at all
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
@@ -299,8 +300,13 @@ def search(
             continue
         held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
-        wanted = _wanted(finding, best.option.effect, enough, needed)
-        if not why and (best.gain + confirmed < 2.0 * wanted if hold else best.gain < wanted):
+        sure = float(np.nanmean([best.gain, confirmed]))
+        least = needed[best.option.effect]
+        if (
+            not why
+            and sure < _wanted(finding, best.option.effect, enough, needed)
+            and (sure < least or not _apart(finding, held, fit, best, least))
+        ):
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
@@ -358,6 +364,37 @@ def _wanted(finding: Finding, name: str, enough: float, needed: dict[str, float]
         return needed[name]
     most = max(float(np.nanmean([effect.gain, effect.confirmed])) for effect in others)
     return min(max(enough, FURTHER), max(needed[name], ENOUGH - FEWER) + INHERITED * most)
+
+
+def _apart(finding: Finding, held: Sequence[Case], fit: Fit, score: Score, least: float) -> bool:
+    """Whether an effect has the `least` evidence [nats] where those that were chosen do nothing.
+
+    There it cannot stand for what they explain not quite.
+    """
+    touched = set().union(*(_touched(case, finding) for case in [*finding.train, *held]))
+    train, hold = ([_without(case, touched) for case in cases] for cases in (finding.train, held))
+    (alone,) = scores(_sum(train), [score.option], finding.released)
+    confirmed, why = _confirm(finding.known, fit, hold, finding, score.option) if hold else (np.nan, "")
+    return not why and float(np.nanmean([alone.gain, confirmed])) >= least
+
+
+def _touched(case: Case, finding: Finding) -> set[str]:
+    """Groups of residuals in which the chosen effects are seen at all."""
+    assert finding.fit is not None
+    out = set()
+    for effect in finding.chosen:
+        which = list(effect.option.figures)
+        for key, columns in case.problem.columns.items():
+            made = columns[:, which] @ finding.fit.x[which]
+            if float(np.sqrt(np.mean(made**2))) > TOUCHED * case.floor.get(key, 0.0):
+                out.add(key)
+    return out
+
+
+def _without(case: Case, groups: set[str]) -> Case:
+    """The same recording as if it had no such groups of residuals."""
+    problem = replace(case.problem, rows={key: row for key, row in case.problem.rows.items() if key not in groups})
+    return replace(case, problem=problem, evidence=weighed(problem, case.evidence.at, case.noise))
 
 
 def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:
