@@ -7,6 +7,7 @@ white. Channels are named as in diagnose/balance.py:
 
 `spring/JOINT`    motor - link - torque / k + (d / k) rate; the torque as measured, else as ground and weight ask [rad]
 `torque/JOINT`    measured torque against ground and weight [Nm]
+`drag/JOINT`      the same along the motion of the joint: friction [Nm]
 `force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
 `moment/AXIS`     foot forces about the COM [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
@@ -41,11 +42,11 @@ _SPRINGS = 0.05  # share by which springs of healthy robots differ from the data
 # impulses in mass times m/s.
 _USUAL = {
     "spring": ("rad", 0.00015, 0.0003, 0.001),
-    "torque": ("Nm", 0.0025, 0.004, 0.0),
+    "torque": ("Nm", 0.0015, 0.0025, 0.0),
     "force/x": ("N", 0.006, 0.01, 0.0),
     "force/y": ("N", 0.006, 0.01, 0.0),
     "force/z": ("N", 0.004, 0.006, 0.03),
-    "moment": ("Nm", 0.003, 0.005, 0.0),
+    "moment": ("Nm", 0.002, 0.0035, 0.0),
     "feet/z": ("m", 0.0003, 0.0003, 0.0015),
     "feet/roll": ("rad", 0.0007, 0.0007, 0.003),
     "feet/pitch": ("rad", 0.0007, 0.0007, 0.003),
@@ -55,7 +56,9 @@ _USUAL = {
     "unloaded/f": ("N", 0.003, 0.003, 0.015),
     "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002),
     "plan": ("m", 0.0001, 0.0002, 0.0),
+    "drag": ("Nm", 0.0015, 0.0025, 0.0),
 }
+_WAY = 0.03  # [rad] that a joint goes in a phase, both ways together, for a drag to show
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
 _IDENTITY = np.eye(3)
@@ -87,6 +90,7 @@ class Laws:
             *(f"{law}/{axis}" for law in ("force", "moment") for axis in "xyz"),
             *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
             *(*feet, "plan/x", "plan/y", "landing/z"),
+            *(f"drag/{joint}" for joint in joints),
         )
         laws = [_usual(name) for name in self.names]
         self.units = tuple(unit for unit, *_ in laws)
@@ -111,9 +115,10 @@ class Laws:
         self._shows[[0, 1, 4], self._blow] = False
         self._rate = np.zeros(len(laws))  # channels with a rate in them
         self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
+        self._past, self._dragged = np.zeros((3, nl)), np.zeros((2, nl))
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
         rows = len(laws) + 2 * nl  # then how far springs are bent, and where the joints are
-        self._now, self._sums, self._ends = np.empty(rows), np.zeros(rows), np.zeros((2, rows))
+        self._now, self._sums, self._ends = np.zeros(rows), np.zeros(rows), np.zeros((2, rows))
         self._none = np.full(len(robot.joint_names), np.nan)
         self._imu = ("", _IDENTITY)
         self.begin()
@@ -121,7 +126,7 @@ class Laws:
     def begin(self) -> None:
         """A phase begins."""
         self.looks = 0
-        self._sums[:] = 0.0
+        self._sums[:] = self._dragged[:] = 0.0
         self._landing = np.zeros((2, 2))  # impulse [Ns] and duration [s], while a blow is felt and after it
 
     def look(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -140,10 +145,11 @@ class Laws:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
             self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
         _look(
-            self._now, self._ends, self._sums, self.looks == 0, self._joints, self._columns, self._split, self._k,
-            self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
-            link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com, prediction.measured_com_vel,
-            link.J_com, self._mass, self._gravity, up, self._imu[1], prediction.reference_com, plan, sole,
+            self._now, self._ends, self._sums, self._past, self._dragged, self.looks, self._joints, self._columns,
+            self._split, self._k, self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT],
+            link.R[Foot.RIGHT], link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com,
+            prediction.measured_com_vel, link.J_com, self._mass, self._gravity, up, self._imu[1],
+            prediction.reference_com, plan, sole,
         )  # fmt: skip
         self.looks += 1
 
@@ -162,6 +168,8 @@ class Laws:
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
         values = mean[:n] + self._rate * way[:n] / seconds
         values[self._slide] = way[self._slide]
+        drag, gone = self._dragged
+        values[n - nl :] = np.where(gone > _WAY, drag / np.maximum(gone, _WAY), np.nan)
         values[self._blow] = np.nan
         if self._landing[:, 1].all():
             (felt, lasted), (borne, bore) = self._landing
@@ -182,12 +190,15 @@ def _usual(name: str) -> tuple[str, float, float, float]:
 
 @compiled
 def _look(
-    x: Array, ends: Array, sums: Array, first: bool, joints: Array, columns: Array, split: int, stiffness: Array,
-    lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, J: Array,
-    left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float, gravity: float,
-    imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
+    x: Array, ends: Array, sums: Array, past: Array, dragged: Array, looks: int, joints: Array, columns: Array,
+    split: int, stiffness: Array, lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array,
+    p_r: Array, J: Array, left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array,
+    mass: float, gravity: float, imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
 ) -> None:  # fmt: skip
     """Residuals now into x, what is differentiated into the row of `ends`, both into `sums`; rows as in `Laws`.
+
+    `past` (3, nl): torque residual at the last look, joint at the last two. `dragged` (2, nl): what of that residual is
+    along the way of the joint, and how far it goes.
 
     Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
     quaternion x y z w; `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where
@@ -216,6 +227,11 @@ def _look(
                 need -= J[k, c] * f_r[k] + J[3 + k, c] * t_r[k]
         torque, stretch = tau[j] if measured else np.nan, motor[j] - q[j]
         x[nl + i] = torque - need
+        if looks > 1:
+            way = q[j] - past[2, i]  # over two looks, around the last
+            dragged[0, i] += past[0, i] * way
+            dragged[1, i] += abs(way)
+        past[0, i], past[2, i], past[1, i] = x[nl + i], past[1, i], q[j]
         x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
         end[i] = lag[i] * stretch
         x[n + i] = abs(stretch)
@@ -248,5 +264,5 @@ def _look(
         x[m + 25 + k] = moved[k] - planned
     for i in range(x.shape[0]):
         sums[i] += x[i]
-        if first:
+        if looks == 0:
             ends[0, i] = end[i]
