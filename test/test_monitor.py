@@ -102,6 +102,19 @@ def test_it_works_with_what_there_is():
     assert told_in_time(watched(biased, **poor).first.values(), "unloaded/right/ty").size == pytest.approx(1.0, 0.05)
 
 
+def test_friction_that_begins_is_heard_along_the_motion():
+    def change(stream, t, message):
+        if stream != JOINTS or t < BEGINS:
+            return message
+        effort = message.effort.copy()
+        effort[KNEE] += 2.0 * np.tanh(message.velocity[KNEE] / 0.02)
+        return replace(message, effort=effort)
+
+    first = told_in_time(watched(change).first.values(), "drag/LKneeSag")
+    assert first.unit == "Nm" and first.size == pytest.approx(2.0, rel=0.4)
+    assert "drag/RKneeSag" not in watched(change).first
+
+
 def test_a_stumble_is_no_fault():
     def change(stream, t, message):
         return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 7.6 else message
