@@ -56,7 +56,7 @@ _USUAL = {
     "unloaded/f": ("N", 0.003, 0.003, 0.015),
     "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002),
     "plan": ("m", 0.0001, 0.0002, 0.0),
-    "drag": ("Nm", 0.0015, 0.0025, 0.0),
+    "drag": ("Nm", 0.0025, 0.005, 0.0),
 }
 _WAY = 0.03  # [rad] that a joint goes in a phase, both ways together, for a drag to show
 _NAN3 = np.full(3, np.nan)
