@@ -7,7 +7,7 @@ white. Channels are named as in diagnose/balance.py:
 
 `spring/JOINT`    motor - link - torque / k + (d / k) rate; the torque as measured, else as ground and weight ask [rad]
 `torque/JOINT`    measured torque against ground and weight [Nm]
-`drag/JOINT`      the same along the motion of the joint: friction [Nm]
+`drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
 `force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
 `moment/AXIS`     foot forces about the COM [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
@@ -58,7 +58,7 @@ _USUAL = {
     "plan": ("m", 0.0001, 0.0002, 0.0),
     "drag": ("Nm", 0.0025, 0.005, 0.0),
 }
-_WAY = 0.03  # [rad] that a joint goes in a phase, both ways together, for a drag to show
+_WAY = 0.015  # [rad] that a joint goes in a phase, both ways together, for a drag to show
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
 _IDENTITY = np.eye(3)
@@ -228,7 +228,7 @@ def _look(
         torque, stretch = tau[j] if measured else np.nan, motor[j] - q[j]
         x[nl + i] = torque - need
         if looks > 1:
-            way = q[j] - past[2, i]  # over two looks, around the last
+            way = 0.5 * (q[j] - past[2, i])  # around the last look
             dragged[0, i] += past[0, i] * way
             dragged[1, i] += abs(way)
         past[0, i], past[2, i], past[1, i] = x[nl + i], past[1, i], q[j]

@@ -143,9 +143,7 @@ def examine(
             moved, world = figure.apply(moved, world, float(value) + figure.usual)
     where = taken_up_anew(where, recording, moved, world)
     state = evaluate(moved, world, where)
-    problem = assemble(state, where, known, like.problem if like else None, fresh)
-    usual = np.array([0.0 if value else figure.usual for figure, value in zip(known, at, strict=True)])
-    problem.rows = {key: row - problem.columns[key] @ usual for key, row in problem.rows.items()}
+    problem = assemble(state, where, known, like.problem if like else None, fresh, at)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)
     return Case(recording, where, state, problem, evidence, noise, like.floor if like else floor(state, where))
 
@@ -282,11 +280,11 @@ def search(
         ]
         finding.last = scores(evidence, rest, finding.released)
         finding.first = finding.first or finding.last
-        strong = [
+        strong = _no_twins([
             score for score in finding.last
             if score.physical and score.gain > tried * needed[score.option.effect]
             and _visible(finding.train, score) > VISIBLE
-        ]  # fmt: skip
+        ])  # fmt: skip
         if len(finding.chosen) >= MOST or not strong or not walks:
             return finding
         rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
@@ -300,13 +298,7 @@ def search(
             continue
         held = looked.at(at, "hold")
         confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
-        sure = float(np.nanmean([best.gain, confirmed]))
-        least = needed[best.option.effect]
-        if (
-            not why
-            and sure < _wanted(finding, best.option.effect, enough, needed)
-            and (sure < least or not _apart(finding, held, fit, best, least))
-        ):
+        if not why and not _enough(finding, held, fit, best, confirmed, enough, needed):
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
@@ -338,12 +330,15 @@ def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: f
     It needs as much evidence beside the later one as if it had come after it.
     """
     for effect in finding.chosen[:-1]:
-        rest = [other for other in finding.chosen if other is not effect]
-        others = [i for other in rest for i in other.option.figures]
-        (alone,) = scores(_sum(finding.train), [effect.option], others)
+        option, train = effect.option, _sum(finding.train)
+        shapes = [i for i in option.figures if finding.known[i].shape]  # without the others they are nothing
+        bare = replace(option, figures=tuple(i for i in option.figures if i not in shapes))
+        rest = replace(finding, chosen=[e for e in finding.chosen if e is not effect], fit=train.fit(finding.released))
+        (alone,) = scores(train, [bare], [*rest.released, *shapes])
         tried = 1.0 if np.isnan(effect.confirmed) else WORTH_TRYING
-        wanted = _wanted(replace(finding, chosen=rest), effect.option.effect, enough, needed)
-        if alone.gain >= tried * enough and np.nanmean([alone.gain, effect.confirmed]) >= wanted:
+        if alone.gain >= tried * enough and _enough(
+            rest, finding.hold, rest.fit, replace(alone, option=option), effect.confirmed, enough, needed
+        ):
             continue
         finding.chosen.remove(effect)
         finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
@@ -366,6 +361,38 @@ def _wanted(finding: Finding, name: str, enough: float, needed: dict[str, float]
     return min(max(enough, FURTHER), max(needed[name], ENOUGH - FEWER) + INHERITED * most)
 
 
+def _enough(
+    finding: Finding,
+    held: Sequence[Case],
+    fit: Fit | None,
+    score: Score,
+    confirmed: float,
+    enough: float,
+    needed: dict[str, float],
+) -> bool:
+    """Whether an effect has the evidence that it needs beside those that were chosen.
+
+    Args:
+        finding: without it; held: held-out recordings, linear where the `fit` (training) has it.
+        score, confirmed: what it adds on training and on held-out recordings.
+    """
+    sure = float(np.nanmean([score.gain, confirmed]))
+    if sure >= _wanted(finding, score.option.effect, enough, needed):
+        return True
+    least = max(needed[score.option.effect], ENOUGH - FEWER)
+    return sure >= least and fit is not None and _apart(finding, held, fit, score, least)
+
+
+def _no_twins(found: Sequence[Score]) -> list[Score]:
+    """Without those that explain the same as others of their effect and place with more figures."""
+
+    def twin(a: Score, b: Score) -> bool:
+        same = (a.option.effect, a.option.where) == (b.option.effect, b.option.where)
+        return same and len(a.option.figures) < len(b.option.figures) and bool(np.isclose(a.total, b.total, atol=1e-6))
+
+    return [score for score in found if not any(twin(score, other) for other in found)]
+
+
 def _apart(finding: Finding, held: Sequence[Case], fit: Fit, score: Score, least: float) -> bool:
     """Whether an effect has the `least` evidence [nats] where those that were chosen do nothing.
 
@@ -375,7 +402,7 @@ def _apart(finding: Finding, held: Sequence[Case], fit: Fit, score: Score, least
     train, hold = ([_without(case, touched) for case in cases] for cases in (finding.train, held))
     (alone,) = scores(_sum(train), [score.option], finding.released)
     confirmed, why = _confirm(finding.known, fit, hold, finding, score.option) if hold else (np.nan, "")
-    return not why and float(np.nanmean([alone.gain, confirmed])) >= least
+    return alone.physical and not why and float(np.nanmean([alone.gain, confirmed])) >= least
 
 
 def _touched(case: Case, finding: Finding) -> set[str]:
@@ -448,7 +475,7 @@ def smallest(finding: Finding) -> list[tuple[Figure, float]]:
     variance = np.diag(fit.covariance)
     out = []
     for i, figure in enumerate(finding.known):
-        if not figure.effect or not figure.offered or i in finding.released:
+        if not figure.effect or not figure.offered or figure.shape or i in finding.released:
             continue
         narrow = max(figure.spread, figure.slack)
         told = 1.0 / variance[i] - 1.0 / before[i]
@@ -598,6 +625,8 @@ def _confirm(
         mean[i], variance[i] = fit.x[i], covariance[i, i] + (0.1 * fit.x[i]) ** 2
     without_mean, without = mean.copy(), variance.copy()
     for i in option.figures:
+        if known[i].shape:  # it is nothing without the others
+            continue
         without_mean[i], without[i] = 0.0, max(known[i].slack, known[i].spread, 1e-9 * known[i].reach) ** 2
     gain = evidence.posterior(mean, variance).log - evidence.posterior(without_mean, without).log
     if gain < AGREES:

@@ -47,7 +47,12 @@ class Problem:
 
 
 def assemble(
-    state: State, where: Masks, known: list[Figure], like: Problem | None = None, fresh: Sequence[int] = ()
+    state: State,
+    where: Masks,
+    known: list[Figure],
+    like: Problem | None = None,
+    fresh: Sequence[int] = (),
+    at: Array | None = None,
 ) -> Problem:
     """Residuals and, by difference quotients, what a unit of each figure has put into them.
 
@@ -55,7 +60,9 @@ def assemble(
         state: residuals under the hypothesis; where: the ticks at which they mean something.
         known: all figures.
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
+        at: (P,) deviations of the figures that the hypothesis has; of the others, what is usual is taken off.
     """
+    usual = np.array([figure.usual for figure in known]) * (True if at is None else at == 0.0)
     base = state.residuals
     # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
     # motion that does not hold the encoders' noise.
@@ -67,18 +74,19 @@ def assemble(
     rows, columns, pieces, times = {}, {}, {}, {}
     for name, value in base.items():
         for part, chosen in (("double", where.double), ("single", ~where.double)):
-            at = np.flatnonzero(np.isfinite(value) & chosen)
-            if len(at) < ONE_A_STEP.get(name, 8 * ORDER):
+            ticks = np.flatnonzero(np.isfinite(value) & chosen)
+            if len(ticks) < ONE_A_STEP.get(name, 8 * ORDER):
                 continue
             key = f"{name}|{part}"
-            rows[key] = value[at]
-            columns[key] = np.zeros((len(at), len(known))) if like is None else like.columns[key].copy()
+            rows[key] = value[ticks]
+            columns[key] = np.zeros((len(ticks), len(known))) if like is None else like.columns[key].copy()
             for i, slope in slopes.items():
                 # What a sensor reads in the air is its zero: a gain that explained it would be without bounds.
                 if known[i].effect != "wrench_scale" or not name.startswith("unloaded/"):
-                    columns[key][:, i] = slope[name][at]
-            times[key] = at
-            alone = np.flatnonzero(np.diff(at, prepend=-9) > 1)
+                    columns[key][:, i] = slope[name][ticks]
+            rows[key] = rows[key] - columns[key] @ usual
+            times[key] = ticks
+            alone = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
             pieces[key] = alone[:1] if name in NEIGHBOURS else alone
     robot = state.world.robot
     resolution = {f"spring/{name}": float(c) for name, c in zip(robot.joint_names, state.recording.count, strict=True)}

@@ -22,7 +22,6 @@ from .recording import FEET, RATE, Recording
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
-BY_ITSELF = {"payload": "mass", "joint_friction": "coulomb"}  # what may differ without the other figures of its effect
 SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 
 # Widths are set by what is common on real robots and in data sheets; those of clocks, soles, slides and landings also
@@ -70,6 +69,7 @@ class Figure:
         step: for the difference quotient.
         unit: of the value.
         offered: as a candidate; else it is too fine for this recording to tell.
+        shape: it does nothing without the other figures of its effect.
         usual: what healthy robots have of it, beyond nominal: deviations count from there.
         apply: recording and world under the hypothesis that the figure differs from nominal by so much.
     """
@@ -88,6 +88,7 @@ class Figure:
     own: bool = False
     offered: bool = True
     usual: float = 0.0
+    shape: bool = False
 
     @property
     def name(self) -> str:
@@ -127,9 +128,11 @@ def figures(recording: Recording, world: World) -> list[Figure]:
         slack, low = more.get("slack", 0.0), more.get("low", -np.inf)
         own = not effect and not key.startswith(("mass", "com_", "settling", "rotor"))
         offered = bool(more.get("offered", True))
-        usual = more.get("usual", 0.0)
+        usual, shape = more.get("usual", 0.0), bool(more.get("shape", False))
         out.append(
-            Figure(effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own, offered, usual)
+            Figure(
+                effect, where, key, nominal, spread, reach, step, unit, apply, slack, low, own, offered, usual, shape
+            )
         )
 
     motors, efforts = recording.motor_q is not None, recording.tau is not None
@@ -170,7 +173,7 @@ def figures(recording: Recording, world: World) -> list[Figure]:
             add("backlash", where, "width", 0.0, 0.01, "rad", _backlash(which), slack=PLAY_SLACK, low=0.0)
         if efforts or motors:
             add("joint_friction", where, "coulomb", FRICTION_SPREAD, 2.0, "Nm", _friction(which), low=0.0)
-            creep = {"nominal": CREEP, "low": SLOWEST - CREEP}
+            creep = {"nominal": CREEP, "low": SLOWEST - CREEP, "shape": True}
             add("joint_friction", where, "creep", CREEP_SPREAD, 0.1, "rad/s", _creep(which), **creep)
         if efforts:
             add("", where, "torque_zero", TORQUE_SPREAD, TORQUE_SPREAD, "Nm", _torque_zero(which))
@@ -279,9 +282,8 @@ def candidates(known: list[Figure]) -> list[Candidate]:
     for (effect, where), indices in places.items():
         out.append(Candidate(effect, where, tuple(indices)))
         if len(indices) > 1:  # a pull along x needs no figure for y: what is not needed counts against an effect
-            out += [
-                Candidate(effect, where, (i,)) for i in indices if BY_ITSELF.get(effect, known[i].key) == known[i].key
-            ]
+            alone = [i for i in indices if not known[i].shape and (effect != "payload" or known[i].key == "mass")]
+            out += [Candidate(effect, where, (i,)) for i in alone]
         if effect == "payload":
             out.append(Candidate(effect, where, tuple(indices[:2])))
     return out

@@ -28,7 +28,7 @@ _SAID = {
 }
 _LISTED = {
     "com_offset": "the trunk's COM is not where the URDF says",
-    "ground_compliance": "the ground or the sole gives way",
+    "ground_compliance": "the ground or the soles give way more than usual",
     "ground_slope": "the floor is not level",
     "external_force": "something pulls at the trunk",
     "wrench_bias": "the force sensor of {at} has an offset",
@@ -78,6 +78,8 @@ def effect_sentence(effect: Mapping[str, Any]) -> str:
         text = f"the spring of {at} {'hardens' if parameters['cubic']['value'] > 0 else 'softens'} ({listed})"
     elif name in _SAID and all(key in told for key in re.findall(r"{(\w+)}", _SAID[name]) if key != "at"):
         text = _SAID[name].format(at=at, **told)
+        if "creep" in told:
+            text += f" and creeps below {told['creep']}"
         if name == "payload" and len(told) > 1:
             text += " (" + ", ".join(f"{key} {value}" for key, value in told.items() if key != "mass") + ")"
     else:

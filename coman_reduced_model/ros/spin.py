@@ -45,8 +45,10 @@ class _TimerEvent(ctypes.Structure):
     ]
 
 
-def exit_in(seconds: float) -> None:
-    """End the process with code 0 after some seconds [s], even if by then a call into C holds the interpreter's lock.
+def exit_in(seconds: float, failed: bool = False) -> None:
+    """End the process after some seconds [s], even if by then a call into C holds the interpreter's lock.
+
+    Exit code 0, or 1 if it has failed.
 
     Fast DDS 2.14 can hang while it is taken down: `DomainParticipant::set_listener` waits for a callback of discovery
     that waits for the participant's mutex, if another participant leaves at that moment (seen in one of 250 nodes that
@@ -56,7 +58,7 @@ def exit_in(seconds: float) -> None:
     with suppress(AttributeError, OSError):
         libc = ctypes.CDLL(None)
         leave = ctypes.cast(libc._exit, ctypes.c_void_p).value
-        timer, event = ctypes.c_void_p(), _TimerEvent(value=0, notify=thread, function=leave)
+        timer, event = ctypes.c_void_p(), _TimerEvent(value=int(failed), notify=thread, function=leave)
         if not libc.timer_create(1, ctypes.byref(event), ctypes.byref(timer)):  # CLOCK_MONOTONIC
             when = (ctypes.c_long * 4)(0, 0, int(seconds), int(seconds % 1.0 * 1e9))  # once: no interval
             libc.timer_settime(timer, 0, ctypes.byref(when), None)
@@ -119,9 +121,9 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
     finally:
         stop.at_once = False
         if stop.requested:
-            sys.stdout.flush()
-            exit_in(_TAKING_DOWN_S)
+            exit_in(_TAKING_DOWN_S, failed=isinstance(sys.exc_info()[1], Exception))
         with suppress(Exception):  # whatever is wrong at the end, the reason for ending is what counts
+            sys.stdout.flush()
             if executor is not None:
                 executor.shutdown()
             if node is not None:
