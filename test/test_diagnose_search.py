@@ -166,6 +166,39 @@ def test_evidence_is_apart_where_the_chosen_effects_do_nothing(where, apart):
     assert diagnosis._apart(finding, finding.hold, evidence.fit([0, 2]), score, ENOUGH) == apart
 
 
+def test_further_effects_need_more_unless_their_evidence_is_apart(monkeypatch):
+    known = figures(*standing())
+    options = candidates(known)
+    needed = diagnosis._needed(ENOUGH, options)
+    first, second = (next(o for o in options if o.effect == name) for name in ("encoder_delay", "backlash"))
+    finding = Finding(known, np.zeros(len(known)), [Effect(first, 90.0, 90.0)])
+
+    def enough(nats, apart, needed=needed):
+        monkeypatch.setattr(diagnosis, "_apart", lambda *a: apart)
+        return diagnosis._enough(
+            finding, [], "fit", Score(second, nats, nats, np.ones(1), True), np.nan, ENOUGH, needed
+        )
+
+    assert enough(8.5, False) and not enough(7.5, False)  # 5 % of 90 beside 4.5, but 8 at most
+    assert enough(4.6, True) and not enough(4.4, True)
+    little = diagnosis._needed(SUSPECTED, options)  # however little is asked for
+    assert not enough(ENOUGH - FEWER - 0.1, True, little) and enough(ENOUGH - FEWER + 0.1, True, little)
+
+
+def test_what_explains_the_same_with_fewer_figures_is_not_compared():
+    known = figures(*standing())
+    both, alone = (
+        next(o for o in candidates(known) if o.effect == "joint_friction" and len(o.figures) == count)
+        for count in (2, 1)
+    )
+    other = next(o for o in candidates(known) if o.effect == "backlash")
+    found = [Score(option, 9.0, 8.0, np.ones(1), True) for option in (alone, both, other)]
+    assert [score.option for score in diagnosis._no_twins(found)] == [both, other]
+    better = Score(alone, 9.5, 8.0, np.ones(1), True)
+    assert diagnosis._no_twins([better, found[1]]) == [better, found[1]]
+    assert known[both.figures[1]].shape and not any(known[i].shape for i in alone.figures)
+
+
 def test_one_load_alone_stays_what_it_is():
     known = figures(*standing())
     options = candidates(known)
