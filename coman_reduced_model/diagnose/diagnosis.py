@@ -333,11 +333,12 @@ def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: f
         option, train = effect.option, _sum(finding.train)
         shapes = [i for i in option.figures if finding.known[i].shape]  # without the others they are nothing
         bare = replace(option, figures=tuple(i for i in option.figures if i not in shapes))
-        rest = replace(finding, chosen=[e for e in finding.chosen if e is not effect], fit=train.fit(finding.released))
+        fit = train.fit(finding.released)
+        rest = replace(finding, chosen=[other for other in finding.chosen if other is not effect], fit=fit)
         (alone,) = scores(train, [bare], [*rest.released, *shapes])
         tried = 1.0 if np.isnan(effect.confirmed) else WORTH_TRYING
         if alone.gain >= tried * enough and _enough(
-            rest, finding.hold, rest.fit, replace(alone, option=option), effect.confirmed, enough, needed
+            rest, finding.hold, fit, replace(alone, option=option), effect.confirmed, enough, needed
         ):
             continue
         finding.chosen.remove(effect)
@@ -364,7 +365,7 @@ def _wanted(finding: Finding, name: str, enough: float, needed: dict[str, float]
 def _enough(
     finding: Finding,
     held: Sequence[Case],
-    fit: Fit | None,
+    fit: Fit,
     score: Score,
     confirmed: float,
     enough: float,
@@ -380,7 +381,7 @@ def _enough(
     if sure >= _wanted(finding, score.option.effect, enough, needed):
         return True
     least = max(needed[score.option.effect], ENOUGH - FEWER)
-    return sure >= least and fit is not None and _apart(finding, held, fit, score, least)
+    return sure >= least and _apart(finding, held, fit, score, least)
 
 
 def _no_twins(found: Sequence[Score]) -> list[Score]:

@@ -11,6 +11,7 @@ from .base import Effect
 
 if TYPE_CHECKING:
     from ..springs import LegSprings
+
 CREEP = 0.03  # [rad/s] unless told
 
 
