@@ -6,6 +6,7 @@ duration, so that dampers and momentum are accounted for and nothing is differen
 white. Channels are named as in diagnose/balance.py:
 
 `spring/JOINT`    motor - link - torque / k + (d / k) rate; the torque as measured, else as ground and weight ask [rad]
+`stiffness/JOINT`  the same along how far the measured torque bends the spring in the course of a phase [rad]
 `torque/JOINT`    measured torque against ground and weight [Nm]
 `drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
 `force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
@@ -38,27 +39,36 @@ RISING = 0.75  # of that load, which a force that only rises has been until then
 KINDS = ("left", "right", "double support after left", "double support after right", "standing")
 _SPRINGS = 0.05  # share by which springs of healthy robots differ from the data sheet
 # By law: unit; usual standard deviation of a mean from phase to phase, in single and in double support; the same from
-# one healthy robot to the next (0: not known). Forces in weights, torques and moments in weight times COM height,
-# impulses in mass times m/s.
+# one healthy robot to the next (0: not known); by how much the mean usually wanders from one phase of a kind to the
+# next, as a share of the first two (sensors of forces and tilt drift, gaits sway themselves in). Forces in weights,
+# torques and moments in weight times COM height, impulses in mass times m/s.
 _USUAL = {
-    "spring": ("rad", 0.00015, 0.0003, 0.001),
-    "torque": ("Nm", 0.0015, 0.0025, 0.0),
-    "force/x": ("N", 0.006, 0.01, 0.0),
-    "force/y": ("N", 0.006, 0.01, 0.0),
-    "force/z": ("N", 0.004, 0.006, 0.03),
-    "moment": ("Nm", 0.002, 0.0035, 0.0),
-    "feet/z": ("m", 0.0003, 0.0003, 0.0015),
-    "feet/roll": ("rad", 0.0007, 0.0007, 0.003),
-    "feet/pitch": ("rad", 0.0007, 0.0007, 0.003),
-    "feet": ("m", 0.0007, 0.0007, 0.0),
-    "tilt": ("rad", 0.001, 0.001, 0.0),
-    "landing": ("Ns", 0.0025, 0.0025, 0.006),
-    "unloaded/f": ("N", 0.003, 0.003, 0.015),
-    "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002),
-    "plan": ("m", 0.0001, 0.0002, 0.0),
-    "drag": ("Nm", 0.0025, 0.005, 0.0),
+    "spring": ("rad", 0.00015, 0.0003, 0.001, 0.0),
+    "stiffness": ("rad", 0.0001, 0.0001, 0.0, 0.0),
+    "torque": ("Nm", 0.0015, 0.0025, 0.0, 0.5),
+    "force/x": ("N", 0.006, 0.01, 0.0, 0.5),
+    "force/y": ("N", 0.006, 0.01, 0.0, 0.5),
+    "force/z": ("N", 0.004, 0.006, 0.03, 0.5),
+    "moment": ("Nm", 0.002, 0.0035, 0.0, 0.5),
+    "feet/z": ("m", 0.0003, 0.0003, 0.0015, 2.0),
+    "feet/roll": ("rad", 0.0007, 0.0007, 0.003, 2.0),
+    "feet/pitch": ("rad", 0.0007, 0.0007, 0.003, 2.0),
+    "feet": ("m", 0.0007, 0.0007, 0.0, 0.0),
+    "tilt": ("rad", 0.001, 0.001, 0.0, 0.5),
+    "landing": ("Ns", 0.0025, 0.0025, 0.006, 0.0),
+    "unloaded/f": ("N", 0.003, 0.003, 0.015, 0.0),
+    "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002, 0.0),
+    "plan": ("m", 0.0001, 0.0002, 0.0, 0.0),
+    "drag": ("Nm", 0.0025, 0.005, 0.0, 0.0),
 }
 _WAY = 0.015  # [rad] that a joint goes in a phase, both ways together, for a drag to show
+_BENDS = 8  # looks at least for a stiffness to show
+# Bends [rad] and their rates [rad/s] of which the usual spread of a stiffness is a share: beyond that, it grows with
+# them, by gains and clocks that are not perfect.
+_BENT, _BENDING = 0.004, 0.05
+_EDGE = 0.004  # [m] from the edge of a sole: the centre of pressure is at the edge
+_FLAT = ("force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
+_GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
 _IDENTITY = np.eye(3)
@@ -71,7 +81,9 @@ class Laws:
     Attributes:
         names, units: of the n channels; units are rad, m, N, Nm or Ns.
         noise: (kinds, n) usual standard deviation from phase to phase.
+        drift: (kinds, n) by how much they usually wander from one phase of a kind to the next, standard deviation.
         looks: taken since `begin`.
+        tipping: the last single support was on the edge of the sole: flat-sole laws say nothing until the next.
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
@@ -90,15 +102,16 @@ class Laws:
             *(f"{law}/{axis}" for law in ("force", "moment") for axis in "xyz"),
             *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
             *(*feet, "plan/x", "plan/y", "landing/z"),
-            *(f"drag/{joint}" for joint in joints),
+            *(f"{law}/{joint}" for law in ("drag", "stiffness") for joint in joints),
         )
         laws = [_usual(name) for name in self.names]
         self.units = tuple(unit for unit, *_ in laws)
         weight = self._mass * self._gravity
         scale = {"N": weight, "Nm": weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2])}
         scale["Ns"] = self._mass
-        figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest in laws]).T
+        figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in laws]).T
         self.noise = figures[[0, 0, 1, 1, 1]]
+        self.drift = self.noise * [wander for *_, wander in laws]
         self._healthy = figures[2] ** 2
         bent = [e for e in active_effects(config.effects, robot) if type(e).springs is not Effect.springs]
         at = {name: i for i, name in enumerate(self.names)}
@@ -113,9 +126,15 @@ class Laws:
         self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
         self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
         self._shows[[0, 1, 4], self._blow] = False
+        self._shows[4, at["drag/" + joints[-1]] + 1 :] = False
+        self._flat = np.array([name.split("/")[0] in _FLAT for name in self.names])
+        self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         self._rate = np.zeros(len(laws))  # channels with a rate in them
         self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
         self._past, self._dragged = np.zeros((3, nl)), np.zeros((2, nl))
+        self._spring, self._bent = np.zeros((2, nl)), np.zeros((6, nl))
+        self._looked = 0  # stamp [ns]
+        self.tipping = False
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
         rows = len(laws) + 2 * nl  # then how far springs are bent, and where the joints are
         self._now, self._sums, self._ends = np.zeros(rows), np.zeros(rows), np.zeros((2, rows))
@@ -126,7 +145,8 @@ class Laws:
     def begin(self) -> None:
         """A phase begins."""
         self.looks = 0
-        self._sums[:] = self._dragged[:] = 0.0
+        self._sums[:] = self._dragged[:] = self._bent[:] = 0.0
+        self._at_edge = 0  # looks at which the stance foot stood on its edge
         self._landing = np.zeros((2, 2))  # impulse [Ns] and duration [s], while a blow is felt and after it
 
     def look(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -144,12 +164,13 @@ class Laws:
         if frame != self._imu[0]:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
             self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
-        _look(
-            self._now, self._ends, self._sums, self._past, self._dragged, self.looks, self._joints, self._columns,
-            self._split, self._k, self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT],
-            link.R[Foot.RIGHT], link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com,
-            prediction.measured_com_vel, link.J_com, self._mass, self._gravity, up, self._imu[1],
-            prediction.reference_com, plan, sole,
+        dt, self._looked = (sample.stamp_ns - self._looked) * 1e-9, sample.stamp_ns
+        self._at_edge += _look(
+            self._now, self._ends, self._sums, self._past, self._dragged, self._spring, self._bent, self.looks,
+            dt if 0.0 < dt < _GAP_S else 0.0, self._soles, self._joints, self._columns, self._split, self._k,
+            self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
+            link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com, prediction.measured_com_vel,
+            link.J_com, self._mass, self._gravity, up, self._imu[1], prediction.reference_com, plan, sole,
         )  # fmt: skip
         self.looks += 1
 
@@ -169,12 +190,17 @@ class Laws:
         values = mean[:n] + self._rate * way[:n] / seconds
         values[self._slide] = way[self._slide]
         drag, gone = self._dragged
-        values[n - nl :] = np.where(gone > _WAY, drag / np.maximum(gone, _WAY), np.nan)
+        values[n - 2 * nl : n - nl] = np.where(gone > _WAY, drag / np.maximum(gone, _WAY), np.nan)
+        values[n - nl :] = self._along_the_bend() if self.looks >= _BENDS else np.nan
         values[self._blow] = np.nan
         if self._landing[:, 1].all():
             (felt, lasted), (borne, bore) = self._landing
             values[self._blow] = max(felt - RISING * borne / bore * lasted, 0.0)
         values[~self._shows[kind]] = np.nan
+        if kind in (0, 1, 4):
+            self.tipping = kind != 4 and self._at_edge > 0.5 * self.looks
+        if self.tipping:
+            values[self._flat] = np.nan
         healthy = self._healthy.copy()
         if np.isfinite(values[nl : 2 * nl]).all():
             healthy[:nl] += (healthy[:nl] > 0.0) * (_SPRINGS * mean[n : n + nl]) ** 2
@@ -182,23 +208,34 @@ class Laws:
             healthy[:nl] = 0.0
         return values, healthy, np.append(mean[n + nl :], way[n + nl :])
 
+    def _along_the_bend(self) -> Array:
+        """(nl,) [rad] of the spring law's residual as far as it goes with the bend: covariance over its spread."""
+        bend, bend_2, off, product, rate, rate_2 = self._bent / self.looks
+        spread_2, rates_2 = np.maximum(bend_2 - bend**2, 1e-16), np.maximum(rate_2 - rate**2, 0.0)
+        more = 1.0 + spread_2 / _BENT**2 + rates_2 / _BENDING**2
+        return np.asarray((product - off * bend) / np.sqrt(spread_2 * more))
 
-def _usual(name: str) -> tuple[str, float, float, float]:
+
+def _usual(name: str) -> tuple[str, float, float, float, float]:
     law = name.split("/")[0]
     return _USUAL.get(name) or _USUAL[f"unloaded/{name[-2]}" if law == "unloaded" else law]
 
 
 @compiled
 def _look(
-    x: Array, ends: Array, sums: Array, past: Array, dragged: Array, looks: int, joints: Array, columns: Array,
-    split: int, stiffness: Array, lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array,
-    p_r: Array, J: Array, left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array,
-    mass: float, gravity: float, imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
-) -> None:  # fmt: skip
+    x: Array, ends: Array, sums: Array, past: Array, dragged: Array, spring: Array, bent: Array, looks: int,
+    dt: float, soles: Array, joints: Array, columns: Array, split: int, stiffness: Array, lag: Array, q: Array,
+    motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, J: Array, left: Array, right: Array,
+    on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float, gravity: float, imu: Array, R_imu: Array,
+    moved: Array, plan: Array, sole: Array,
+) -> bool:  # fmt: skip
     """Residuals now into x, what is differentiated into the row of `ends`, both into `sums`; rows as in `Laws`.
 
     `past` (3, nl): torque residual at the last look, joint at the last two. `dragged` (2, nl): what of that residual is
-    along the way of the joint, and how far it goes.
+    along the way of the joint, and how far it goes. `spring` (2, nl): what the torque alone would bend the spring by,
+    and how far it is bent by it and its damper, at the last look, `dt` [s] ago (0: not known). `bent` (6, nl): sums of
+    the bend, its square, the residual, its product with the bend, the bend's rate, its square. Returns whether the
+    stance foot stands on its edge; `soles` (2, 4) edges of both.
 
     Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
     quaternion x y z w; `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where
@@ -233,6 +270,20 @@ def _look(
             dragged[1, i] += abs(way)
         past[0, i], past[2, i], past[1, i] = x[nl + i], past[1, i], q[j]
         x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
+        alone = torque / stiffness[i]
+        bend, rate = alone, 0.0
+        if dt > 0.0 and not np.isnan(spring[1, i]):  # exact for torques that are linear between looks
+            kept = np.exp(-dt / lag[i]) if lag[i] > 0.0 else 0.0
+            late = lag[i] * (1.0 - kept) / dt
+            bend = kept * spring[1, i] + (1.0 - late) * alone + (late - kept) * spring[0, i]
+            rate = (bend - spring[1, i]) / dt
+        spring[0, i], spring[1, i], off = alone, bend, stretch - bend
+        bent[0, i] += bend
+        bent[1, i] += bend * bend
+        bent[2, i] += off
+        bent[3, i] += bend * off
+        bent[4, i] += rate
+        bent[5, i] += rate * rate
         end[i] = lag[i] * stretch
         x[n + i] = abs(stretch)
         x[n + nl + i] = end[n + nl + i] = q[j] if np.isnan(motor[j]) else motor[j]
@@ -266,3 +317,8 @@ def _look(
         sums[i] += x[i]
         if looks == 0:
             ends[0, i] = end[i]
+    stance, edges = (left, soles[0]) if on_left else (right, soles[1])
+    load = max(stance[2], 0.01 * mass * gravity)
+    at_x, at_y = -stance[4] / load, stance[3] / load
+    inside_x = edges[0] + _EDGE <= at_x <= edges[1] - _EDGE
+    return not (inside_x and edges[2] + _EDGE <= at_y <= edges[3] - _EDGE)

@@ -3,10 +3,12 @@
 
 Strides are compared with strides. Each channel of core/laws.py gives one value a support phase; each kind of phase
 (left, right, double support after either, standing) has a level of its own, learnt by a Kalman filter while the robot
-walks, and a noise of its own. A value that is off its level by more than `monitor.threshold` standard deviations, in
-two phases of a kind running and the same way, has *changed*; one that is off zero by as much of what healthy robots
-differ by *is off*. One that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of
-other duration, posture or motion than those of its kind before is another gait, and is learnt anew.
+walks, and a noise of its own. How much a channel has changed in a kind is the weaker of its last two values there, in
+standard deviations, if both are off their level the same way. What has *changed* in all kinds together by more than
+`monitor.threshold` is told; so is what *is off* zero by as much of what healthy robots differ by, in two phases of a
+kind running. A value that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of other
+duration, posture or motion than those of its kind before is another gait, and is learnt anew. What pushes and pulls by
+turns has no level: `unsteady/x, y` tell of forces and moments that scatter more than they did.
 """
 
 from __future__ import annotations
@@ -32,12 +34,17 @@ _LEARNT = 2  # phases of a kind that a level is made of at least
 _QUIETEST = 0.3  # of the usual noise: sensors that never vary must not make every hair's breadth a mismatch
 _MEMORY = 20.0  # phases over which a level follows, and noise is known
 _PRIOR = 6.0  # phases that the usual noise is worth
-_STUDENT = 4.0  # by how much more spread is allowed for while few phases tell of the noise
+_STUDENT = 2.0  # by how much more spread is allowed for while few phases tell of the noise
+_DOUBT = 2.5  # standard deviations beyond which a value is learnt no sooner than the next of its kind is known
+_BACK = 0.75  # of the threshold: below that, what was told is over
+_UNSTEADY = {"unsteady/x": ("force/x", "moment/y"), "unsteady/y": ("force/y", "moment/x")}  # what a push along it moves
+_SCATTER, _MOST = 6, 3.0  # phases whose values are compared, and standard deviations that one of them counts at most
 # Rows of a channel's state: level, its variance, the phases it is made of; variance of a value, the phases it is known
-# from; square of a value in doubt. Then, for changed and for off: which way the last value was off, whether that is a
-# mismatch, its size and the same in standard deviations. When it began [s].
-_LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _DOUBT = range(6)
-_WAY, _BAD, _SIZE, _SIGMA, _SINCE, _ROWS = 6, 8, 10, 12, 14, 15
+# from, squares of values in doubt; the last value, what it was off its level by, the same in standard deviations; by
+# how many of these the weaker of the last two was, with sign, and since when [s]; which way the last value was off
+# zero, by how many standard deviations two running were, and since when [s].
+_LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _PENDING = range(6)
+_VALUE, _ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _OFF_SINCE, _ROWS = range(6, 15)
 _LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
 _SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "N": (1.0, "N"), "Nm": (1.0, "Nm"), "Ns": (1.0, "Ns")}
 
@@ -85,22 +92,25 @@ class Monitor:
         self.first: dict[str, Mismatch] = {}
         self.phases = 0
         self.reset()
-        nothing = np.full(len(self.laws.names), np.nan)
-        self._least = (_QUIETEST * self.laws.noise) ** 2
-        _judge(
-            self._state[0], nothing, nothing, self._least[0], self._threshold, 0.0
-        )  # compiled before the first phase ends
+        names = self.laws.names
+        self._feet = np.array([name.startswith("feet/") for name in names])
+        self._pairs = np.array([[names.index(one) for one in pair] for pair in _UNSTEADY.values()])
+        self._least, self._drift = (_QUIETEST * self.laws.noise) ** 2, self.laws.drift**2
+        nothing = np.full(len(names), np.nan)  # compiled before the first phase ends
+        _judge(self._state[0], nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, True)
 
     def reset(self) -> None:
         """Forget the past; what was told stays in `first`."""
         self._state = np.zeros((len(KINDS), _ROWS, len(self.laws.names)))
         self._state[:, _NOISE] = self.laws.noise**2
+        self._state[:, _LAST] = np.nan
+        self._scatter: list[tuple[int, float, Array, Array]] = []  # kind, when [s], standard deviations, errors
         self._usual: dict[int, Array] = {}  # by kind: duration, posture and motion
         self._strange = [False] * len(KINDS)  # the last phase of the kind was unlike those before it
-        self._began_before = [0.0] * len(KINDS)  # [s]
         self._phase = self._before = Phase.FLIGHT
         self._start = self._next = self._began = self._first = self._last = self._stamp = 0
         self.mismatches: list[Mismatch] = []
+        self._told: set[str] = set()
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -134,12 +144,13 @@ class Monitor:
         values, healthy, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
         if not self._alike(kind, np.append((stamp - self._began) * 1e-9, joints)):
             return
-        self.phases += 1
-        began = (self._began - self._start) * 1e-9
-        before = self._began_before[kind]
-        if _judge(self._state[kind], values, healthy, self._least[kind], self._threshold, before) or self.mismatches:
-            self._tell(stamp)
-        self._began_before[kind] = began
+        alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
+        self.phases += alike
+        began, state = (self._began - self._start) * 1e-9, self._state[kind]
+        _judge(state, values, healthy, self._least[kind], self._drift[kind], self._threshold, began, alike)
+        if alike and np.isfinite(state[_LAST] + values)[self._pairs].all():
+            self._scatter = [*self._scatter[1 - _SCATTER :], (kind, began, state[_LAST].copy(), state[_ERROR].copy())]
+        self._tell(stamp)
 
     def _alike(self, kind: int, like: Array) -> bool:
         """Whether a phase of that duration [s], posture and motion [rad] can be compared with those before it."""
@@ -150,29 +161,61 @@ class Monitor:
             if count > 1.0 and not again:
                 return False
             # The noise stays, the level is another one.
-            self._state[kind, [_LEVEL, _VARIANCE, _COUNT, _DOUBT, _WAY, _WAY + 1, _BAD, _BAD + 1]] = 0.0
+            self._state[kind, [_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED]] = 0.0
+            self._state[kind, _LAST] = np.nan
             usual, count = like, 0.0
         self._strange[kind] = False
         self._usual[kind] = usual + (like - usual) / min(count + 1.0, _MEMORY)
         return True
 
     def _tell(self, stamp: int) -> None:
-        found, state = [], self._state
-        for i in np.flatnonzero(state[:, _BAD : _BAD + 2].any(axis=(0, 1))):
-            which = 0 if state[:, _BAD, i].any() else 1
-            bad = state[:, _BAD + which, i] > 0.0
-            kind = int(np.argmax(bad * np.abs(state[:, _SIGMA + which, i])))
-            size, sigma = float(state[kind, _SIZE + which, i]), float(state[kind, _SIGMA + which, i])
-            since = self._start + round(1e9 * float(state[bad, _SINCE, i].min()))
-            laws = self.laws
-            found.append(Mismatch(laws.names[i], KINDS[kind], size, laws.units[i], sigma, since, stamp, which == 0))
-        self.mismatches = sorted(found, key=lambda each: -abs(each.sigma))
+        laws, threshold, state = self.laws, self._threshold, self._state
+        changed, off = np.abs(state[:, _CHANGED]), np.abs(state[:, _OFF])
+        # Feet that tip do so against each other in the two double supports, which is no evidence twice, and no fault in
+        # a gait that always did; by an encoder's fault they are off the same way.
+        one_way = state[2] * state[3] > 0.0
+        tips = self._feet & ~one_way[_CHANGED]
+        strength = np.where(tips, changed.max(axis=0), np.sqrt((changed**2).sum(axis=0)))
+        tips = self._feet & (off[4] == 0.0) & ~one_way[_OFF]
+        was = np.array([name in self._told for name in laws.names])
+        told = strength > np.where(was, _BACK * threshold, threshold)
+        found = []
+        for i in np.flatnonzero(told | (off.any(axis=0) & ~tips)):
+            size, rows, since = (changed, (_ERROR, _CHANGED), _SINCE) if told[i] else (off, (_VALUE, _OFF), _OFF_SINCE)
+            kind = int(np.argmax(size[:, i]))
+            value, sigma = state[kind, rows, i]
+            began = state[size[:, i] > 0.5 * size[kind, i], since, i].min()
+            sigma = np.sign(sigma) * strength[i] if told[i] else sigma
+            found.append((laws.names[i], KINDS[kind], value, laws.units[i], sigma, began, bool(told[i])))
+        found += self._unsteady()
+        self.mismatches = [
+            Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
+            for name, phase, value, unit, sigma, began, changed in sorted(found, key=lambda each: -abs(each[4]))
+        ]
+        self._told = {each.channel for each in self.mismatches}
         for each in self.mismatches:
             self.first.setdefault(each.channel, each)
 
+    def _unsteady(self) -> list[tuple[str, str, float, str, float, float, bool]]:
+        """What comes and goes: forces and moments that scatter more than they did."""
+        if len(self._scatter) < _SCATTER:
+            return []
+        kinds, began, sigmas, errors = zip(*self._scatter, strict=True)
+        found = []
+        for name, pair in zip(_UNSTEADY, self._pairs, strict=True):
+            z = np.array(sigmas)[:, pair]
+            square = (np.minimum(np.abs(z - z.mean(axis=0)), _MOST) ** 2).sum(axis=0).min()
+            sigma = float(np.sqrt(2.0 * square))
+            if sigma > self._threshold * (_BACK if name in self._told else 1.0):
+                phase = KINDS[kinds[int(np.argmax(np.abs(z[:, 0])))]]
+                found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, began[0], True))
+        return found
+
 
 @compiled
-def _judge(s: Array, values: Array, healthy: Array, least: Array, threshold: float, before: float) -> bool:
+def _judge(
+    s: Array, values: Array, healthy: Array, least: Array, drift: Array, threshold: float, began: float, alike: bool
+) -> None:
     """Compare the values (n,) of a phase with those before, and learn from them.
 
     Args:
@@ -180,46 +223,57 @@ def _judge(s: Array, values: Array, healthy: Array, least: Array, threshold: flo
         values: NaN: nothing known.
         healthy: (n,) variance over healthy robots; 0: not known.
         least: (n,) variance below which no noise is believed.
+        drift: (n,) variance by which levels wander from phase to phase.
         threshold: standard deviations.
-        before: when the phase of that kind before this one began [s].
-
-    Returns:
-        Whether anything is a mismatch.
+        began: when the phase began [s].
+        alike: it can be compared with those before; else values are held against zero alone.
     """
-    found = False
     for i in range(values.shape[0]):
-        value = values[i]
+        value, noise = values[i], s[_NOISE, i]
         if np.isnan(value):
             continue
-        noise, learnt = s[_NOISE, i], s[_COUNT, i] >= _LEARNT
-        error = value - s[_LEVEL, i]
-        sigma = error / np.sqrt((s[_VARIANCE, i] + noise) * (1.0 + _STUDENT / (1.0 + s[_KNOWN, i])))
-        for which in range(2):
-            size = error if which == 0 else value
-            z = sigma if which == 0 else value / np.sqrt(healthy[i] + noise)
-            applies = learnt if which == 0 else healthy[i] > 0.0
-            way = np.sign(z) if applies and abs(z) > threshold else 0.0
-            if way != 0.0 and way == s[_WAY + which, i]:
-                if s[_BAD, i] == 0.0 and s[_BAD + 1, i] == 0.0:
-                    s[_SINCE, i] = before
-                s[_BAD + which, i], s[_SIZE + which, i], s[_SIGMA + which, i] = 1.0, size, z
-            elif abs(z) < 0.5 * threshold:
-                s[_BAD + which, i] = 0.0
-            s[_WAY + which, i] = way
-            found |= s[_BAD + which, i] > 0.0
+        s[_VALUE, i] = value
+        if healthy[i] > 0.0:
+            off = value / np.sqrt(healthy[i] + noise)
+            way = np.sign(off) if abs(off) > threshold else 0.0
+            if way != 0.0 and way == s[_WAY, i]:
+                s[_OFF, i] = off
+            elif abs(off) < 0.5 * threshold:
+                s[_OFF, i] = 0.0
+            if way != s[_WAY, i] and s[_OFF, i] == 0.0:
+                s[_OFF_SINCE, i] = began
+            s[_WAY, i] = way
+        if not alike:
+            continue
         if s[_COUNT, i] == 0.0:
-            s[_LEVEL, i], s[_VARIANCE, i], s[_COUNT, i] = value, noise * (1.0 + 1.0 / _MEMORY**2), 1.0
+            s[_LEVEL, i], s[_VARIANCE, i], s[_COUNT, i] = value, noise * (1.0 + 1.0 / _MEMORY**2) + drift[i], 1.0
             continue
-        if learnt and abs(sigma) > threshold:  # in doubt until the next phase of this kind
-            s[_DOUBT, i] = sigma * sigma
-            continue
-        s[_KNOWN, i] += 1.0
-        square = min(abs(sigma), threshold) ** 2 - 1.0 + s[_DOUBT, i]
-        s[_NOISE, i] = max(least[i], s[_NOISE, i] * (1.0 + square / (_PRIOR + min(s[_KNOWN, i], _MEMORY))))
-        s[_DOUBT, i] = 0.0
-        if not learnt or abs(sigma) <= 0.5 * threshold:
+        error = s[_ERROR, i] = value - s[_LEVEL, i]
+        sigma = error / np.sqrt((s[_VARIANCE, i] + noise) * (1.0 + _STUDENT / (1.0 + s[_KNOWN, i])))
+        square = min(abs(sigma), threshold) ** 2 - 1.0
+        pending, doubtful = s[_PENDING, i], False  # what is known now to have been noise
+        if s[_COUNT, i] >= _LEARNT:
+            last = s[_LAST, i]
+            again = sigma * last > 0.0
+            s[_CHANGED, i] = np.sign(sigma) * min(abs(sigma), abs(last)) if again else 0.0
+            if abs(sigma) > 1.0 and not (again and abs(last) > 1.0):
+                s[_SINCE, i] = began
+            s[_LAST, i], doubtful = sigma, abs(sigma) > _DOUBT
+            s[_PENDING, i] = 0.0
+            if doubtful:
+                s[_PENDING, i] = square
+                if again and pending > 0.0:
+                    s[_PENDING, i], pending = square + pending, 0.0
+                square = 0.0
+        if not doubtful:
+            s[_KNOWN, i] += 1.0
+        if not doubtful or pending > 0.0:
+            share = (square + pending) / (_PRIOR + min(s[_KNOWN, i], _MEMORY))
+            noise = s[_NOISE, i] = max(least[i], noise * (1.0 + share))
+        if doubtful:
+            s[_VARIANCE, i] += drift[i]
+        else:
             gain = s[_VARIANCE, i] / (s[_VARIANCE, i] + noise)
             s[_LEVEL, i] += gain * error
-            s[_VARIANCE, i] = (gain + 1.0 / _MEMORY**2) * noise
+            s[_VARIANCE, i] = (gain + 1.0 / _MEMORY**2) * noise + drift[i]
             s[_COUNT, i] += 1.0
-    return found
