@@ -13,7 +13,7 @@ from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, names, robot, walk, write
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.laws import BORNE_S, Laws
-from coman_reduced_model.core.monitor import _NOISE, _QUIETEST, _ROWS, _judge
+from coman_reduced_model.core.monitor import _CHANGED, _LAST, _NOISE, _QUIETEST, _ROWS, _judge
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot
 from coman_reduced_model.resources import bag_path
@@ -115,6 +115,77 @@ def test_friction_that_begins_is_heard_along_the_motion():
     assert "drag/RKneeSag" not in watched(change).first
 
 
+def test_a_softer_spring_is_heard_by_its_slope_where_it_bears_nothing_in_the_mean():
+    """Half a milliradian to and fro at an ankle; its drive gives way to twice of it."""
+    joint, k = names().index("RAnkLat"), Config().robot.right.stiffness[-1]
+
+    def change(stream, t, message):
+        bend = 0.0007 * np.sin(2.0 * np.pi * t / 0.3)  # as often as there are support phases
+        if stream == MOTORS:
+            return turned(message, joint, bend * (2.0 if t >= BEGINS else 1.0))
+        if stream == JOINTS:
+            message = replace(message, effort=message.effort.copy())
+            message.effort[joint] += k * bend
+        return message
+
+    found = watched(change).first
+    first = told_in_time(found.values(), "stiffness/RAnkLat")
+    assert first.unit == "rad" and first.size == pytest.approx(0.0005, rel=0.25)
+    assert "spring/RAnkLat" not in found and len(found) == 1
+
+
+def test_a_push_that_comes_and_goes_is_told_by_its_scatter():
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS:
+            return message
+        return replace(message, force=message.force + [0.0, 0.5 * 8.0 * np.sin(2.0 * np.pi * 1.3 * t), 0.0])
+
+    found = watched(change).first
+    first = told_in_time(found.values(), "unsteady/y")
+    assert first.unit == "N" and 2.0 < first.size < 8.0 and "unsteady/x" not in found
+
+
+def test_sensors_that_drift_are_no_fault():
+    """Sensors that wander by 0.15 N a stride, 2 N in all: told if it comes at once."""
+    drift, step = ((lambda t: 0.125 * t), (lambda t: 2.0 * (t >= BEGINS)))
+
+    def told(off):
+        def change(stream, t, message):
+            return replace(message, force=message.force + [off(t), 0.0, 0.0]) if stream in FEET.values() else message
+
+        return watched(change, 15.0).first
+
+    assert not told(drift) and told(step)
+
+
+def test_a_robot_on_the_edge_of_its_feet_is_not_held_to_laws_of_flat_soles():
+    """From 7 s on it stands on its toes, and the foot that bears it gets 10 N more from the side."""
+
+    def watch(lever):
+        def change(stream, t, message):
+            if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
+                return message
+            toes = [0.0, -lever * message.force[2], 0.0]
+            return replace(message, force=message.force + [0.0, 10.0, 0.0], torque=message.torque + toes)
+
+        return {name.split("/")[0] for name in watched(change).first}
+
+    front = float(robot().soles[Foot.LEFT][1])
+    assert "force" in watch(0.5 * front)
+    assert not {"force", "moment", "feet", "tilt", "unsteady"} & watch(front - 0.001)
+
+
+def test_what_is_beyond_any_healthy_robot_is_told_in_gaits_that_never_repeat_themselves():
+    def change(stream, t, message):
+        if stream not in (JOINTS, MOTORS):
+            return message
+        message = replace(message, position=message.position + 0.08 * (int(t / 1.2) % 3))
+        return turned(message, KNEE, -0.02) if stream == JOINTS and t >= BEGINS else message
+
+    found = watched(change).first["spring/LKneeSag"]
+    assert not found.changed and (found.told_ns - T0) * 1e-9 - BEGINS < WITHIN
+
+
 def test_a_stumble_is_no_fault():
     def change(stream, t, message):
         return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 7.6 else message
@@ -214,11 +285,16 @@ def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():
     laws = Laws(robot(), Config())
     n = len(laws.names)
     state, least = np.zeros((_ROWS, n)), (_QUIETEST * laws.noise[0]) ** 2
-    state[_NOISE] = laws.noise[0] ** 2
+    state[_NOISE], state[_LAST] = laws.noise[0] ** 2, np.nan
+
+    def evidence(values):
+        _judge(state, values, np.zeros(n), least, laws.drift[0] ** 2, 5.5, 0.0, True)
+        return np.abs(state[_CHANGED])
+
     for _ in range(600):
-        assert not _judge(state, np.zeros(n), np.zeros(n), least, 5.5, 0.0)
+        assert not evidence(np.zeros(n)).any()
     for _ in range(2):
-        assert not _judge(state, 0.5 * laws.noise[0], np.zeros(n), least, 5.5, 0.0)
+        assert (evidence(0.5 * laws.noise[0]) < 2.0).all()
     for _ in range(2):
-        found = _judge(state, 10.0 * laws.noise[0], np.zeros(n), least, 5.5, 0.0)
-    assert found
+        found = evidence(20.0 * laws.noise[0])
+    assert (found > 5.5).all()

@@ -207,8 +207,9 @@ class Monitor:
             square = (np.minimum(np.abs(z - z.mean(axis=0)), _MOST) ** 2).sum(axis=0).min()
             sigma = float(np.sqrt(2.0 * square))
             if sigma > self._threshold * (_BACK if name in self._told else 1.0):
-                phase = KINDS[kinds[int(np.argmax(np.abs(z[:, 0])))]]
-                found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, began[0], True))
+                most = np.abs(z).max(axis=1)
+                phase, since = KINDS[kinds[int(np.argmax(most))]], began[int(np.argmax(most > 1.0))]
+                found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, since, True))
         return found
 
 
