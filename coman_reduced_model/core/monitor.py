@@ -117,7 +117,7 @@ class Monitor:
         """Take one sample, with the posture and the prediction made of it; stamps increase between resets."""
         stamp, phase = sample.stamp_ns, prediction.support.phase
         if phase is not self._phase or (phase is Phase.DOUBLE and stamp - self._began >= _PIECE_NS):
-            self._close(stamp)
+            self._close(stamp, phase)
             self._before, self._phase, self._began, self._next = self._phase, phase, stamp, stamp
             self._start = self._start or stamp
             self.laws.begin()
@@ -134,13 +134,15 @@ class Monitor:
             self._first = stamp
         self.laws.look(sample, link, prediction)
 
-    def _close(self, stamp: int) -> None:
-        """A phase has ended, or a piece of standing."""
+    def _close(self, stamp: int, after: Phase) -> None:
+        """A phase has ended, or a piece of standing, and another one begins."""
         if self.laws.looks < _FEWEST:
             return
         kind = int(self._phase) - 1
         if self._phase is Phase.DOUBLE:
             kind = 1 + int(self._before) if self._before in _LANDED else 4
+            if kind < 4 and after is self._before:  # the foot touched the ground, and was lifted again
+                return
         values, healthy, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
