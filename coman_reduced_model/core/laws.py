@@ -9,6 +9,7 @@ white. Channels are named as in diagnose/balance.py:
 `stiffness/JOINT`  the same along how far the measured torque bends the spring in the course of a phase [rad]
 `torque/JOINT`    measured torque against ground and weight [Nm]
 `drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
+`late/FOOT`       by how much the foot's sensor is behind the joints' torques, from torques that change [s]
 `force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
 `moment/AXIS`     foot forces about the COM [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
@@ -60,9 +61,11 @@ _USUAL = {
     "unloaded/t": ("Nm", 0.0005, 0.0005, 0.002, 0.0),
     "plan": ("m", 0.0001, 0.0002, 0.0, 0.0),
     "drag": ("Nm", 0.0025, 0.005, 0.0, 0.0),
+    "late": ("s", 0.001, 0.0015, 0.003, 0.0),
 }
 _WAY = 0.015  # [rad] that a joint goes in a phase, both ways together, for a drag to show
-_BENDS = 8  # looks at least for a stiffness to show
+_SLOPES = 8  # looks at least for a stiffness or a delay to show
+_RATE = 0.3  # [1/s] of weight times COM height, change of torque at which a delay counts half
 # Bends [rad] and their rates [rad/s] of which the usual spread of a stiffness is a share: beyond that, it grows with
 # them, by gains and clocks that are not perfect.
 _BENT, _BENDING = 0.004, 0.05
@@ -103,12 +106,14 @@ class Laws:
             *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
             *(*feet, "plan/x", "plan/y", "landing/z"),
             *(f"{law}/{joint}" for law in ("drag", "stiffness") for joint in joints),
+            *("late/left", "late/right"),
         )
         laws = [_usual(name) for name in self.names]
         self.units = tuple(unit for unit, *_ in laws)
         weight = self._mass * self._gravity
         scale = {"N": weight, "Nm": weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2])}
         scale["Ns"] = self._mass
+        self._changing = (_RATE * scale["Nm"]) ** 2
         figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in laws]).T
         self.noise = figures[[0, 0, 1, 1, 1]]
         self.drift = self.noise * [wander for *_, wander in laws]
@@ -126,14 +131,16 @@ class Laws:
         self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
         self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
         self._shows[[0, 1, 4], self._blow] = False
-        self._shows[4, at["drag/" + joints[-1]] + 1 :] = False
+        self._slopes = at["drag/" + joints[-1]] + 1
+        self._shows[4, self._slopes :] = False
+        self._shows[[1, 0], [at["late/left"], at["late/right"]]] = False
         self._flat = np.array([name.split("/")[0] in _FLAT for name in self.names])
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         self._rate = np.zeros(len(laws))  # channels with a rate in them
         self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
-        self._past, self._dragged = np.zeros((3, nl)), np.zeros((2, nl))
-        self._spring, self._bent = np.zeros((2, nl)), np.zeros((6, nl))
-        self._looked = 0  # stamp [ns]
+        self._past, self._dragged = np.zeros((5, nl)), np.zeros((2, nl))
+        self._spring, self._bent, self._behind = np.zeros((2, nl)), np.zeros((6, nl)), np.zeros((5, nl))
+        self._looked, self._dt = 0, 0.0  # stamp of the last look [ns], time from the one before [s]
         self.tipping = False
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
         rows = len(laws) + 2 * nl  # then how far springs are bent, and where the joints are
@@ -145,7 +152,7 @@ class Laws:
     def begin(self) -> None:
         """A phase begins."""
         self.looks = 0
-        self._sums[:] = self._dragged[:] = self._bent[:] = 0.0
+        self._sums[:] = self._dragged[:] = self._bent[:] = self._behind[:] = 0.0
         self._at_edge = 0  # looks at which the stance foot stood on its edge
         self._landing = np.zeros((2, 2))  # impulse [Ns] and duration [s], while a blow is felt and after it
 
@@ -164,10 +171,11 @@ class Laws:
         if frame != self._imu[0]:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
             self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
-        dt, self._looked = (sample.stamp_ns - self._looked) * 1e-9, sample.stamp_ns
+        dt, before, self._looked = (sample.stamp_ns - self._looked) * 1e-9, self._dt, sample.stamp_ns
+        dt = self._dt = dt if 0.0 < dt < _GAP_S else 0.0
         self._at_edge += _look(
-            self._now, self._ends, self._sums, self._past, self._dragged, self._spring, self._bent, self.looks,
-            dt if 0.0 < dt < _GAP_S else 0.0, self._soles, self._joints, self._columns, self._split, self._k,
+            self._now, self._ends, self._sums, self._past, self._dragged, self._spring, self._bent,
+            self._behind, self.looks, dt, before, self._soles, self._joints, self._columns, self._split, self._k,
             self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
             link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com, prediction.measured_com_vel,
             link.J_com, self._mass, self._gravity, up, self._imu[1], prediction.reference_com, plan, sole,
@@ -190,8 +198,11 @@ class Laws:
         values = mean[:n] + self._rate * way[:n] / seconds
         values[self._slide] = way[self._slide]
         drag, gone = self._dragged
-        values[n - 2 * nl : n - nl] = np.where(gone > _WAY, drag / np.maximum(gone, _WAY), np.nan)
-        values[n - nl :] = self._along_the_bend() if self.looks >= _BENDS else np.nan
+        first = self._slopes
+        values[first - nl : first] = np.where(gone > _WAY, drag / np.maximum(gone, _WAY), np.nan)
+        values[first:] = np.nan
+        if self.looks >= _SLOPES:
+            values[first : first + nl], values[first + nl :] = self._along_the_bend(), self._delays()
         values[self._blow] = np.nan
         if self._landing[:, 1].all():
             (felt, lasted), (borne, bore) = self._landing
@@ -215,6 +226,18 @@ class Laws:
         more = 1.0 + spread_2 / _BENT**2 + rates_2 / _BENDING**2
         return np.asarray((product - off * bend) / np.sqrt(spread_2 * more))
 
+    def _delays(self) -> Array:
+        """(2,) [s] by which what the foot's sensor asks of a leg is behind measured torques; less where it rests."""
+        count, off, rate, product, rate_2 = self._behind
+        count = np.maximum(count, 1.0)
+        together, spread_2 = product / count - off * rate / count**2, rate_2 / count - (rate / count) ** 2
+        out = np.full(2, np.nan)
+        for side, leg in enumerate((slice(0, self._split), slice(self._split, None))):
+            known = np.isfinite(together[leg])
+            if known.any():
+                out[side] = together[leg][known].sum() / (spread_2[leg][known].sum() + self._changing)
+        return out
+
 
 def _usual(name: str) -> tuple[str, float, float, float, float]:
     law = name.split("/")[0]
@@ -223,19 +246,21 @@ def _usual(name: str) -> tuple[str, float, float, float, float]:
 
 @compiled
 def _look(
-    x: Array, ends: Array, sums: Array, past: Array, dragged: Array, spring: Array, bent: Array, looks: int,
-    dt: float, soles: Array, joints: Array, columns: Array, split: int, stiffness: Array, lag: Array, q: Array,
-    motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, J: Array, left: Array, right: Array,
-    on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float, gravity: float, imu: Array, R_imu: Array,
-    moved: Array, plan: Array, sole: Array,
+    x: Array, ends: Array, sums: Array, past: Array, dragged: Array, spring: Array, bent: Array, behind: Array,
+    looks: int, dt: float, before: float, soles: Array, joints: Array, columns: Array, split: int, stiffness: Array,
+    lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, J: Array,
+    left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float, gravity: float,
+    imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
 ) -> bool:  # fmt: skip
     """Residuals now into x, what is differentiated into the row of `ends`, both into `sums`; rows as in `Laws`.
 
-    `past` (3, nl): torque residual at the last look, joint at the last two. `dragged` (2, nl): what of that residual is
-    along the way of the joint, and how far it goes. `spring` (2, nl): what the torque alone would bend the spring by,
-    and how far it is bent by it and its damper, at the last look, `dt` [s] ago (0: not known). `bent` (6, nl): sums of
-    the bend, its square, the residual, its product with the bend, the bend's rate, its square. Returns whether the
-    stance foot stands on its edge; `soles` (2, 4) edges of both.
+    `past` (5, nl): torque residual at the last look, joint and needed torque at the last two. `dragged` (2, nl): what
+    of that residual is along the way of the joint, and how far it goes. `spring` (2, nl): what the torque alone would
+    bend the spring by, and how far it is bent by it and its damper, at the last look, `dt` [s] ago (0: not known).
+    `bent` (6, nl): sums of the bend, its square, the residual, its product with the bend, the bend's rate, its square.
+    `behind` (5, nl): looks, and sums of the torque residual, the rate of the needed torque, their product, the rate's
+    square; `before` is the `dt` of the last look. `soles` (2, 4) edges of both. Returns whether the stance foot stands
+    on its edge.
 
     Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
     quaternion x y z w; `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where
@@ -268,7 +293,15 @@ def _look(
             way = 0.5 * (q[j] - past[2, i])  # around the last look
             dragged[0, i] += past[0, i] * way
             dragged[1, i] += abs(way)
+            if dt > 0.0 and before > 0.0:
+                change = (need - past[4, i]) / (dt + before)  # around the last look: its noise is not in it
+                behind[0, i] += 1.0
+                behind[1, i] += past[0, i]
+                behind[2, i] += change
+                behind[3, i] += past[0, i] * change
+                behind[4, i] += change * change
         past[0, i], past[2, i], past[1, i] = x[nl + i], past[1, i], q[j]
+        past[4, i], past[3, i] = past[3, i], need
         x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
         alone = torque / stiffness[i]
         bend, rate = alone, 0.0

@@ -39,6 +39,7 @@ _DOUBT = 2.5  # standard deviations beyond which a value is learnt no sooner tha
 _BACK = 0.75  # of the threshold: below that, what was told is over
 _UNSTEADY = {"unsteady/x": ("force/x", "moment/y"), "unsteady/y": ("force/y", "moment/x")}  # what a push along it moves
 _SCATTER, _MOST = 6, 3.0  # phases whose values are compared, and standard deviations that one of them counts at most
+_WILD = 1.1  # of the threshold: what is told of a scatter
 # Rows of a channel's state: level, its variance, the phases it is made of; variance of a value, the phases it is known
 # from, squares of values in doubt; the last value, what it was off its level by, the same in standard deviations; by
 # how many of these the weaker of the last two was, with sign, and since when [s]; which way the last value was off
@@ -46,7 +47,7 @@ _SCATTER, _MOST = 6, 3.0  # phases whose values are compared, and standard devia
 _LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _PENDING = range(6)
 _VALUE, _ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _OFF_SINCE, _ROWS = range(6, 15)
 _LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
-_SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "N": (1.0, "N"), "Nm": (1.0, "Nm"), "Ns": (1.0, "Ns")}
+_SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # other units as they are
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Mismatch:
     changed: bool
 
     def __str__(self) -> str:
-        factor, unit = _SHOWN[self.unit]
+        factor, unit = _SHOWN.get(self.unit, (1.0, self.unit))
         how = "changed by" if self.changed else "is off by"
         return f"{self.channel} {how} {factor * self.size:+.3g} {unit} ({abs(self.sigma):.0f} sigma, {self.phase})"
 
@@ -206,7 +207,7 @@ class Monitor:
             z = np.array(sigmas)[:, pair]
             square = (np.minimum(np.abs(z - z.mean(axis=0)), _MOST) ** 2).sum(axis=0).min()
             sigma = float(np.sqrt(2.0 * square))
-            if sigma > self._threshold * (_BACK if name in self._told else 1.0):
+            if sigma > self._threshold * (_BACK if name in self._told else _WILD):
                 most = np.abs(z).max(axis=1)
                 phase, since = KINDS[kinds[int(np.argmax(most))]], began[int(np.argmax(most > 1.0))]
                 found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, since, True))
