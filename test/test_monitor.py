@@ -244,6 +244,7 @@ def test_it_is_forgotten_when_it_is_gone_and_when_the_stream_breaks_off():
     [
         ("backlash:where=LKneeSag,width=0.0122", "spring/LKneeSag"),
         ("wrench_scale:where=right,scale=1.07", "force/z"),
+        ("wrench_delay:where=right,delay=0.015", "late/right"),
         ("touchdown_impact:impulse=0.7", "landing/z"),
     ],
 )
@@ -288,7 +289,7 @@ def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():
     state[_NOISE], state[_LAST] = laws.noise[0] ** 2, np.nan
 
     def evidence(values):
-        _judge(state, values, np.zeros(n), least, laws.drift[0] ** 2, 5.5, 0.0, True)
+        _judge(state, values, np.zeros(n), least, laws.drift[0] ** 2, 5.5, 0.0, np.full(n, True))
         return np.abs(state[_CHANGED])
 
     for _ in range(600):

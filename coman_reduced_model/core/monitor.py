@@ -46,6 +46,8 @@ _WILD = 1.1  # of the threshold: what is told of a scatter
 # zero, by how many standard deviations two running were, and since when [s].
 _LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _PENDING = range(6)
 _VALUE, _ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _OFF_SINCE, _ROWS = range(6, 15)
+_OF_A_GAIT = _LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED  # but not the noise
+_ANY_GAIT = "stiffness", "late"  # slopes, which are the same in any
 _LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
 _SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # other units as they are
 
@@ -98,7 +100,8 @@ class Monitor:
         self._pairs = np.array([[names.index(one) for one in pair] for pair in _UNSTEADY.values()])
         self._least, self._drift = (_QUIETEST * self.laws.noise) ** 2, self.laws.drift**2
         nothing = np.full(len(names), np.nan)  # compiled before the first phase ends
-        _judge(self._state[0], nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, True)
+        self._judged = np.array([[name.split("/")[0] in _ANY_GAIT for name in names], [True] * len(names)])
+        _judge(self._state[0], nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, self._judged[0])
 
     def reset(self) -> None:
         """Forget the past; what was told stays in `first`."""
@@ -107,6 +110,7 @@ class Monitor:
         self._state[:, _LAST] = np.nan
         self._scatter: list[tuple[int, float, Array, Array]] = []  # kind, when [s], standard deviations, errors
         self._usual: dict[int, Array] = {}  # by kind: duration, posture and motion
+        self._seen = [0] * len(KINDS)  # phases of the gait
         self._strange = [False] * len(KINDS)  # the last phase of the kind was unlike those before it
         self._phase = self._before = Phase.FLIGHT
         self._start = self._next = self._began = self._first = self._last = self._stamp = 0
@@ -148,24 +152,26 @@ class Monitor:
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
         began, state = (self._began - self._start) * 1e-9, self._state[kind]
-        _judge(state, values, healthy, self._least[kind], self._drift[kind], self._threshold, began, alike)
+        judged = self._judged[int(alike)]
+        _judge(state, values, healthy, self._least[kind], self._drift[kind], self._threshold, began, judged)
         if alike and np.isfinite(state[_LAST] + values)[self._pairs].all():
             self._scatter = [*self._scatter[1 - _SCATTER :], (kind, began, state[_LAST].copy(), state[_ERROR].copy())]
         self._tell(stamp)
 
     def _alike(self, kind: int, like: Array) -> bool:
         """Whether a phase of that duration [s], posture and motion [rad] can be compared with those before it."""
-        usual, count = self._usual.get(kind, like), float(self._state[kind, _COUNT].max())
+        usual, count = self._usual.get(kind, like), self._seen[kind]
         off, (angle, share, seconds) = np.abs(like - usual), _UNLIKE
         if off[1:].max() > angle or off[0] > share * usual[0] + seconds:
             again, self._strange[kind] = self._strange[kind], True
-            if count > 1.0 and not again:
+            if count > 1 and not again:
                 return False
             # The noise stays, the level is another one.
-            self._state[kind, [_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED]] = 0.0
-            self._state[kind, _LAST] = np.nan
-            usual, count = like, 0.0
-        self._strange[kind] = False
+            anew = ~self._judged[0]
+            for row, value in ((_LAST, np.nan), *((each, 0.0) for each in _OF_A_GAIT)):
+                self._state[kind, row, anew] = value
+            usual, count = like, 0
+        self._strange[kind], self._seen[kind] = False, count + 1
         self._usual[kind] = usual + (like - usual) / min(count + 1.0, _MEMORY)
         return True
 
@@ -216,7 +222,7 @@ class Monitor:
 
 @compiled
 def _judge(
-    s: Array, values: Array, healthy: Array, least: Array, drift: Array, threshold: float, began: float, alike: bool
+    s: Array, values: Array, healthy: Array, least: Array, drift: Array, threshold: float, began: float, judged: Array
 ) -> None:
     """Compare the values (n,) of a phase with those before, and learn from them.
 
@@ -228,7 +234,7 @@ def _judge(
         drift: (n,) variance by which levels wander from phase to phase.
         threshold: standard deviations.
         began: when the phase began [s].
-        alike: it can be compared with those before; else values are held against zero alone.
+        judged: (n,) which can be compared with those before; else values are held against zero alone.
     """
     for i in range(values.shape[0]):
         value, noise = values[i], s[_NOISE, i]
@@ -245,7 +251,7 @@ def _judge(
             if way != s[_WAY, i] and s[_OFF, i] == 0.0:
                 s[_OFF_SINCE, i] = began
             s[_WAY, i] = way
-        if not alike:
+        if not judged[i]:
             continue
         if s[_COUNT, i] == 0.0:
             s[_LEVEL, i], s[_VARIANCE, i], s[_COUNT, i] = value, noise * (1.0 + 1.0 / _MEMORY**2) + drift[i], 1.0
