@@ -66,6 +66,7 @@ _USUAL = {
 _WAY = 0.015  # [rad] that a joint goes in a phase, both ways together, for a drag to show
 _SLOPES = 8  # looks at least for a stiffness or a delay to show
 _RATE = 0.3  # [1/s] of weight times COM height, change of torque at which a delay counts half
+_FOLLOWS = 0.2  # of the variance of what is asked of a leg: torques that are off it by more tell nothing of delays
 # Bends [rad] and their rates [rad/s] of which the usual spread of a stiffness is a share: beyond that, it grows with
 # them, by gains and clocks that are not perfect.
 _BENT, _BENDING = 0.004, 0.05
@@ -139,7 +140,7 @@ class Laws:
         self._rate = np.zeros(len(laws))  # channels with a rate in them
         self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
         self._past, self._dragged = np.zeros((5, nl)), np.zeros((2, nl))
-        self._spring, self._bent, self._behind = np.zeros((2, nl)), np.zeros((6, nl)), np.zeros((5, nl))
+        self._spring, self._bent, self._behind = np.zeros((2, nl)), np.zeros((6, nl)), np.zeros((8, nl))
         self._looked, self._dt = 0, 0.0  # stamp of the last look [ns], time from the one before [s]
         self.tipping = False
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
@@ -228,14 +229,15 @@ class Laws:
 
     def _delays(self) -> Array:
         """(2,) [s] by which what the foot's sensor asks of a leg is behind measured torques; less where it rests."""
-        count, off, rate, product, rate_2 = self._behind
+        count, off, off_2, rate, rate_2, product, need, need_2 = self._behind
         count = np.maximum(count, 1.0)
-        together, spread_2 = product / count - off * rate / count**2, rate_2 / count - (rate / count) ** 2
+        together, left = product / count - off * rate / count**2, off_2 / count - (off / count) ** 2
+        rates_2, asked = rate_2 / count - (rate / count) ** 2, need_2 / count - (need / count) ** 2
         out = np.full(2, np.nan)
         for side, leg in enumerate((slice(0, self._split), slice(self._split, None))):
             known = np.isfinite(together[leg])
-            if known.any():
-                out[side] = together[leg][known].sum() / (spread_2[leg][known].sum() + self._changing)
+            if left[leg][known].sum() < _FOLLOWS * asked[leg][known].sum():
+                out[side] = together[leg][known].sum() / (rates_2[leg][known].sum() + self._changing)
         return out
 
 
@@ -258,9 +260,9 @@ def _look(
     of that residual is along the way of the joint, and how far it goes. `spring` (2, nl): what the torque alone would
     bend the spring by, and how far it is bent by it and its damper, at the last look, `dt` [s] ago (0: not known).
     `bent` (6, nl): sums of the bend, its square, the residual, its product with the bend, the bend's rate, its square.
-    `behind` (5, nl): looks, and sums of the torque residual, the rate of the needed torque, their product, the rate's
-    square; `before` is the `dt` of the last look. `soles` (2, 4) edges of both. Returns whether the stance foot stands
-    on its edge.
+    `behind` (8, nl): looks, and sums of the torque residual, its square, the rate of the needed torque, its square, the
+    product of both, the needed torque, its square; `before` is the `dt` of the last look. `soles` (2, 4) edges of both.
+    Returns whether the stance foot stands on its edge.
 
     Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
     quaternion x y z w; `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where
@@ -297,9 +299,12 @@ def _look(
                 change = (need - past[4, i]) / (dt + before)  # around the last look: its noise is not in it
                 behind[0, i] += 1.0
                 behind[1, i] += past[0, i]
-                behind[2, i] += change
-                behind[3, i] += past[0, i] * change
+                behind[2, i] += past[0, i] * past[0, i]
+                behind[3, i] += change
                 behind[4, i] += change * change
+                behind[5, i] += past[0, i] * change
+                behind[6, i] += past[3, i]
+                behind[7, i] += past[3, i] * past[3, i]
         past[0, i], past[2, i], past[1, i] = x[nl + i], past[1, i], q[j]
         past[4, i], past[3, i] = past[3, i], need
         x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
