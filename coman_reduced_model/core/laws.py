@@ -66,7 +66,7 @@ _USUAL = {
 _WAY = 0.015  # [rad] that a joint goes in a phase, both ways together, for a drag to show
 _SLOPES = 8  # looks at least for a stiffness or a delay to show
 _RATE = 0.3  # [1/s] of weight times COM height, change of torque at which a delay counts half
-_FOLLOWS = 0.2  # of the variance of what is asked of a leg: torques that are off it by more tell nothing of delays
+_FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are off it by more tell nothing of delays
 # Bends [rad] and their rates [rad/s] of which the usual spread of a stiffness is a share: beyond that, it grows with
 # them, by gains and clocks that are not perfect.
 _BENT, _BENDING = 0.004, 0.05
