@@ -71,7 +71,7 @@ _FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are of
 # them, by gains and clocks that are not perfect.
 _BENT, _BENDING = 0.004, 0.05
 _EDGE = 0.004  # [m] from the edge of a sole: the centre of pressure is at the edge
-_FLAT = ("force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
+_FLAT = ("torque", "drag", "force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
 _GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
