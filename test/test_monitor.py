@@ -145,6 +145,44 @@ def test_a_push_that_comes_and_goes_is_told_by_its_scatter():
     assert first.unit == "N" and 2.0 < first.size < 8.0 and "unsteady/x" not in found
 
 
+def test_one_shove_is_no_fault():
+    def change(stream, t, message):
+        shove = stream == LEFT and 9.9 < t < 10.2  # in one left support
+        return replace(message, force=message.force + [0.0, 20.0, 0.0]) if shove else message
+
+    assert not watched(change).first
+
+
+@pytest.mark.parametrize("poor", [False, True])
+def test_what_lasts_is_told_as_long_as_it_lasts_and_again_when_it_comes_again(poor):
+    """Between two slips the encoder is right for 8 s; feet, which drift, tell of it where there are no motors."""
+
+    def change(stream, t, message):
+        if stream == JOINTS and poor:
+            message = replace(message, effort=None)
+        slipped = BEGINS < t < 30.0 or t > 38.0
+        return turned(message, KNEE, 0.012) if stream == JOINTS and slipped else message
+
+    less = {"skip": (MOTORS,), "prediction.reference": "none"} if poor else {}
+    channel = "feet/pitch" if poor else "spring/LKneeSag"
+    for seconds, told in ((29.0, True), (37.5, False), (44.0, True)):
+        assert (channel in {each.channel for each in watched(change, seconds, **less).mismatches}) == told, seconds
+
+
+def test_what_is_not_seen_any_more_is_not_told_for_ever():
+    """A push from the side, then toes that hide it: nothing is known any more after 10 s."""
+    front = float(robot().soles[Foot.LEFT][1])
+
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
+            return message
+        if t < 11.0:
+            return replace(message, force=message.force + [0.0, 10.0, 0.0])
+        return replace(message, torque=message.torque + [0.0, -(front - 0.001) * message.force[2], 0.0])
+
+    assert watched(change, 11.0).mismatches and not watched(change, 25.0).mismatches
+
+
 def test_sensors_that_drift_are_no_fault():
     """Sensors that wander by 0.15 N a stride, 2 N in all: told if it comes at once."""
     drift, step = ((lambda t: 0.125 * t), (lambda t: 2.0 * (t >= BEGINS)))
@@ -255,6 +293,8 @@ def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):
     found = mismatches(bag, tmp_path / "out")
     first = next(each for each in found if each["channel"] == channel)
     assert BEGINS < first["told_s"] <= BEGINS + WITHIN
+    if channel.startswith("late"):
+        assert 0.007 < first["size"] < 0.017 and first["unit"] == "s"
     assert all(each["told_s"] > BEGINS for each in found)
 
 
@@ -289,7 +329,7 @@ def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():
     state[_NOISE], state[_LAST] = laws.noise[0] ** 2, np.nan
 
     def evidence(values):
-        _judge(state, values, np.zeros(n), least, laws.drift[0] ** 2, 5.5, 0.0, np.full(n, True))
+        _judge(state, values, np.zeros(n), least, laws.drift[0] ** 2, 5.5, 0.0, True)
         return np.abs(state[_CHANGED])
 
     for _ in range(600):

@@ -9,7 +9,7 @@ white. Channels are named as in diagnose/balance.py:
 `stiffness/JOINT`  the same along how far the measured torque bends the spring in the course of a phase [rad]
 `torque/JOINT`    measured torque against ground and weight [Nm]
 `drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
-`late/FOOT`       by how much the foot's sensor is behind the joints' torques, from torques that change [s]
+`late/FOOT`       by how much the foot's sensor is behind the joints' torques, less where these hardly change [s]
 `force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
 `moment/AXIS`     foot forces about the COM [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
@@ -83,7 +83,7 @@ class Laws:
     """The mean residuals of the phase under way.
 
     Attributes:
-        names, units: of the n channels; units are rad, m, N, Nm or Ns.
+        names, units: of the n channels; units are rad, m, s, N, Nm or Ns.
         noise: (kinds, n) usual standard deviation from phase to phase.
         drift: (kinds, n) by how much they usually wander from one phase of a kind to the next, standard deviation.
         looks: taken since `begin`.
@@ -221,7 +221,7 @@ class Laws:
         return values, healthy, np.append(mean[n + nl :], way[n + nl :])
 
     def _along_the_bend(self) -> Array:
-        """(nl,) [rad] of the spring law's residual as far as it goes with the bend: covariance over its spread."""
+        """(nl,) [rad] of the spring law's residual as far as it goes with the bend, less where that is far or fast."""
         bend, bend_2, off, product, rate, rate_2 = self._bent / self.looks
         spread_2, rates_2 = np.maximum(bend_2 - bend**2, 1e-16), np.maximum(rate_2 - rate**2, 0.0)
         more = 1.0 + spread_2 / _BENT**2 + rates_2 / _BENDING**2

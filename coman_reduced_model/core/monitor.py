@@ -8,7 +8,8 @@ standard deviations, if both are off their level the same way. What has *changed
 `monitor.threshold` is told; so is what *is off* zero by as much of what healthy robots differ by, in two phases of a
 kind running. A value that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of other
 duration, posture or motion than those of its kind before is another gait, and is learnt anew. What pushes and pulls by
-turns has no level: `unsteady/x, y` tell of forces and moments that scatter more than they did.
+turns has no level: `unsteady/x, y` tell by how much forces scatter [N] when they, and their moments, scatter more than
+they did. What has not been seen for 10 s is not told any more.
 """
 
 from __future__ import annotations
@@ -36,18 +37,18 @@ _MEMORY = 20.0  # phases over which a level follows, and noise is known
 _PRIOR = 6.0  # phases that the usual noise is worth
 _STUDENT = 2.0  # by how much more spread is allowed for while few phases tell of the noise
 _DOUBT = 2.5  # standard deviations beyond which a value is learnt no sooner than the next of its kind is known
+_STALE = 10.0  # [s] after which a value says nothing of now: the robot stands, or tips, or has lost a sensor
 _BACK = 0.75  # of the threshold: below that, what was told is over
 _UNSTEADY = {"unsteady/x": ("force/x", "moment/y"), "unsteady/y": ("force/y", "moment/x")}  # what a push along it moves
 _SCATTER, _MOST = 6, 3.0  # phases whose values are compared, and standard deviations that one of them counts at most
 _WILD = 1.1  # of the threshold: what is told of a scatter
 # Rows of a channel's state: level, its variance, the phases it is made of; variance of a value, the phases it is known
-# from, squares of values in doubt; the last value, what it was off its level by, the same in standard deviations; by
-# how many of these the weaker of the last two was, with sign, and since when [s]; which way the last value was off
-# zero, by how many standard deviations two running were, and since when [s].
+# from, square of a value in doubt; what the last value was off its level by, the same in standard deviations; by how
+# many of these the weaker of the last two was, with sign, and since when [s]; which way the last value was off zero;
+# by how many standard deviations, with sign, and by how much two running were, and since when [s]; when the last phase
+# began that told anything [s].
 _LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _PENDING = range(6)
-_VALUE, _ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _OFF_SINCE, _ROWS = range(6, 15)
-_OF_A_GAIT = _LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED  # but not the noise
-_ANY_GAIT = "stiffness", "late"  # slopes, which are the same in any
+_ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _VALUE, _OFF_SINCE, _WHEN, _ROWS = range(6, 16)
 _LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
 _SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # other units as they are
 
@@ -59,8 +60,8 @@ class Mismatch:
     Attributes:
         channel: its name, as in `Laws`.
         phase: in which it shows most.
-        size: by how much [unit]: against its own level if it has changed, else against the law.
-        sigma: size in standard deviations.
+        size: by how much in that phase [unit]: against its own level if it has changed, else against the law.
+        sigma: in standard deviations, of all kinds of phases together if it has changed.
         since_ns, told_ns: stamps at which the first phase that showed it began, and at which it was told.
         changed: it was different before.
     """
@@ -100,8 +101,7 @@ class Monitor:
         self._pairs = np.array([[names.index(one) for one in pair] for pair in _UNSTEADY.values()])
         self._least, self._drift = (_QUIETEST * self.laws.noise) ** 2, self.laws.drift**2
         nothing = np.full(len(names), np.nan)  # compiled before the first phase ends
-        self._judged = np.array([[name.split("/")[0] in _ANY_GAIT for name in names], [True] * len(names)])
-        _judge(self._state[0], nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, self._judged[0])
+        _judge(self._state[0], nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, True)
 
     def reset(self) -> None:
         """Forget the past; what was told stays in `first`."""
@@ -115,7 +115,8 @@ class Monitor:
         self._phase = self._before = Phase.FLIGHT
         self._start = self._next = self._began = self._first = self._last = self._stamp = 0
         self.mismatches: list[Mismatch] = []
-        self._told: set[str] = set()
+        self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
+        self._restless: set[str] = set()  # of `_UNSTEADY`, the same
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -152,8 +153,8 @@ class Monitor:
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
         began, state = (self._began - self._start) * 1e-9, self._state[kind]
-        judged = self._judged[int(alike)]
-        _judge(state, values, healthy, self._least[kind], self._drift[kind], self._threshold, began, judged)
+        drift = np.where(self._changed, 0.0, self._drift[kind])  # what has been told is no drift
+        _judge(state, values, healthy, self._least[kind], drift, self._threshold, began, alike)
         if alike and np.isfinite(state[_LAST] + values)[self._pairs].all():
             self._scatter = [*self._scatter[1 - _SCATTER :], (kind, began, state[_LAST].copy(), state[_ERROR].copy())]
         self._tell(stamp)
@@ -167,9 +168,8 @@ class Monitor:
             if count > 1 and not again:
                 return False
             # The noise stays, the level is another one.
-            anew = ~self._judged[0]
-            for row, value in ((_LAST, np.nan), *((each, 0.0) for each in _OF_A_GAIT)):
-                self._state[kind, row, anew] = value
+            self._state[kind, [_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED]] = 0.0
+            self._state[kind, _LAST] = np.nan
             usual, count = like, 0
         self._strange[kind], self._seen[kind] = False, count + 1
         self._usual[kind] = usual + (like - usual) / min(count + 1.0, _MEMORY)
@@ -177,15 +177,15 @@ class Monitor:
 
     def _tell(self, stamp: int) -> None:
         laws, threshold, state = self.laws, self._threshold, self._state
-        changed, off = np.abs(state[:, _CHANGED]), np.abs(state[:, _OFF])
+        fresh = state[:, _WHEN] > (stamp - self._start) * 1e-9 - _STALE
+        changed, off = np.abs(state[:, _CHANGED]) * fresh, np.abs(state[:, _OFF]) * fresh
         # Feet that tip do so against each other in the two double supports, which is no evidence twice, and no fault in
         # a gait that always did; by an encoder's fault they are off the same way.
         one_way = state[2] * state[3] > 0.0
         tips = self._feet & ~one_way[_CHANGED]
         strength = np.where(tips, changed.max(axis=0), np.sqrt((changed**2).sum(axis=0)))
         tips = self._feet & (off[4] == 0.0) & ~one_way[_OFF]
-        was = np.array([name in self._told for name in laws.names])
-        told = strength > np.where(was, _BACK * threshold, threshold)
+        told = self._changed = strength > np.where(self._changed, _BACK * threshold, threshold)
         found = []
         for i in np.flatnonzero(told | (off.any(axis=0) & ~tips)):
             size, rows, since = (changed, (_ERROR, _CHANGED), _SINCE) if told[i] else (off, (_VALUE, _OFF), _OFF_SINCE)
@@ -194,12 +194,13 @@ class Monitor:
             began = state[size[:, i] > 0.5 * size[kind, i], since, i].min()
             sigma = np.sign(sigma) * strength[i] if told[i] else sigma
             found.append((laws.names[i], KINDS[kind], value, laws.units[i], sigma, began, bool(told[i])))
+        self._scatter = [each for each in self._scatter if each[1] > (stamp - self._start) * 1e-9 - _STALE]
         found += self._unsteady()
         self.mismatches = [
             Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
             for name, phase, value, unit, sigma, began, changed in sorted(found, key=lambda each: -abs(each[4]))
         ]
-        self._told = {each.channel for each in self.mismatches}
+        self._restless = {each.channel for each in self.mismatches if each.channel in _UNSTEADY}
         for each in self.mismatches:
             self.first.setdefault(each.channel, each)
 
@@ -211,9 +212,9 @@ class Monitor:
         found = []
         for name, pair in zip(_UNSTEADY, self._pairs, strict=True):
             z = np.array(sigmas)[:, pair]
-            square = (np.minimum(np.abs(z - z.mean(axis=0)), _MOST) ** 2).sum(axis=0).min()
+            square = (np.minimum(np.abs(z - np.median(z, axis=0)), _MOST) ** 2).sum(axis=0).min()
             sigma = float(np.sqrt(2.0 * square))
-            if sigma > self._threshold * (_BACK if name in self._told else _WILD):
+            if sigma > self._threshold * (_BACK if name in self._restless else _WILD):
                 most = np.abs(z).max(axis=1)
                 phase, since = KINDS[kinds[int(np.argmax(most))]], began[int(np.argmax(most > 1.0))]
                 found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, since, True))
@@ -222,7 +223,7 @@ class Monitor:
 
 @compiled
 def _judge(
-    s: Array, values: Array, healthy: Array, least: Array, drift: Array, threshold: float, began: float, judged: Array
+    s: Array, values: Array, healthy: Array, least: Array, drift: Array, threshold: float, began: float, alike: bool
 ) -> None:
     """Compare the values (n,) of a phase with those before, and learn from them.
 
@@ -234,24 +235,24 @@ def _judge(
         drift: (n,) variance by which levels wander from phase to phase.
         threshold: standard deviations.
         began: when the phase began [s].
-        judged: (n,) which can be compared with those before; else values are held against zero alone.
+        alike: it can be compared with those before; else values are held against zero alone.
     """
     for i in range(values.shape[0]):
         value, noise = values[i], s[_NOISE, i]
         if np.isnan(value):
             continue
-        s[_VALUE, i] = value
+        s[_WHEN, i] = began
         if healthy[i] > 0.0:
             off = value / np.sqrt(healthy[i] + noise)
             way = np.sign(off) if abs(off) > threshold else 0.0
             if way != 0.0 and way == s[_WAY, i]:
-                s[_OFF, i] = off
-            elif abs(off) < 0.5 * threshold:
+                s[_OFF, i], s[_VALUE, i] = off, value
+            elif abs(off) < 0.5 * threshold or off * s[_OFF, i] < 0.0:
                 s[_OFF, i] = 0.0
             if way != s[_WAY, i] and s[_OFF, i] == 0.0:
                 s[_OFF_SINCE, i] = began
             s[_WAY, i] = way
-        if not judged[i]:
+        if not alike:
             continue
         if s[_COUNT, i] == 0.0:
             s[_LEVEL, i], s[_VARIANCE, i], s[_COUNT, i] = value, noise * (1.0 + 1.0 / _MEMORY**2) + drift[i], 1.0
@@ -270,8 +271,8 @@ def _judge(
             s[_PENDING, i] = 0.0
             if doubtful:
                 s[_PENDING, i] = square
-                if again and pending > 0.0:
-                    s[_PENDING, i], pending = square + pending, 0.0
+                if again:
+                    pending = 0.0  # no noise: it came again
                 square = 0.0
         if not doubtful:
             s[_KNOWN, i] += 1.0
