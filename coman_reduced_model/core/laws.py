@@ -64,7 +64,7 @@ _USUAL = {
     "late": ("s", 0.001, 0.0015, 0.003, 0.0),
 }
 _WAY = 0.015  # [rad] that a joint goes in a phase, both ways together, for a drag to show
-_SLOPES = 8  # looks at least for a stiffness or a delay to show
+_FEWEST_LOOKS = 8  # looks at least for a stiffness or a delay to show
 _RATE = 0.3  # [1/s] of weight times COM height, change of torque at which a delay counts half
 _FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are off it by more tell nothing of delays
 # Bends [rad] and their rates [rad/s] of which the usual spread of a stiffness is a share: beyond that, it grows with
@@ -132,8 +132,8 @@ class Laws:
         self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
         self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
         self._shows[[0, 1, 4], self._blow] = False
-        self._slopes = at["drag/" + joints[-1]] + 1
-        self._shows[4, self._slopes :] = False
+        self._first_slope = at["drag/" + joints[-1]] + 1
+        self._shows[4, self._first_slope :] = False
         self._shows[[1, 0], [at["late/left"], at["late/right"]]] = False
         self._flat = np.array([name.split("/")[0] in _FLAT for name in self.names])
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
@@ -199,10 +199,10 @@ class Laws:
         values = mean[:n] + self._rate * way[:n] / seconds
         values[self._slide] = way[self._slide]
         drag, gone = self._dragged
-        first = self._slopes
+        first = self._first_slope
         values[first - nl : first] = np.where(gone > _WAY, drag / np.maximum(gone, _WAY), np.nan)
         values[first:] = np.nan
-        if self.looks >= _SLOPES:
+        if self.looks >= _FEWEST_LOOKS:
             values[first : first + nl], values[first + nl :] = self._along_the_bend(), self._delays()
         values[self._blow] = np.nan
         if self._landing[:, 1].all():
@@ -229,10 +229,8 @@ class Laws:
 
     def _delays(self) -> Array:
         """(2,) [s] by which what the foot's sensor asks of a leg is behind measured torques; less where it rests."""
-        count, off, off_2, rate, rate_2, product, need, need_2 = self._behind
-        count = np.maximum(count, 1.0)
-        together, left = product / count - off * rate / count**2, off_2 / count - (off / count) ** 2
-        rates_2, asked = rate_2 / count - (rate / count) ** 2, need_2 / count - (need / count) ** 2
+        _, off, off_2, rate, rate_2, product, need, need_2 = self._behind / max(1.0, self._behind[0, 0])
+        together, left, rates_2, asked = product - off * rate, off_2 - off**2, rate_2 - rate**2, need_2 - need**2
         out = np.full(2, np.nan)
         for side, leg in enumerate((slice(0, self._split), slice(self._split, None))):
             known = np.isfinite(together[leg])

@@ -116,7 +116,6 @@ class Monitor:
         self._start = self._next = self._began = self._first = self._last = self._stamp = 0
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
-        self._restless: set[str] = set()  # of `_UNSTEADY`, the same
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -177,30 +176,28 @@ class Monitor:
 
     def _tell(self, stamp: int) -> None:
         laws, threshold, state = self.laws, self._threshold, self._state
-        fresh = state[:, _WHEN] > (stamp - self._start) * 1e-9 - _STALE
+        oldest = (stamp - self._start) * 1e-9 - _STALE
+        fresh = state[:, _WHEN] > oldest
         changed, off = np.abs(state[:, _CHANGED]) * fresh, np.abs(state[:, _OFF]) * fresh
         # Feet that tip do so against each other in the two double supports, which is no evidence twice, and no fault in
         # a gait that always did; by an encoder's fault they are off the same way.
-        one_way = state[2] * state[3] > 0.0
-        tips = self._feet & ~one_way[_CHANGED]
-        strength = np.where(tips, changed.max(axis=0), np.sqrt((changed**2).sum(axis=0)))
-        tips = self._feet & (off[4] == 0.0) & ~one_way[_OFF]
+        tips = self._feet & (state[2] * state[3] <= 0.0)  # by row
+        strength = np.where(tips[_CHANGED], changed.max(axis=0), np.sqrt((changed**2).sum(axis=0)))
         told = self._changed = strength > np.where(self._changed, _BACK * threshold, threshold)
         found = []
-        for i in np.flatnonzero(told | (off.any(axis=0) & ~tips)):
+        for i in np.flatnonzero(told | (off[4] > 0.0) | (off.any(axis=0) & ~tips[_OFF])):
             size, rows, since = (changed, (_ERROR, _CHANGED), _SINCE) if told[i] else (off, (_VALUE, _OFF), _OFF_SINCE)
             kind = int(np.argmax(size[:, i]))
             value, sigma = state[kind, rows, i]
             began = state[size[:, i] > 0.5 * size[kind, i], since, i].min()
             sigma = np.sign(sigma) * strength[i] if told[i] else sigma
             found.append((laws.names[i], KINDS[kind], value, laws.units[i], sigma, began, bool(told[i])))
-        self._scatter = [each for each in self._scatter if each[1] > (stamp - self._start) * 1e-9 - _STALE]
+        self._scatter = [each for each in self._scatter if each[1] > oldest]
         found += self._unsteady()
         self.mismatches = [
             Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
             for name, phase, value, unit, sigma, began, changed in sorted(found, key=lambda each: -abs(each[4]))
         ]
-        self._restless = {each.channel for each in self.mismatches if each.channel in _UNSTEADY}
         for each in self.mismatches:
             self.first.setdefault(each.channel, each)
 
@@ -209,12 +206,12 @@ class Monitor:
         if len(self._scatter) < _SCATTER:
             return []
         kinds, began, sigmas, errors = zip(*self._scatter, strict=True)
-        found = []
+        told, found = {each.channel for each in self.mismatches}, []
         for name, pair in zip(_UNSTEADY, self._pairs, strict=True):
             z = np.array(sigmas)[:, pair]
             square = (np.minimum(np.abs(z - np.median(z, axis=0)), _MOST) ** 2).sum(axis=0).min()
             sigma = float(np.sqrt(2.0 * square))
-            if sigma > self._threshold * (_BACK if name in self._restless else _WILD):
+            if sigma > self._threshold * (_BACK if name in told else _WILD):
                 most = np.abs(z).max(axis=1)
                 phase, since = KINDS[kinds[int(np.argmax(most))]], began[int(np.argmax(most > 1.0))]
                 found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, since, True))
