@@ -22,7 +22,8 @@ import numpy as np
 from .compiled import compiled
 from .config import Config
 from .laws import BORNE_S, KINDS, Laws
-from .types import Array, Phase, Prediction, Sample
+from .types import Array, Foot, Phase, Prediction, Sample
+from .upset import Step, Upset
 
 if TYPE_CHECKING:
     from .robot import Posture, Robot
@@ -92,6 +93,7 @@ class Monitor:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.laws = Laws(robot, config)
+        self._upset = Upset(robot.posture().com_in_sole(Foot.LEFT)[0][2])
         self._threshold = config.monitor.threshold
         self.first: dict[str, Mismatch] = {}
         self.phases = 0
@@ -116,6 +118,8 @@ class Monitor:
         self._start = self._next = self._began = self._first = self._last = self._stamp = 0
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
+        self._upset.reset()
+        self.laws.reach()
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -148,6 +152,11 @@ class Monitor:
             kind = 1 + int(self._before) if self._before in _LANDED else 4
             if kind < 4 and after is self._before:  # the foot touched the ground, and was lifted again
                 return
+        if kind == 4:
+            self._upset.reset()
+        elif kind < 2:
+            foot, began = Foot(kind + 1), (self._began - self._start) * 1e-9
+            self._upset.take(Step(foot, began, *self.laws.stood(foot), self.laws.reach()))
         values, healthy, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
@@ -193,13 +202,22 @@ class Monitor:
             sigma = np.sign(sigma) * strength[i] if told[i] else sigma
             found.append((laws.names[i], KINDS[kind], value, laws.units[i], sigma, began, bool(told[i])))
         self._scatter = [each for each in self._scatter if each[1] > oldest]
-        found += self._unsteady()
+        found = sorted(found + self._unsteady(), key=lambda each: -abs(each[4])) + self._pressure(oldest)
         self.mismatches = [
             Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
-            for name, phase, value, unit, sigma, began, changed in sorted(found, key=lambda each: -abs(each[4]))
+            for name, phase, value, unit, sigma, began, changed in found
         ]
         for each in self.mismatches:
             self.first.setdefault(each.channel, each)
+
+    def _pressure(self, oldest: float) -> list[tuple[str, str, float, str, float, float, bool]]:
+        """Steps that were upset; last, for what upset them may be told as well."""
+        told = self._upset.told
+        if told is None or self._upset.seen <= oldest:
+            return []
+        axis = int(np.argmax(np.abs(told.off)))
+        size = float(told.off[axis])
+        return [(f"pressure/{'xy'[axis]}", KINDS[told.foot - 1], size, "m", told.sigma, told.since, True)]
 
     def _unsteady(self) -> list[tuple[str, str, float, str, float, float, bool]]:
         """What comes and goes: forces and moments that scatter more than they did."""
