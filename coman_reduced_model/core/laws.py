@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 BLOW_S, BORNE_S = 0.0125, 0.0325
 RISING = 0.75  # of that load, which a force that only rises has been until then at most, in the mean
 KINDS = ("left", "right", "double support after left", "double support after right", "standing")
-_SPRINGS = 0.05  # share by which springs of healthy robots differ from the data sheet
+_SPRINGS, _USUALLY = 0.05, 0.03  # shares by which springs of healthy robots differ from the data sheet
 # By law: unit; usual standard deviation of a mean from phase to phase, in single and in double support; the same from
 # one healthy robot to the next (0: not known); by how much the mean usually wanders from one phase of a kind to the
 # next, as a share of the first two (sensors of forces and tilt drift, gaits sway themselves in). Forces in weights,
@@ -144,7 +144,7 @@ class Laws:
         self._looked, self._dt = 0, 0.0  # stamp of the last look [ns], time from the one before [s]
         self.tipping = False
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
-        rows = len(laws) + 2 * nl  # then how far springs are bent, and where the joints are
+        rows = len(laws) + 2 * nl  # then how far torques bend springs, and where the joints are
         self._now, self._sums, self._ends = np.zeros(rows), np.zeros(rows), np.zeros((2, rows))
         self._reach = np.zeros((2, nl))
         self.reach()
@@ -189,12 +189,13 @@ class Laws:
         """The force [N] against gravity on a foot that landed so long ago [s], below BORNE_S; dt [s] from the last."""
         self._landing[int(since > BLOW_S)] += (force * dt, dt) if dt < BLOW_S else np.nan
 
-    def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array]:
+    def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array, Array]:
         """Of a phase of a kind with so long between its first and its last look.
 
         Returns:
-            Residuals (n,), NaN where they say nothing; their variance (n,) over healthy robots, 0 where not known; and
-            posture and motion of the joints (2 nl,) [rad], by which phases are known to be alike.
+            Residuals (n,), NaN where they say nothing; their variance (n,) over healthy robots, 0 where not known; what
+            healthy robots' (n,) usually owe to how they are loaded, with its sign; and posture and motion of the
+            joints (2 nl,) [rad], by which phases are known to be alike.
         """
         n, nl = len(self.names), len(self._joints)
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
@@ -215,12 +216,13 @@ class Laws:
             self.tipping = kind != 4 and self._at_edge > 0.5 * self.looks
         if self.tipping:
             values[self._flat] = np.nan
-        healthy = self._healthy.copy()
+        healthy, loaded = self._healthy.copy(), np.zeros(n)
+        loaded[:nl] = _USUALLY * mean[n : n + nl]
         if np.isfinite(values[nl : 2 * nl]).all():
             healthy[:nl] += (healthy[:nl] > 0.0) * (_SPRINGS * mean[n : n + nl]) ** 2
         else:  # what ground and weight ask for leaves out the inertia of the legs
             healthy[:nl] = 0.0
-        return values, healthy, np.append(mean[n + nl :], way[n + nl :])
+        return values, healthy, loaded, np.append(mean[n + nl :], way[n + nl :])
 
     def stood(self, foot: Foot) -> tuple[Array, float]:
         """Of a single support on a foot: its centre of pressure in the sole (2,) [m], the share of it at an edge."""
@@ -320,7 +322,8 @@ def _look(
                 behind[7, i] += past[3, i] * past[3, i]
         past[0, i], past[2, i], past[1, i] = x[nl + i], past[1, i], q[j]
         past[4, i], past[3, i] = past[3, i], need
-        x[i] = stretch - (need if np.isnan(torque) else torque) / stiffness[i]
+        x[n + i] = (need if np.isnan(torque) else torque) / stiffness[i]
+        x[i] = stretch - x[n + i]
         alone = torque / stiffness[i]
         bend, rate = alone, 0.0
         if dt > 0.0 and not np.isnan(spring[1, i]):  # exact for torques that are linear between looks
@@ -336,7 +339,6 @@ def _look(
         bent[4, i] += rate
         bent[5, i] += rate * rate
         end[i] = lag[i] * stretch
-        x[n + i] = abs(stretch)
         at = x[n + nl + i] = end[n + nl + i] = q[j] if np.isnan(motor[j]) else motor[j]
         reach[0, i], reach[1, i] = min(reach[0, i], at), max(reach[1, i], at)
     m = 2 * nl

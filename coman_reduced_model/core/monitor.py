@@ -9,7 +9,8 @@ standard deviations, if both are off their level the same way. What has *changed
 kind running. A value that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of other
 duration, posture or motion than those of its kind before is another gait, and is learnt anew. What pushes and pulls by
 turns has no level: `unsteady/x, y` tell by how much forces scatter [N] when they, and their moments, scatter more than
-they did. What has not been seen for 10 s is not told any more.
+they did. What pushes or pulls upsets the steps: `pressure/x, y` (core/upset.py). What has not been seen for 10 s is not
+told any more.
 """
 
 from __future__ import annotations
@@ -47,9 +48,9 @@ _WILD = 1.1  # of the threshold: what is told of a scatter
 # from, square of a value in doubt; what the last value was off its level by, the same in standard deviations; by how
 # many of these the weaker of the last two was, with sign, and since when [s]; which way the last value was off zero;
 # by how many standard deviations, with sign, and by how much two running were, and since when [s]; when the last phase
-# began that told anything [s].
+# began that told anything [s]; how much the level owes to how the robot is loaded.
 _LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _PENDING = range(6)
-_ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _VALUE, _OFF_SINCE, _WHEN, _ROWS = range(6, 16)
+_ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _VALUE, _OFF_SINCE, _WHEN, _LOADED, _ROWS = range(6, 17)
 _LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
 _SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # other units as they are
 
@@ -103,7 +104,7 @@ class Monitor:
         self._pairs = np.array([[names.index(one) for one in pair] for pair in _UNSTEADY.values()])
         self._least, self._drift = (_QUIETEST * self.laws.noise) ** 2, self.laws.drift**2
         nothing = np.full(len(names), np.nan)  # compiled before the first phase ends
-        _judge(self._state[0], nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, True)
+        _judge(self._state[0], nothing, nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, True)
 
     def reset(self) -> None:
         """Forget the past; what was told stays in `first`."""
@@ -157,12 +158,12 @@ class Monitor:
         elif kind < 2:
             foot, began = Foot(kind + 1), (self._began - self._start) * 1e-9
             self._upset.take(Step(foot, began, *self.laws.stood(foot), self.laws.reach()))
-        values, healthy, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
+        values, healthy, loaded, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
         began, state = (self._began - self._start) * 1e-9, self._state[kind]
         drift = np.where(self._changed, 0.0, self._drift[kind])  # what has been told is no drift
-        _judge(state, values, healthy, self._least[kind], drift, self._threshold, began, alike)
+        _judge(state, values, healthy, loaded, self._least[kind], drift, self._threshold, began, alike)
         if alike and np.isfinite(state[_LAST] + values)[self._pairs].all():
             self._scatter = [*self._scatter[1 - _SCATTER :], (kind, began, state[_LAST].copy(), state[_ERROR].copy())]
         self._tell(stamp)
@@ -238,7 +239,15 @@ class Monitor:
 
 @compiled
 def _judge(
-    s: Array, values: Array, healthy: Array, least: Array, drift: Array, threshold: float, began: float, alike: bool
+    s: Array,
+    values: Array,
+    healthy: Array,
+    loaded: Array,
+    least: Array,
+    drift: Array,
+    threshold: float,
+    began: float,
+    alike: bool,
 ) -> None:
     """Compare the values (n,) of a phase with those before, and learn from them.
 
@@ -246,6 +255,7 @@ def _judge(
         s: (rows, n) state of the channels in that kind of phase.
         values: NaN: nothing known.
         healthy: (n,) variance over healthy robots; 0: not known.
+        loaded: (n,) what healthy robots usually owe to how they are loaded: another load is another level.
         least: (n,) variance below which no noise is believed.
         drift: (n,) variance by which levels wander from phase to phase.
         threshold: standard deviations.
@@ -271,9 +281,11 @@ def _judge(
             continue
         if s[_COUNT, i] == 0.0:
             s[_LEVEL, i], s[_VARIANCE, i], s[_COUNT, i] = value, noise * (1.0 + 1.0 / _MEMORY**2) + drift[i], 1.0
+            s[_LOADED, i] = loaded[i]
             continue
         error = s[_ERROR, i] = value - s[_LEVEL, i]
-        sigma = error / np.sqrt((s[_VARIANCE, i] + noise) * (1.0 + _STUDENT / (1.0 + s[_KNOWN, i])))
+        known = (s[_VARIANCE, i] + noise) * (1.0 + _STUDENT / (1.0 + s[_KNOWN, i]))
+        sigma = error / np.sqrt(known + (loaded[i] - s[_LOADED, i]) ** 2)
         square = min(abs(sigma), threshold) ** 2 - 1.0
         pending, doubtful = s[_PENDING, i], False  # what is known now to have been noise
         if s[_COUNT, i] >= _LEARNT:
@@ -299,5 +311,6 @@ def _judge(
         else:
             gain = s[_VARIANCE, i] / (s[_VARIANCE, i] + noise)
             s[_LEVEL, i] += gain * error
+            s[_LOADED, i] += gain * (loaded[i] - s[_LOADED, i])
             s[_VARIANCE, i] = (gain + 1.0 / _MEMORY**2) * noise + drift[i]
             s[_COUNT, i] += 1.0
