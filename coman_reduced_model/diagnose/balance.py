@@ -20,9 +20,10 @@ are taken at TICKS a second; but for `slide` and `landing`, one value for each l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -371,7 +372,10 @@ class State:
     up: dict[Foot, Array]
     free: list[tuple[Array, Array, Array]]  # m configurations, velocities and accelerations of the model
     inertial: Array  # (m, nv) generalised forces of motion and weight
+    rest: Array  # (m, nv) of them that the ground does not give
     R: Array  # (m, 3, 3) world, heading as the root's x axis <- root
+    balance: dict[str, Array]  # residuals of force and moment
+    feet: dict[str, Array]  # residuals of the closed loop of the legs
     slid: Array  # (k,) along its x axis, by each foot that landed [m]
     residuals: dict[str, Array]
     smoothed: Smoothed
@@ -394,25 +398,27 @@ class State:
 
 
 class Smoothed:
-    """Smoothed arrays, and the stretch of springs under them, remembered: most hypotheses leave most as they are."""
+    """Smoothed arrays, and what is made of them, remembered: most hypotheses leave most arrays as they are."""
 
     def __init__(self, before: Smoothed | None = None) -> None:
-        self._known: dict[int, tuple[Array, Array]] = {} if before is None else dict(before._known)
-        self._stretches: dict[tuple[int, float, float, float], tuple[Array, Array]]
-        self._stretches = {} if before is None else dict(before._stretches)
+        self._known: dict[tuple[Any, ...], tuple[Array, Array]] = {} if before is None else dict(before._known)
 
     def __call__(self, values: Array) -> Array:
-        found = self._known.get(id(values))
-        if found is None or found[0] is not values:
-            found = self._known[id(values)] = (values, smooth(values))
-        return found[1]
+        return self._made(("smooth", id(values)), values, smooth)
+
+    def complete(self, values: Array) -> Array:
+        """(k,) which columns of smoothed values (n, k) have no gap."""
+        return self._made(("complete", id(values)), values, lambda each: np.isfinite(each).all(axis=0))
 
     def stretch(self, world: World, j: int, torques: Array) -> Array:
         """(n,) [rad] of the spring of joint j under smoothed torques (n, nj) at RATE."""
-        key = j, float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
-        found = self._stretches.get(key)
-        if found is None or found[0] is not torques:
-            found = self._stretches[key] = (torques, _stretch(world, j, torques[:, j], 1.0 / RATE))
+        law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
+        return self._made((j, *law), torques, lambda each: _stretch(world, j, each[:, j], 1.0 / RATE))
+
+    def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Array]) -> Array:
+        found = self._known.get(key)
+        if found is None or found[0] is not of:
+            found = self._known[key] = (of, make(of))
         return found[1]
 
 
@@ -438,9 +444,9 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     """
     robot, ticks = world.robot, where.ticks
     same_q = before is not None and recording.q is before.recording.q
-    motion = before.motion if before and same_q else _motion(world, recording.q, ticks)
     slid = before.slid if before and same_q else _slid(world, recording.q, where.slides)
     smoothed = Smoothed(before.smoothed if before else None)
+    motion = before.motion if before and same_q else _motion(world.robot, smoothed(recording.q), ticks)
     wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
     same_ground = before is not None and all(
@@ -457,34 +463,38 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     else:
         R, free = _free_motion(world, motion, up, where.share, _yield(world, recording, motion, ticks))
         inertial = _inertial(world.model, free)
-    # What motion and weight need beyond what the ground gives: nothing for the trunk, the springs' torques for joints.
-    rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
-    if world.pull.any():
-        force = np.einsum("nji,nj->ni", R, np.append(world.pull, 0.0)[None].repeat(len(R), 0))
-        trunk = robot.model.frames[robot.base_id].placement.translation
-        rest = rest - np.concatenate([force, np.cross(trunk, force), np.zeros((len(R), rest.shape[1] - 6))], axis=1)
-    out: dict[str, Array] = {}
-    moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
-    for k, axis in enumerate(AXES):
-        out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
-        out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
+    if before and same_forces and inertial is before.inertial and _same(world, before.world, "pull"):
+        rest, balance = before.rest, before.balance
+    else:
+        # What motion and weight need beyond what the ground gives: nothing for the trunk, the springs' torques for
+        # joints.
+        rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
+        if world.pull.any():
+            force = np.einsum("nji,nj->ni", R, np.append(world.pull, 0.0)[None].repeat(len(R), 0))
+            trunk = robot.model.frames[robot.base_id].placement.translation
+            rest = rest - np.hstack([force, np.cross(trunk, force), np.zeros((len(R), rest.shape[1] - 6))])
+        moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
+        balance = {}  # what the sensors say too much
+        for name, value in (("force", rest[:, :3]), ("moment", moment)):
+            balance |= {f"{name}/{axis}": -np.einsum("nj,nj->n", R[:, k], value) for k, axis in enumerate(AXES)}
     needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / world.creep)
     torques = _torques(recording, ticks, needed, smoothed)
-    out |= _joints(recording, world, where, needed, torques, smoothed)
+    out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
         believed = _blend(up, where.share)
         turn = np.cross(smoothed(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
         out |= {"tilt/roll": turn[:, 0], "tilt/pitch": turn[:, 1]}
     out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
-    for name, value in _feet(motion, where, world, wrench).items():
-        out[name] = np.where(where.double, value, np.nan)
+    feet = before.feet if before and up is before.up else _feet(motion, where, world, wrench)
+    out |= feet
     if recording.plan is not None and recording.moved is not None:
         gap = (smoothed(recording.moved) - smoothed(recording.plan))[ticks]
         if world.yielded:
             behind = _yielded(world.yielded, world, recording, ticks, torques, smoothed)
             gap = gap + _com_by_joints(world, motion, where.share, behind)
-        if world.lead:
-            ahead = world.lead * np.nan_to_num(_planned_torque(world, recording, where) / world.stiffness)
+        if world.lead and recording.motor_q is not None:
+            planned = _planned_torque(world, smoothed(recording.motor_q), where)
+            ahead = world.lead * np.nan_to_num(planned / world.stiffness)
             gap = gap - _com_by_joints(world, motion, where.share, ahead)
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
@@ -496,7 +506,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
-    return State(recording, world, motion, up, free, inertial, R, slid, out, smoothed)
+    return State(recording, world, motion, up, free, inertial, rest, R, balance, feet, slid, out, smoothed)
 
 
 def _same(world: World, other: World, name: str) -> bool:
@@ -510,12 +520,12 @@ def _blend(by_foot: dict[Foot, Array], share: Array) -> Array:
     return blended
 
 
-def _motion(world: World, positions: Array, ticks: Array) -> Motion:
-    robot, model = world.robot, world.robot.model
-    smoothed = smooth(positions)
+def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
+    """From smoothed positions (n, nj)."""
     rate = _rate(smoothed)
     q, qd, qdd = smoothed[ticks], rate[ticks], _rate(rate)[ticks]
-    data, m = model.createData(), len(q)
+    model, m = robot.model, len(q)
+    data = model.createData()
     configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
     R, p, J = ({foot: np.empty((m, *shape)) for foot in FEET} for shape in ((3, 3), (3,), (6, model.nv)))
     twist, twist_rate = ({foot: np.empty((m, 6)) for foot in FEET} for _ in range(2))
@@ -530,10 +540,10 @@ def _motion(world: World, positions: Array, ticks: Array) -> Motion:
             placement = pin.updateFramePlacement(model, data, frame)
             R[foot][i], p[foot][i] = placement.rotation, placement.translation
             J[foot][i] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-            # What the sole does while the trunk is still is the trunk's to undo; both are parallel, so that no term of
-            # Coriolis is between them.
-            twist[foot][i] = -placement.act(pin.getFrameVelocity(model, data, frame)).vector
-            twist_rate[foot][i] = -placement.act(pin.getFrameAcceleration(model, data, frame)).vector
+            # What the sole does while the trunk is still is the trunk's to undo; both twists are parallel, so that no
+            # term of Coriolis is between them.
+            twist[foot][i] = -pin.getFrameVelocity(model, data, frame, pin.WORLD).vector
+            twist_rate[foot][i] = -pin.getFrameAcceleration(model, data, frame, pin.WORLD).vector
     return Motion(q, qd, qdd, R, p, twist, twist_rate, J, com, com_J)
 
 
@@ -601,7 +611,7 @@ def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smooth
     if recording.tau is None:
         return needed
     efforts = smoothed(recording.tau)
-    return np.where(np.isfinite(efforts).all(axis=0), efforts[ticks], needed)
+    return np.where(smoothed.complete(efforts), efforts[ticks], needed)
 
 
 def _yielded(
@@ -614,10 +624,9 @@ def _yielded(
     return compliance * load
 
 
-def _planned_torque(world: World, recording: Recording, where: Masks) -> Array:
-    """(m, nj) [Nm] that the motion of the motor side asks for if one foot bears it all: single support as planned."""
-    assert recording.motor_q is not None
-    motion = _motion(world, recording.motor_q, where.ticks)
+def _planned_torque(world: World, motors: Array, where: Masks) -> Array:
+    """(m, nj) [Nm] that the smoothed motion (n, nj) of the motor side asks for if one foot bears it all, as planned."""
+    motion = _motion(world.robot, motors, where.ticks)
     left = np.where(where.share >= 0.5, 1.0, 0.0)
     upright = {foot: motion.R[foot][:, :, 2] for foot in FEET}
     inertial = _inertial(world.model, _free_motion(world, motion, upright, left, None)[1])
@@ -654,7 +663,7 @@ def _joints(
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
         torque = torques[:, j]
-        if efforts is not None and np.isfinite(efforts[:, j]).all():
+        if efforts is not None and smoothed.complete(efforts)[j]:
             out[f"torque/{name}"] = torque - needed[:, j]
             elastic = smoothed.stretch(world, j, efforts)[ticks]
         else:
@@ -765,7 +774,8 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
     since = {"y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
-    return out | {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
+    out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
+    return {name: np.where(where.double, value, np.nan) for name, value in out.items()}
 
 
 def _slid(world: World, q: Array, slides: Sequence[Slide]) -> Array:
