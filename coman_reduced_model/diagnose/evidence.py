@@ -237,7 +237,7 @@ def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Nois
 
 
 def _offset(remainder: Array, pieces: Array) -> float:
-    means = np.add.reduceat(remainder, pieces) / np.diff(pieces, append=len(remainder))
+    means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))
     return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
 
 
@@ -246,12 +246,27 @@ def _free_of_offsets(white: Array, pieces: Array, noise: Noise) -> Array:
 
     No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
     """
-    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)
-    length = np.add.reduceat(one**2, pieces)
-    # The square root of (I + offset^2 u u')^-1.
-    shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.offset**2 * length)) / length
-    common = shrink * np.add.reduceat(one * white, pieces)
-    return np.asarray(white - one * np.repeat(common, np.diff(pieces, append=len(white)), axis=0))
+    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[:, 0]
+    return np.asarray(_without_offsets(white, one, pieces, noise.offset))
+
+
+@compiled
+def _without_offsets(white: Array, one: Array, pieces: Array, offset: float) -> Array:
+    """`_free_of_offsets`, with what becomes of a constant: one (n,)."""
+    out = np.empty(white.shape)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(white)
+        length, common = 0.0, np.zeros(white.shape[1])
+        for i in range(pieces[p], end):
+            length += one[i] * one[i]
+            for j in range(white.shape[1]):
+                common[j] += one[i] * white[i, j]
+        # The square root of (I + offset^2 u u')^-1.
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + offset**2 * length)) / length
+        for i in range(pieces[p], end):
+            for j in range(white.shape[1]):
+                out[i, j] = white[i, j] - shrink * one[i] * common[j]
+    return out
 
 
 def _first_guess(values: Array, pieces: Array) -> Array:
