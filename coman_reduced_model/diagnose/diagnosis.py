@@ -73,7 +73,7 @@ class Case:
 
     @property
     def floor(self) -> dict[str, float]:
-        """The noise floor by group: most trials are refused before it is asked for."""
+        """The noise floor by group; most trials are refused before it is asked for."""
         if self.known_floor is None:
             self.known_floor = floor(self.state, self.where)
         return self.known_floor
@@ -153,7 +153,7 @@ def examine(
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh, at)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)
-    return Case(recording, where, state, problem, evidence, noise, like.floor if like else None)
+    return Case(recording, where, state, problem, evidence, noise)
 
 
 @dataclass

@@ -72,11 +72,11 @@ def assemble(
     moved = [
         evaluate(*known[i].apply(quiet.recording, quiet.world, known[i].step), where, quiet).residuals for i in fresh
     ]
-    steps = np.array([[known[i].step] for i in fresh])
+    steps = np.array([known[i].step for i in fresh])[:, None]
     gains = [known[i].effect == "wrench_scale" for i in fresh]
     rows, columns, pieces, times = {}, {}, {}, {}
     for name, value in base.items():
-        slope = (quiet.residuals[name] - np.array([each[name] for each in moved])) / steps
+        slope = (quiet.residuals[name] - np.reshape([each[name] for each in moved], (len(fresh), len(value)))) / steps
         if name.startswith("unloaded/"):
             # What a sensor reads in the air is its zero: a gain that explained it would be without bounds.
             slope[gains] = 0.0
