@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -523,3 +524,49 @@ def test_who_is_nearly_always_on_an_edge_staggers():
     where = masks(recording, world)
     found = on_flat_soles(where, evaluate(recording, world, where))
     assert found.staggers and found.steady.sum() == where.steady.sum()
+
+
+def moving_about() -> Recording:
+    """Every joint and every force changes, on one foot, the other, both; the numbers mean nothing."""
+    recording, _ = standing()
+    nj = len(robot().joint_names)
+    q = 0.05 * np.sin(2.0 * np.pi * (0.4 + 0.1 * np.arange(nj)) * t[:, None] + np.arange(nj))
+    rocking = 1.0 + 0.2 * np.sin(7.0 * t[:, None] + np.arange(6))
+    phase = np.select([t < 1.3, t < 2.6], [Phase.LEFT, Phase.RIGHT], Phase.DOUBLE)
+    return recording.changed(
+        q=q, motor_q=q + recording.motor_q, wrench={foot: rocking * recording.wrench[foot] for foot in FEET},
+        phase=phase, left_share=np.select([phase == Phase.LEFT, phase == Phase.RIGHT], [1.0, 0.0], 0.5),
+        plan=0.01 * q[:, :2], moved=0.01 * q[:, 2:4],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("lacks", [(), ("tau",), ("motor_q", "plan", "moved"), ("up",)])
+@pytest.mark.parametrize("believed", [{}, {"tilting": 2e-4, "sinking": 1e-6}, {"lead": 0.3, "yielded": 2e-4}])
+def test_what_is_taken_over_from_another_hypothesis_is_what_it_would_be_anew(lacks, believed):
+    recording, world = moving_about().changed(**dict.fromkeys(lacks)), standing()[1].changed(**believed)
+    where = masks(recording, world)
+    before = evaluate(recording, world, where)
+    for figure in figures(recording, world):
+        moved = figure.apply(recording, world, figure.step)
+        anew = evaluate(*moved, where).residuals
+        taken_over = evaluate(*moved, where, before).residuals
+        assert list(anew) == list(taken_over)
+        for name, value in anew.items():
+            scale = 1.0 + np.abs(np.nan_to_num(value)).max()
+            np.testing.assert_allclose(taken_over[name], value, rtol=0.0, atol=1e-11 * scale, err_msg=figure.name)
+
+
+def test_the_trunk_moves_as_it_must_for_the_sole_to_stand_still():
+    recording, world = moving_about(), standing()[1]
+    motion, model, idx_v = evaluate(recording, world, masks(recording, world)).motion, robot().model, robot().idx_v
+    data, configuration = model.createData(), pin.neutral(model)
+    velocity, acceleration = np.zeros(model.nv), np.zeros(model.nv)
+    for i in range(0, len(motion.q), 9):
+        robot().scatter(motion.q[i], configuration)
+        velocity[idx_v], acceleration[idx_v] = motion.qd[i], motion.qdd[i]
+        for foot, frame in robot().sole_ids.items():
+            velocity[:6], acceleration[:6] = motion.twist[foot][i], motion.twist_rate[foot][i]
+            pin.forwardKinematics(model, data, configuration, velocity, acceleration)
+            assert np.abs(velocity[:6]).max() > 1e-3
+            assert pin.getFrameVelocity(model, data, frame).vector == pytest.approx(np.zeros(6), abs=1e-12)
+            assert pin.getFrameAcceleration(model, data, frame).vector == pytest.approx(np.zeros(6), abs=1e-11)

@@ -205,3 +205,49 @@ def test_one_load_alone_stays_what_it_is():
     finding = Finding(known, np.zeros(len(known)), chosen=[Effect(options[0], 9.0, 9.0)])
     diagnosis._one_load(finding, SimpleNamespace(), options)
     assert [effect.option for effect in finding.chosen] == [options[0]]
+
+
+def test_rivals_that_are_compared_again_arrive_where_they_did_before(monkeypatch):
+    recording, world = stretched(lambda tau, nominal: 2.0 * nominal), standing()[1]
+    looked = diagnosis.Looked([(recording, world, masks(recording, world))])
+    soft = next(i for i, figure in enumerate(looked.known) if figure.name == "joint_stiffness@LKneeSag.scale")
+    nothing, steps, near = np.zeros(len(looked.known)), [], looked.near
+    monkeypatch.setattr(looked, "near", lambda *a: steps.append(1) or near(*a))
+    first = diagnosis._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
+    taken = len(steps)
+    again = diagnosis._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
+    assert first[0][soft] == pytest.approx(-0.5, abs=0.02) and taken > 1
+    assert len(steps) == taken + 1
+    np.testing.assert_array_equal(again[0], first[0])
+    np.testing.assert_array_equal(again[2].x, first[2].x)
+
+
+def test_a_second_search_gets_the_answers_of_the_first_about_the_same_effects():
+    recording, world = standing()
+    looked = diagnosis.Looked([(recording, world, masks(recording, world))])
+    options, asked = candidates(looked.known), []
+    nothing = np.zeros(len(looked.known))
+    bare, beside = (Finding(looked.known, nothing, chosen) for chosen in ([], [Effect(options[0], 9.0, 9.0)]))
+
+    def conclude(finding, looked, *of):
+        asked.append((finding.released, of))
+        return len(asked)
+
+    answers = [
+        looked.once(conclude, finding, *of)
+        for finding in (bare, beside, bare, beside)
+        for of in (options[:1], options[:2])
+    ]
+    assert answers == [1, 2, 3, 4] * 2
+    assert asked[2] == (list(options[0].figures), tuple(options[:1]))
+
+
+def test_a_case_near_another_needs_no_figure_of_its_own():
+    recording, world = standing()
+    prepared = recording, world, masks(recording, world)
+    known = figures(recording, world)
+    case = diagnosis.examine(prepared, known, np.zeros(len(known)))
+    same = diagnosis.examine(prepared, known, np.zeros(len(known)), case, ())
+    for key, columns in case.problem.columns.items():
+        np.testing.assert_array_equal(same.problem.columns[key], columns)
+    assert same.floor == case.floor

@@ -40,6 +40,18 @@ def test_offline_code_never_imports_rclpy():
     assert run_python(code + "print('rclpy' in sys.modules)").strip() == "False"
 
 
+@pytest.mark.parametrize(("own", "wanted"), [("", "1"), ("3", "3")])
+def test_the_command_line_keeps_linear_algebra_to_one_thread_before_numpy_is_there(own, wanted):
+    code = f"""
+import os, sys
+os.environ.pop("OPENBLAS_NUM_THREADS", None)
+os.environ.update({{"OPENBLAS_NUM_THREADS": "{own}"}} if "{own}" else {{}})
+import coman_reduced_model.cli
+print(os.environ["OPENBLAS_NUM_THREADS"], "numpy" in sys.modules)
+"""
+    assert run_python(code).split() == [wanted, "False"]
+
+
 @pytest.mark.parametrize("name", EXECUTABLES)
 def test_executables_exist(name):
     (entry,) = (entry for entry in entry_points(group="console_scripts") if entry.name == name)

@@ -20,8 +20,10 @@ are taken at TICKS a second; but for `slide` and `landing`, one value for each l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -345,7 +347,7 @@ class Motion:
         R, p: by foot (m, 3, 3), (m, 3) of the sole in the root link's frame.
         twist, twist_rate: by foot (m, 6) of the root link, in its frame, if that sole stands still.
         J: by foot (m, 6, nv) of the sole, in its own frame.
-        com: (m, 3) by the URDF, in the root link's frame.
+        com: (m, 3) by the URDF, in the root link's frame, and com_J (m, 3, nv) by joints.
     """
 
     q: Array
@@ -357,6 +359,7 @@ class Motion:
     twist_rate: dict[Foot, Array]
     J: dict[Foot, Array]
     com: Array
+    com_J: Array
 
 
 @dataclass(frozen=True)
@@ -367,23 +370,55 @@ class State:
     world: World
     motion: Motion
     up: dict[Foot, Array]
+    free: list[tuple[Array, Array, Array]]  # m configurations, velocities and accelerations of the model
     inertial: Array  # (m, nv) generalised forces of motion and weight
+    rest: Array  # (m, nv) of them that the ground does not give
     R: Array  # (m, 3, 3) world, heading as the root's x axis <- root
+    balance: dict[str, Array]  # residuals of force and moment
+    feet: dict[str, Array]  # residuals of the closed loop of the legs
     slid: Array  # (k,) along its x axis, by each foot that landed [m]
     residuals: dict[str, Array]
     smoothed: Smoothed
 
+    def inertial_of(self, model: pin.Model) -> Array:
+        """`inertial` of bodies with other masses: linear in what changes."""
+        bodies = range(1, model.njoints)
+        change = np.concatenate([
+            model.inertias[k].toDynamicParameters() - self.world.model.inertias[k].toDynamicParameters() for k in bodies
+        ])  # fmt: skip
+        which = np.flatnonzero(change)
+        return np.asarray(self.inertial + self._regressor[:, :, which] @ change[which])
+
+    @cached_property
+    def _regressor(self) -> Array:
+        """(m, nv, 10 a body) of `inertial` by the bodies' dynamic parameters."""
+        model = self.world.model
+        data = model.createData()
+        return np.array([pin.computeJointTorqueRegressor(model, data, *each) for each in self.free])
+
 
 class Smoothed:
-    """Smoothed arrays, remembered: most hypotheses leave most arrays as they are."""
+    """Smoothed arrays, and what is made of them, remembered: most hypotheses leave most arrays as they are."""
 
     def __init__(self, before: Smoothed | None = None) -> None:
-        self._known: dict[int, tuple[Array, Array]] = {} if before is None else dict(before._known)
+        self._known: dict[tuple[Any, ...], tuple[Array, Array]] = {} if before is None else dict(before._known)
 
     def __call__(self, values: Array) -> Array:
-        found = self._known.get(id(values))
-        if found is None or found[0] is not values:
-            found = self._known[id(values)] = (values, smooth(values))
+        return self._made(("smooth", id(values)), values, smooth)
+
+    def complete(self, values: Array) -> Array:
+        """(k,) which columns of smoothed values (n, k) have no gap."""
+        return self._made(("complete", id(values)), values, lambda each: np.isfinite(each).all(axis=0))
+
+    def stretch(self, world: World, j: int, torques: Array) -> Array:
+        """(n,) [rad] of the spring of joint j under smoothed torques (n, nj) at RATE."""
+        law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
+        return self._made((j, *law), torques, lambda each: _stretch(world, j, each[:, j], 1.0 / RATE))
+
+    def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Array]) -> Array:
+        found = self._known.get(key)
+        if found is None or found[0] is not of:
+            found = self._known[key] = (of, make(of))
         return found[1]
 
 
@@ -409,9 +444,9 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     """
     robot, ticks = world.robot, where.ticks
     same_q = before is not None and recording.q is before.recording.q
-    motion = before.motion if before and same_q else _motion(world, recording.q, ticks)
     slid = before.slid if before and same_q else _slid(world, recording.q, where.slides)
     smoothed = Smoothed(before.smoothed if before else None)
+    motion = before.motion if before and same_q else _motion(world.robot, smoothed(recording.q), ticks)
     wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
     same_ground = before is not None and all(
@@ -422,38 +457,44 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         up = before.up
     else:
         up = {foot: _normal(world, motion.R[foot], wrench[foot]) for foot in FEET}
-    if before and up is before.up and world.model is before.world.model:
-        inertial, R = before.inertial, before.R
+    if before and up is before.up:
+        R, free = before.R, before.free
+        inertial = before.inertial if world.model is before.world.model else before.inertial_of(world.model)
     else:
-        inertial, R = _inertial(world, motion, up, where.share, _yield(world, recording, motion, ticks))
-    # What motion and weight need beyond what the ground gives: nothing for the trunk, the springs' torques for joints.
-    rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
-    if world.pull.any():
-        force = np.einsum("nji,nj->ni", R, np.append(world.pull, 0.0)[None].repeat(len(R), 0))
-        trunk = robot.model.frames[robot.base_id].placement.translation
-        rest = rest - np.concatenate([force, np.cross(trunk, force), np.zeros((len(R), rest.shape[1] - 6))], axis=1)
-    out: dict[str, Array] = {}
-    moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
-    for k, axis in enumerate(AXES):
-        out[f"force/{axis}"] = -np.einsum("nj,nj->n", R[:, k], rest[:, :3])  # what the sensors say too much
-        out[f"moment/{axis}"] = -np.einsum("nj,nj->n", R[:, k], moment)
+        R, free = _free_motion(world, motion, up, where.share, _yield(world, recording, motion, ticks))
+        inertial = _inertial(world.model, free)
+    if before and same_forces and inertial is before.inertial and _same(world, before.world, "pull"):
+        rest, balance = before.rest, before.balance
+    else:
+        # What motion and weight need beyond what the ground gives: nothing for the trunk, the springs' torques for
+        # joints.
+        rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
+        if world.pull.any():
+            force = np.einsum("nji,nj->ni", R, np.append(world.pull, 0.0)[None].repeat(len(R), 0))
+            trunk = robot.model.frames[robot.base_id].placement.translation
+            rest = rest - np.hstack([force, np.cross(trunk, force), np.zeros((len(R), rest.shape[1] - 6))])
+        moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
+        balance = {}  # what the sensors say too much
+        for name, value in (("force", rest[:, :3]), ("moment", moment)):
+            balance |= {f"{name}/{axis}": -np.einsum("nj,nj->n", R[:, k], value) for k, axis in enumerate(AXES)}
     needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / world.creep)
     torques = _torques(recording, ticks, needed, smoothed)
-    out |= _joints(recording, world, where, needed, torques, smoothed)
+    out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
         believed = _blend(up, where.share)
         turn = np.cross(smoothed(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
         out |= {"tilt/roll": turn[:, 0], "tilt/pitch": turn[:, 1]}
     out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
-    for name, value in _feet(motion, where, world, wrench).items():
-        out[name] = np.where(where.double, value, np.nan)
+    feet = before.feet if before and up is before.up else _feet(motion, where, world, wrench)
+    out |= feet
     if recording.plan is not None and recording.moved is not None:
         gap = (smoothed(recording.moved) - smoothed(recording.plan))[ticks]
         if world.yielded:
             behind = _yielded(world.yielded, world, recording, ticks, torques, smoothed)
             gap = gap + _com_by_joints(world, motion, where.share, behind)
-        if world.lead:
-            ahead = world.lead * np.nan_to_num(_planned_torque(world, recording, where) / world.stiffness)
+        if world.lead and recording.motor_q is not None:
+            planned = _planned_torque(world, smoothed(recording.motor_q), where)
+            ahead = world.lead * np.nan_to_num(planned / world.stiffness)
             gap = gap - _com_by_joints(world, motion, where.share, ahead)
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
@@ -465,7 +506,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
-    return State(recording, world, motion, up, inertial, R, slid, out, smoothed)
+    return State(recording, world, motion, up, free, inertial, rest, R, balance, feet, slid, out, smoothed)
 
 
 def _same(world: World, other: World, name: str) -> bool:
@@ -479,34 +520,31 @@ def _blend(by_foot: dict[Foot, Array], share: Array) -> Array:
     return blended
 
 
-def _motion(world: World, positions: Array, ticks: Array) -> Motion:
-    robot, model = world.robot, world.robot.model
-    smoothed = smooth(positions)
+def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
+    """From smoothed positions (n, nj)."""
     rate = _rate(smoothed)
     q, qd, qdd = smoothed[ticks], rate[ticks], _rate(rate)[ticks]
-    data, m = model.createData(), len(q)
+    model, m = robot.model, len(q)
+    data = model.createData()
     configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
     R, p, J = ({foot: np.empty((m, *shape)) for foot in FEET} for shape in ((3, 3), (3,), (6, model.nv)))
     twist, twist_rate = ({foot: np.empty((m, 6)) for foot in FEET} for _ in range(2))
-    com = np.empty((m, 3))
+    com, com_J = np.empty((m, 3)), np.empty((m, 3, model.nv))
     for i in range(m):
         robot.scatter(q[i], configuration)
         velocity[robot.idx_v], acceleration[robot.idx_v] = qd[i], qdd[i]
-        velocity[:6] = 0.0
-        com[i] = pin.centerOfMass(model, data, configuration, False)
-        pin.computeJointJacobians(model, data, configuration)
+        pin.forwardKinematics(model, data, configuration, velocity, acceleration)
+        com_J[i] = pin.jacobianCenterOfMass(model, data, False)
+        com[i] = data.com[0]
         for foot, frame in robot.sole_ids.items():
             placement = pin.updateFramePlacement(model, data, frame)
             R[foot][i], p[foot][i] = placement.rotation, placement.translation
             J[foot][i] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-            twist[foot][i] = -placement.act(pin.Motion(J[foot][i] @ velocity)).vector
-        for foot, frame in robot.sole_ids.items():
-            # With the trunk at the twist that holds the sole still, what the sole accelerates is the trunk's to undo.
-            velocity[:6] = twist[foot][i]
-            pin.forwardKinematics(model, data, configuration, velocity, acceleration)
-            placement = pin.updateFramePlacement(model, data, frame)
-            twist_rate[foot][i] = -placement.act(pin.getFrameAcceleration(model, data, frame)).vector
-    return Motion(q, qd, qdd, R, p, twist, twist_rate, J, com)
+            # What the sole does while the trunk is still is the trunk's to undo; both twists are parallel, so that no
+            # term of Coriolis is between them.
+            twist[foot][i] = -pin.getFrameVelocity(model, data, frame, pin.WORLD).vector
+            twist_rate[foot][i] = -pin.getFrameAcceleration(model, data, frame, pin.WORLD).vector
+    return Motion(q, qd, qdd, R, p, twist, twist_rate, J, com, com_J)
 
 
 def _normal(world: World, R: Array, wrench: Array) -> Array:
@@ -535,17 +573,15 @@ def _yield(
     return twist, twist_rate
 
 
-def _inertial(
+def _free_motion(
     world: World,
     motion: Motion,
     up: dict[Foot, Array],
     share: Array,
     yielding: tuple[dict[Foot, Array], dict[Foot, Array]] | None,
-) -> tuple[Array, Array]:
-    """Generalised forces (m, nv) of motion and weight, and the rotation (m, 3, 3) world <- root."""
-    robot, model = world.robot, world.model
-    data, m = model.createData(), len(motion.q)
-    configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+) -> tuple[Array, list[tuple[Array, Array, Array]]]:
+    """The rotation (m, 3, 3) world <- root, and m configurations, velocities and accelerations of the model."""
+    robot, model = world.robot, world.robot.model
     against, twist, rate = (_blend(each, share) for each in (up, motion.twist, motion.twist_rate))
     if yielding is not None:
         twist, rate = twist + _blend(yielding[0], share), rate + _blend(yielding[1], share)
@@ -553,15 +589,21 @@ def _inertial(
     x = np.array([1.0, 0.0, 0.0]) - z[:, :1] * z
     x /= np.linalg.norm(x, axis=1)[:, None]
     R = np.stack([x, np.cross(z, x), z], axis=1)
-    orientation = Rotation.from_matrix(R).as_quat()
-    out = np.empty((m, model.nv))
-    for i in range(m):
-        robot.scatter(motion.q[i], configuration)
-        configuration[3:7] = orientation[i]
-        velocity[:6], acceleration[:6] = twist[i], rate[i]
-        velocity[robot.idx_v], acceleration[robot.idx_v] = motion.qd[i], motion.qdd[i]
-        out[i] = pin.rnea(model, data, configuration, velocity, acceleration)
-    return out, R
+    m = len(R)
+    configuration = pin.neutral(model)[None].repeat(m, axis=0)
+    velocity, acceleration = np.zeros((m, model.nv)), np.zeros((m, model.nv))
+    configuration[:, 3:7] = Rotation.from_matrix(R).as_quat()
+    velocity[:, :6], acceleration[:, :6] = twist, rate
+    velocity[:, robot.idx_v], acceleration[:, robot.idx_v] = motion.qd, motion.qdd
+    for q, out in zip(motion.q, configuration, strict=True):
+        robot.scatter(q, out)
+    return R, list(zip(configuration, velocity, acceleration, strict=True))
+
+
+def _inertial(model: pin.Model, motion: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Generalised forces (m, nv) of motion and weight."""
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *each) for each in motion])
 
 
 def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed) -> Array:
@@ -569,7 +611,7 @@ def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smooth
     if recording.tau is None:
         return needed
     efforts = smoothed(recording.tau)
-    return np.where(np.isfinite(efforts).all(axis=0), efforts[ticks], needed)
+    return np.where(smoothed.complete(efforts), efforts[ticks], needed)
 
 
 def _yielded(
@@ -582,13 +624,12 @@ def _yielded(
     return compliance * load
 
 
-def _planned_torque(world: World, recording: Recording, where: Masks) -> Array:
-    """(m, nj) [Nm] that the motion of the motor side asks for if one foot bears it all: single support as planned."""
-    assert recording.motor_q is not None
-    motion = _motion(world, recording.motor_q, where.ticks)
+def _planned_torque(world: World, motors: Array, where: Masks) -> Array:
+    """(m, nj) [Nm] that the smoothed motion (n, nj) of the motor side asks for if one foot bears it all, as planned."""
+    motion = _motion(world.robot, motors, where.ticks)
     left = np.where(where.share >= 0.5, 1.0, 0.0)
     upright = {foot: motion.R[foot][:, :, 2] for foot in FEET}
-    inertial, _ = _inertial(world, motion, upright, left, None)
+    inertial = _inertial(world.model, _free_motion(world, motion, upright, left, None)[1])
     J = left[:, None, None] * motion.J[Foot.LEFT] + (1.0 - left[:, None, None]) * motion.J[Foot.RIGHT]
     wrench = np.linalg.solve(J[:, :, :6].transpose(0, 2, 1), inertial[:, :6, None])
     return (inertial - (J.transpose(0, 2, 1) @ wrench)[:, :, 0])[:, world.robot.idx_v]
@@ -596,17 +637,16 @@ def _planned_torque(world: World, recording: Recording, where: Masks) -> Array:
 
 def _com_by_joints(world: World, motion: Motion, share: Array, joints: Array) -> Array:
     """x, y (m, 2) by which joints (m, nj) [rad] move the COM in the frame of the stance sole, to first order."""
-    robot, model = world.robot, world.robot.model
-    data, configuration, velocity = model.createData(), pin.neutral(model), np.zeros(model.nv)
-    out = np.empty((len(joints), 2))
-    for i, left in enumerate(share >= 0.5):
-        foot = Foot.LEFT if left else Foot.RIGHT
-        robot.scatter(motion.q[i], configuration)
-        velocity[robot.idx_v] = joints[i]
-        R, sole = motion.R[foot][i], motion.J[foot][i] @ velocity
-        com = R.T @ (pin.jacobianCenterOfMass(model, data, configuration) @ velocity)
-        out[i] = (com - sole[:3] - np.cross(sole[3:], R.T @ (motion.com[i] - motion.p[foot][i])))[:2]
-    return out
+    left, idx_v = share >= 0.5, world.robot.idx_v
+
+    def stance(by_foot: dict[Foot, Array]) -> Array:
+        return np.where(left.reshape(-1, *(1,) * (by_foot[Foot.LEFT].ndim - 1)), *(by_foot[foot] for foot in FEET))
+
+    R = stance(motion.R)
+    sole = np.einsum("nij,nj->ni", stance(motion.J)[:, :, idx_v], joints)
+    com = np.einsum("nji,njk,nk->ni", R, motion.com_J[:, :, idx_v], joints, optimize=True)
+    lever = np.einsum("nji,nj->ni", R, motion.com - stance(motion.p))
+    return (com - sole[:, :3] - np.cross(sole[:, 3:], lever))[:, :2]
 
 
 def _joints(
@@ -623,9 +663,9 @@ def _joints(
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
         torque = torques[:, j]
-        if efforts is not None and np.isfinite(efforts[:, j]).all():
+        if efforts is not None and smoothed.complete(efforts)[j]:
             out[f"torque/{name}"] = torque - needed[:, j]
-            elastic = _stretch(world, j, efforts[:, j], 1.0 / RATE)[ticks]
+            elastic = smoothed.stretch(world, j, efforts)[ticks]
         else:
             elastic = _stretch(world, j, torque, 1.0 / TICKS)
         if stretch is not None:
@@ -734,7 +774,8 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
     since = {"y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
-    return out | {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
+    out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
+    return {name: np.where(where.double, value, np.nan) for name, value in out.items()}
 
 
 def _slid(world: World, q: Array, slides: Sequence[Slide]) -> Array:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
-from typing import Literal
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -56,6 +56,7 @@ CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from af
 LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
 Progress = Callable[[float, str], None]
 Prepared = tuple[Recording, World, Masks]
+_Conclusion = TypeVar("_Conclusion")
 
 
 @dataclass
@@ -68,7 +69,14 @@ class Case:
     problem: Problem
     evidence: Evidence
     noise: dict[str, Noise]
-    floor: dict[str, float]  # by group
+    known_floor: dict[str, float] | None = None
+
+    @property
+    def floor(self) -> dict[str, float]:
+        """The noise floor by group; most trials are refused before it is asked for."""
+        if self.known_floor is None:
+            self.known_floor = floor(self.state, self.where)
+        return self.known_floor
 
     def own(self, fit: Fit, released: Sequence[int]) -> Array:
         """Deviations (P,) of the figures: this recording's own best healthy scatter, and the `released` as fitted.
@@ -145,7 +153,7 @@ def examine(
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh, at)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)
-    return Case(recording, where, state, problem, evidence, noise, like.floor if like else floor(state, where))
+    return Case(recording, where, state, problem, evidence, noise)
 
 
 @dataclass
@@ -290,25 +298,29 @@ def search(
         rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
         if any(score.option.effect in CLOCKS for score in rivals):
             rivals += [score for score in strong if score.option.effect in CLOCKS and score not in rivals]
-        best = _closest(finding, looked, rivals)
-        released = [*finding.released, *best.option.figures]
-        at, cases, fit = _settled(finding, looked, released)
-        if why := _impossible(known, fit, best.option):
-            finding.refused.append((best.option, why))
-            continue
-        held = looked.at(at, "hold")
-        confirmed, why = _confirm(known, fit, held, finding, best.option) if hold else (np.nan, "")
-        if not why and not _enough(finding, held, fit, best, confirmed, enough, needed):
+        best = rivals[looked.once(_closest, finding, *(rival.option for rival in rivals))]
+        at, fit, confirmed, why = looked.once(_tried, finding, best.option)
+        if not why and not _enough(finding, looked.at(at, "hold"), fit, best, confirmed, enough, needed):
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
             continue
         finding.chosen.append(Effect(best.option, best.gain, confirmed))
-        finding.at, finding.train, finding.hold = at, cases, held
+        finding.at, finding.train, finding.hold = at, looked.at(at, "train"), looked.at(at, "hold")
         _drop_what_the_last_one_explains(finding, looked, enough, needed)
         _one_load(finding, looked, options)
         if progress:
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
+
+
+def _tried(finding: Finding, looked: Looked, option: Candidate) -> tuple[Array, Fit, float, str]:
+    """Where an effect settles beside the chosen ones, its fit, what held-out bags say [nats], and why it is none."""
+    at, _, fit = _settled(finding, looked, [*finding.released, *option.figures])
+    if why := _impossible(finding.known, fit, option):
+        return at, fit, np.nan, why
+    if not looked.hold:
+        return at, fit, np.nan, ""
+    return at, fit, *_confirm(finding.known, fit, looked.at(at, "hold"), finding, option)
 
 
 def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
@@ -498,6 +510,8 @@ class Looked:
         self.train, self.hold = train, hold
         self.known = figures(train[0][0], train[0][1])
         self._cases: dict[tuple[str, bytes], list[Case]] = {}
+        self._concluded: dict[tuple[Any, ...], Any] = {}
+        self.arrived: dict[tuple[Any, ...], Array] = {}  # of `_gauss_newton`
 
     def at(self, at: Array, which: Literal["train", "hold"]) -> list[Case]:
         key = which, at.tobytes()
@@ -509,6 +523,13 @@ class Looked:
         """What was seen at other values than these: of long recordings it would fill the memory."""
         values = {at.tobytes() for at in kept}
         self._cases = {key: cases for key, cases in self._cases.items() if key[1] in values}
+
+    def once(self, conclude: Callable[..., _Conclusion], finding: Finding, *options: Candidate) -> _Conclusion:
+        """What a function of what was chosen, the recordings and these options says: a second search asks it again."""
+        key = (conclude, finding.at.tobytes(), *finding.released, *options)
+        if key not in self._concluded:
+            self._concluded[key] = conclude(finding, self, *options)
+        return cast(_Conclusion, self._concluded[key])
 
     def near(self, at: Array, like: Sequence[Case], fresh: Sequence[int]) -> list[Case]:
         """Training recordings in a quarter of the time."""
@@ -544,6 +565,11 @@ def _gauss_newton(
 ) -> tuple[Array, list[Case], Fit]:
     """`_settle` from figures `at`, with the derivatives by all other figures as in the cases `like`."""
     known, cases = looked.known, list(like)
+    key = at.tobytes(), like[0].evidence.at.tobytes(), *released
+    if key in looked.arrived:  # rivals are compared again when the best of them was refused
+        at = looked.arrived[key]
+        cases = looked.near(at, like, released)
+        return at, cases, _sum(cases).fit(released)
     fit = _sum(cases).fit(released)
     longest = np.array([figure.reach for figure in known])
     last = np.zeros(len(known))
@@ -556,6 +582,7 @@ def _gauss_newton(
         fit = _sum(cases).fit(released)
         if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
             break
+    looked.arrived[key] = at
     return at, cases, fit
 
 
@@ -589,14 +616,14 @@ def _visible(cases: Sequence[Case], score: Score) -> float:
     return most
 
 
-def _closest(finding: Finding, looked: Looked, rivals: Sequence[Score]) -> Score:
-    """What looks alike from afar is looked at closely: each linear around its own values, all with the same noise."""
+def _closest(finding: Finding, looked: Looked, *rivals: Candidate) -> int:
+    """Which is best of what looks alike from afar: each linear around its own values, all with the same noise."""
     if len(rivals) == 1:
-        return rivals[0]
+        return 0
     trials = []
     for rival in rivals:
-        released = [*finding.released, *rival.option.figures]
-        rounds = ROUNDS if rival.option.effect in CLOCKS else 1
+        released = [*finding.released, *rival.figures]
+        rounds = ROUNDS if rival.effect in CLOCKS else 1
         trials.append((released, _settle(finding, looked, released, rounds)[1]))
     count = len(trials[0][1])
     noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
@@ -610,7 +637,7 @@ def _closest(finding: Finding, looked: Looked, rivals: Sequence[Score]) -> Score
             ),
         )
         logs.append(evidence.fit(released).log)
-    return rivals[int(np.argmax(logs))]
+    return int(np.argmax(logs))
 
 
 def _confirm(

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
+from ..core.compiled import compiled
 from ..core.types import Array
 from .balance import SMOOTHING, TICKS, Masks, State, evaluate, without_noise
 from .floor import least
@@ -67,23 +68,26 @@ def assemble(
     # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
     # motion that does not hold the encoders' noise.
     quiet = evaluate(without_noise(state.recording, state.world), state.world, where)
-    slopes: dict[int, dict[str, Array]] = {}
-    for i in range(len(known)) if like is None else fresh:
-        moved = evaluate(*known[i].apply(quiet.recording, quiet.world, known[i].step), where, quiet).residuals
-        slopes[i] = {name: (value - moved[name]) / known[i].step for name, value in quiet.residuals.items()}
+    fresh = range(len(known)) if like is None else fresh
+    moved = [
+        evaluate(*known[i].apply(quiet.recording, quiet.world, known[i].step), where, quiet).residuals for i in fresh
+    ]
+    steps = np.array([known[i].step for i in fresh])[:, None]
+    gains = [known[i].effect == "wrench_scale" for i in fresh]
     rows, columns, pieces, times = {}, {}, {}, {}
     for name, value in base.items():
+        slope = (quiet.residuals[name] - np.reshape([each[name] for each in moved], (len(fresh), len(value)))) / steps
+        if name.startswith("unloaded/"):
+            # What a sensor reads in the air is its zero: a gain that explained it would be without bounds.
+            slope[gains] = 0.0
         for part, chosen in (("double", where.double), ("single", ~where.double)):
             ticks = np.flatnonzero(np.isfinite(value) & chosen)
             if len(ticks) < ONE_A_STEP.get(name, 8 * ORDER):
                 continue
             key = f"{name}|{part}"
             rows[key] = value[ticks]
-            columns[key] = np.zeros((len(ticks), len(known))) if like is None else like.columns[key].copy()
-            for i, slope in slopes.items():
-                # What a sensor reads in the air is its zero: a gain that explained it would be without bounds.
-                if known[i].effect != "wrench_scale" or not name.startswith("unloaded/"):
-                    columns[key][:, i] = slope[name][ticks]
+            columns[key] = np.empty((len(ticks), len(known))) if like is None else like.columns[key].copy()
+            columns[key][:, fresh] = slope[:, ticks].T
             rows[key] = rows[key] - columns[key] @ usual
             times[key] = ticks
             alone = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
@@ -233,8 +237,7 @@ def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Nois
 
 
 def _offset(remainder: Array, pieces: Array) -> float:
-    ends = np.append(pieces[1:], len(remainder))
-    means = np.array([remainder[a:b].mean() for a, b in zip(pieces, ends, strict=True)])
+    means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))
     return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
 
 
@@ -243,15 +246,26 @@ def _free_of_offsets(white: Array, pieces: Array, noise: Noise) -> Array:
 
     No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
     """
-    ends = np.append(pieces[1:], len(white))
     one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[:, 0]
-    out = white.copy()
-    for a, b in zip(pieces, ends, strict=True):
-        u = one[a:b]
-        length = float(u @ u)
+    return np.asarray(_without_offsets(white, one, pieces, noise.offset))
+
+
+@compiled
+def _without_offsets(white: Array, one: Array, pieces: Array, offset: float) -> Array:
+    """`_free_of_offsets`, with what becomes of a constant: one (n,)."""
+    out = np.empty(white.shape)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(white)
+        length, common = 0.0, np.zeros(white.shape[1])
+        for i in range(pieces[p], end):
+            length += one[i] * one[i]
+            for j in range(white.shape[1]):
+                common[j] += one[i] * white[i, j]
         # The square root of (I + offset^2 u u')^-1.
-        shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.offset**2 * length)) / length
-        out[a:b] -= shrink * np.outer(u, u @ white[a:b])
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + offset**2 * length)) / length
+        for i in range(pieces[p], end):
+            for j in range(white.shape[1]):
+                out[i, j] = white[i, j] - shrink * one[i] * common[j]
     return out
 
 
@@ -274,34 +288,47 @@ def _first_guess(values: Array, pieces: Array) -> Array:
 
 def _autoregression(values: Array, pieces: Array) -> Array:
     """Innovations' standard deviation and AR coefficients (1 + ORDER,), by Yule-Walker over contiguous pieces."""
-    ends = np.append(pieces[1:], len(values))
-    covariance = np.zeros(ORDER + 1)
-    for lag in range(ORDER + 1):
-        total = sum(
-            float(values[a : b - lag] @ values[a + lag : b]) for a, b in zip(pieces, ends, strict=True) if b - a > lag
-        )
-        covariance[lag] = total / len(values)
+    covariance = _autocovariance(values, pieces)
     covariance[0] = covariance[0] * (1.0 + 1e-6) + 1e-30
     phi = np.linalg.solve(toeplitz(covariance[:ORDER]), covariance[1:])
     innovation = covariance[0] - phi @ covariance[1:]
     return np.concatenate([[np.sqrt(max(innovation, 1e-6 * covariance[0]))], phi])
 
 
+@compiled
+def _autocovariance(values: Array, pieces: Array) -> Array:
+    """(1 + ORDER,) of values (n,) at lags from 0 on, of pairs in the same piece."""
+    out = np.zeros(ORDER + 1)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
+        for i in range(pieces[p], end):
+            for lag in range(min(ORDER + 1, end - i)):
+                out[lag] += values[i] * values[i + lag]
+    return out / len(values)
+
+
+@compiled
 def whiten(values: Array, pieces: Array, noise: Array) -> Array:
     """Innovations (n, k) of columns (n, k) in units of their standard deviation; a piece begins in its steady state."""
     sigma, phi = noise[0], noise[1:]
-    out = values.copy()
-    for lag, coefficient in enumerate(phi, start=1):
-        out[lag:] -= coefficient * values[:-lag]
     # The first values of a piece have no predecessors: weighed as what they are, of the marginal variance.
-    marginal = sigma / np.sqrt(max(1.0 - float(phi @ _correlations(phi)), 1e-6))
-    ends = np.append(pieces[1:], len(values))
-    for a, b in zip(pieces, ends, strict=True):
-        head = min(a + ORDER, b)
-        out[a:head] = values[a:head] * (sigma / marginal) / np.sqrt(ORDER)
-    return out / sigma
+    marginal = sigma / np.sqrt(max(1.0 - np.sum(phi * _correlations(phi)), 1e-6))
+    out = np.empty(values.shape)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
+        for i in range(pieces[p], end):
+            begins = i < pieces[p] + ORDER
+            scale = 1.0 / (marginal * np.sqrt(ORDER)) if begins else 1.0 / sigma
+            for j in range(values.shape[1]):
+                value = values[i, j]
+                if not begins:
+                    for lag in range(ORDER):
+                        value -= phi[lag] * values[i - 1 - lag, j]
+                out[i, j] = value * scale
+    return out
 
 
+@compiled
 def _correlations(phi: Array) -> Array:
     """Autocorrelation (ORDER,) at lags 1.. of an AR process."""
     p = len(phi)
