@@ -251,6 +251,22 @@ def test_a_robot_on_the_edge_of_its_feet_is_not_held_to_laws_of_flat_soles():
     assert watch(front - 0.001) == {"pressure"}
 
 
+def test_steps_that_are_upset_are_told_and_forgotten_when_the_stream_breaks_off():
+    """The pressure under each foot moves by 12 mm at once, and stays: what upset it is not known, and no law breaks."""
+
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS:
+            return message
+        return replace(message, torque=message.torque + [0.012 * message.force[2], 0.0, 0.0])
+
+    monitor = watched(change)
+    assert any(each.channel == "pressure/y" and each.phase in ("left", "right") for each in monitor.mismatches)
+    size = next(each.size for each in monitor.mismatches if each.channel == "pressure/y")
+    assert size == pytest.approx(0.012, abs=0.002)
+    monitor.reset()
+    assert not monitor.mismatches and monitor._upset.told is None and "pressure/y" in monitor.first
+
+
 def test_what_is_beyond_any_healthy_robot_is_told_in_gaits_that_never_repeat_themselves():
     def change(stream, t, message):
         if stream not in (JOINTS, MOTORS):

@@ -146,8 +146,8 @@ class Laws:
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
         rows = len(laws) + 2 * nl  # then how far torques bend springs, and where the joints are
         self._now, self._sums, self._ends = np.zeros(rows), np.zeros(rows), np.zeros((2, rows))
-        self._reach = np.zeros((2, nl))
-        self.reach()
+        self._walked = np.zeros((4, nl))
+        self.walked()
         self._none = np.full(len(robot.joint_names), np.nan)
         self._imu = ("", _IDENTITY)
         self.begin()
@@ -178,7 +178,7 @@ class Laws:
         dt = self._dt = dt if 0.0 < dt < _GAP_S else 0.0
         self._at_edge += _look(
             self._now, self._ends, self._sums, self._past, self._dragged, self._spring, self._bent,
-            self._behind, self._reach, self.looks, dt, before, self._soles, self._joints, self._columns, self._split,
+            self._behind, self._walked, self.looks, dt, before, self._soles, self._joints, self._columns, self._split,
             self._k, self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
             link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com, prediction.measured_com_vel,
             link.J_com, self._mass, self._gravity, up, self._imu[1], prediction.reference_com, plan, sole,
@@ -230,11 +230,13 @@ class Laws:
         force = self._sums[first : first + 6]
         return np.array([-force[4], force[3]]) / force[2], self._at_edge / self.looks
 
-    def reach(self) -> Array:
-        """(2, nl) lowest and highest position of the motors since this was last asked [rad]."""
-        reach = self._reach.copy()
-        self._reach[:] = [[np.inf], [-np.inf]]
-        return reach
+    def walked(self) -> Array:
+        """(3, nl) lowest and highest position of the motors since this was last asked, and how far they went [rad].
+
+        Of the joints, where motors are not known.
+        """
+        walked, self._walked[:] = self._walked[:3].copy(), [[np.inf], [-np.inf], [0.0], [np.nan]]
+        return walked
 
     def _along_the_bend(self) -> Array:
         """(nl,) [rad] of the spring law's residual as far as it goes with the bend, less where that is far or fast."""
@@ -263,7 +265,7 @@ def _usual(name: str) -> tuple[str, float, float, float, float]:
 @compiled
 def _look(
     x: Array, ends: Array, sums: Array, past: Array, dragged: Array, spring: Array, bent: Array, behind: Array,
-    reach: Array, looks: int, dt: float, before: float, soles: Array, joints: Array, columns: Array, split: int,
+    walked: Array, looks: int, dt: float, before: float, soles: Array, joints: Array, columns: Array, split: int,
     stiffness: Array, lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array,
     J: Array, left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float,
     gravity: float, imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
@@ -275,8 +277,8 @@ def _look(
     bend the spring by, and how far it is bent by it and its damper, at the last look, `dt` [s] ago (0: not known).
     `bent` (6, nl): sums of the bend, its square, the residual, its product with the bend, the bend's rate, its square.
     `behind` (8, nl): looks, and sums of the torque residual, its square, the rate of the needed torque, its square, the
-    product of both, the needed torque, its square; `before` is the `dt` of the last look. `reach` (2, nl): the motors'
-    lowest and highest position. `soles` (2, 4) edges of both.
+    product of both, the needed torque, its square; `before` is the `dt` of the last look. `walked` (4, nl): the motors'
+    lowest and highest position, how far they went, the last position. `soles` (2, 4) edges of both.
     Returns whether the stance foot stands on its edge.
 
     Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
@@ -340,7 +342,10 @@ def _look(
         bent[5, i] += rate * rate
         end[i] = lag[i] * stretch
         at = x[n + nl + i] = end[n + nl + i] = q[j] if np.isnan(motor[j]) else motor[j]
-        reach[0, i], reach[1, i] = min(reach[0, i], at), max(reach[1, i], at)
+        walked[0, i], walked[1, i] = min(walked[0, i], at), max(walked[1, i], at)
+        if not np.isnan(walked[3, i]):
+            walked[2, i] += abs(at - walked[3, i])
+        walked[3, i] = at
     m = 2 * nl
     force, moment = f_l + f_r, t_l + t_r
     for k in range(3):

@@ -60,7 +60,7 @@ class Mismatch:
     """One law that broke.
 
     Attributes:
-        channel: its name, as in `Laws`.
+        channel: its name, as in `Laws`; or `unsteady/x`, `unsteady/y`, `pressure/x`, `pressure/y`.
         phase: in which it shows most.
         size: by how much in that phase [unit]: against its own level if it has changed, else against the law.
         sigma: in standard deviations, of all kinds of phases together if it has changed.
@@ -87,7 +87,7 @@ class Monitor:
     """Watches one robot.
 
     Attributes:
-        mismatches: what disagrees now, the clearest first.
+        mismatches: what disagrees now, the clearest first; `pressure` last, for what upset the steps may be among them.
         first: by channel, the mismatch as it was first told since the start.
         phases: support phases that could be compared with others of their kind.
     """
@@ -120,7 +120,8 @@ class Monitor:
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
         self._upset.reset()
-        self.laws.reach()
+        self._walked = 0  # when the ways of the motors were asked for last
+        self.laws.walked()
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -156,8 +157,9 @@ class Monitor:
         if kind == 4:
             self._upset.reset()
         elif kind < 2:
-            foot, began = Foot(kind + 1), (self._began - self._start) * 1e-9
-            self._upset.take(Step(foot, began, *self.laws.stood(foot), self.laws.reach()))
+            foot, began, seconds = Foot(kind + 1), (self._began - self._start) * 1e-9, (stamp - self._walked) * 1e-9
+            self._upset.take(Step(foot, began, *self.laws.stood(foot), self.laws.walked(), seconds))
+            self._walked = stamp
         values, healthy, loaded, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
@@ -285,8 +287,10 @@ def _judge(
             continue
         error = s[_ERROR, i] = value - s[_LEVEL, i]
         known = (s[_VARIANCE, i] + noise) * (1.0 + _STUDENT / (1.0 + s[_KNOWN, i]))
-        sigma = error / np.sqrt(known + (loaded[i] - s[_LOADED, i]) ** 2)
-        square = min(abs(sigma), threshold) ** 2 - 1.0
+        load = (loaded[i] - s[_LOADED, i]) ** 2
+        sigma = error / np.sqrt(known + load)
+        # Under another load, little is learnt of noise and level.
+        square = (min(abs(sigma), threshold) ** 2 - 1.0) * known / (known + load)
         pending, doubtful = s[_PENDING, i], False  # what is known now to have been noise
         if s[_COUNT, i] >= _LEARNT:
             last = s[_LAST, i]
@@ -309,8 +313,8 @@ def _judge(
         if doubtful:
             s[_VARIANCE, i] += drift[i]
         else:
-            gain = s[_VARIANCE, i] / (s[_VARIANCE, i] + noise)
+            gain = s[_VARIANCE, i] / (s[_VARIANCE, i] + noise + load)
             s[_LEVEL, i] += gain * error
             s[_LOADED, i] += gain * (loaded[i] - s[_LOADED, i])
-            s[_VARIANCE, i] = (gain + 1.0 / _MEMORY**2) * noise + drift[i]
+            s[_VARIANCE, i] = gain * (noise + load) + noise / _MEMORY**2 + drift[i]
             s[_COUNT, i] += 1.0

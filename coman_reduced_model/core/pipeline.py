@@ -48,7 +48,7 @@ class Status:
     extra_joints: tuple[str, ...]  # in messages, not in the URDF: ignored
     unlisted_joints: tuple[str, ...]  # in the URDF, not in messages: held at zero
     warnings: tuple[str, ...]  # what looks wrong and what to look at, a line each
-    mismatches: tuple[Mismatch, ...]  # laws that the robot does not keep now, the clearest first
+    mismatches: tuple[Mismatch, ...]  # what the robot does not keep to now, as in `Monitor`
 
 
 class Pipeline:

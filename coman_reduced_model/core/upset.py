@@ -22,7 +22,7 @@ _EDGE = 0.3  # share of a step at the edge of its sole, beyond which it is not c
 _OFF = 3.0  # standard deviations beyond which a step is off
 _LASTS, _WITHIN = 3, 5  # steps that are off, of so many
 _GAIN, _FOLLOW = 0.4, 0.15  # by which place and variance follow a step
-_SAME = 0.02  # [rad] of reach, by which motors differ that go the same way
+_SAME, _PACE = 0.02, 0.03  # [rad] of reach and [1] of speed, by which motors differ that go the same way
 
 
 @dataclass
@@ -43,14 +43,17 @@ class Step:
         began: when [s].
         pressure: (2,) mean centre of pressure in the sole [m].
         at_edge: share of the single support in which that is at the sole's edge.
-        reach: (2, nl) lowest and highest position of the motors since the single support before it [rad].
+        walked: (3, nl) lowest and highest position of the motors (of the joints, where only these are known) since the
+            single support before it, and how far they went [rad].
+        seconds: since then [s].
     """
 
     foot: Foot
     began: float
     pressure: Array
     at_edge: float
-    reach: Array
+    walked: Array
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ class Upset:
 
     def reset(self) -> None:
         """The robot stands, or goes another way: steps before tell nothing of those to come."""
+        self._last: Step | None = None
+        self._halved = False  # the foot in the air touched the ground in the course of the last step
         self._places: dict[Foot, _Place] = {}
         self._before: list[tuple[Step, float]] = []  # and by how many standard deviations they were off
         self._calm: list[Step] = []  # before the first of `_after`
@@ -92,9 +97,16 @@ class Upset:
         self.seen = 0.0
 
     def take(self, step: Step) -> None:
-        """A step has ended."""
+        """A single support has ended; it counts when that of the other foot has: halves of a step are like no step."""
         if not np.isfinite(step.pressure).all():
             return
+        last, self._last = self._last, step
+        again = last is not None and last.foot == step.foot
+        if last is not None and not again and not self._halved:
+            self._count(last)
+        self._halved = again
+
+    def _count(self, step: Step) -> None:
         place = self._places.setdefault(step.foot, _Place(step.pressure, self._spread, 0))
         off = step.pressure - place.at
         square = float(off @ off)
@@ -138,11 +150,13 @@ class Upset:
 
 
 def _go_the_same_way(some: list[Step], others: list[Step]) -> bool:
-    """Whether motors do in some steps what they do in others; two strides or more show how far they go."""
-    (low, high), (low_2, high_2) = _reach(some), _reach(others)
-    return bool(max(np.abs(low - low_2).max(), np.abs(high - high_2).max()) < _SAME)
+    """Whether motors do in some steps what they do in others, as fast; three or more show how far they go."""
+    (low, high, speed), (low_2, high_2, speed_2) = _gait(some), _gait(others)
+    reach = max(np.abs(low - low_2).max(), np.abs(high - high_2).max())
+    return bool(reach < _SAME and abs(speed_2 / speed - 1.0) < _PACE)
 
 
-def _reach(steps: list[Step]) -> tuple[Array, Array]:
-    reach = np.array([step.reach for step in steps])
-    return reach[:, 0].min(axis=0), reach[:, 1].max(axis=0)
+def _gait(steps: list[Step]) -> tuple[Array, Array, float]:
+    """(nl,) lowest and highest position of the motors [rad], and how fast all of them go together [rad/s]."""
+    walked, seconds = np.array([step.walked for step in steps]), sum(step.seconds for step in steps)
+    return walked[:, 0].min(axis=0), walked[:, 1].max(axis=0), float(walked[:, 2].sum() / seconds)

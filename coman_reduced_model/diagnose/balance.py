@@ -394,7 +394,10 @@ class State:
         """(m, nv, 10 a body) of `inertial` by the bodies' dynamic parameters."""
         model = self.world.model
         data = model.createData()
-        return np.array([pin.computeJointTorqueRegressor(model, data, *each) for each in self.free])
+        out = np.empty((len(self.free), model.nv, 10 * (model.njoints - 1)))
+        for i, each in enumerate(self.free):
+            out[i] = pin.computeJointTorqueRegressor(model, data, *each)
+        return out
 
 
 class Smoothed:
