@@ -86,6 +86,7 @@ class Laws:
         names, units: of the n channels; units are rad, m, s, N, Nm or Ns.
         noise: (kinds, n) usual standard deviation from phase to phase.
         drift: (kinds, n) by how much they usually wander from one phase of a kind to the next, standard deviation.
+        height: of the COM above the soles [m].
         looks: taken since `begin`.
         tipping: the last single support was on the edge of the sole: flat-sole laws say nothing until the next.
     """
@@ -111,8 +112,9 @@ class Laws:
         )
         laws = [_usual(name) for name in self.names]
         self.units = tuple(unit for unit, *_ in laws)
+        self.height = float(robot.posture().com_in_sole(Foot.LEFT)[0][2])
         weight = self._mass * self._gravity
-        scale = {"N": weight, "Nm": weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2])}
+        scale = {"N": weight, "Nm": weight * self.height}
         scale["Ns"] = self._mass
         self._changing = (_RATE * scale["Nm"]) ** 2
         figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in laws]).T

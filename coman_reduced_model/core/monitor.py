@@ -94,7 +94,7 @@ class Monitor:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.laws = Laws(robot, config)
-        self._upset = Upset(robot.posture().com_in_sole(Foot.LEFT)[0][2])
+        self._upset = Upset(self.laws.height)
         self._threshold = config.monitor.threshold
         self.first: dict[str, Mismatch] = {}
         self.phases = 0

@@ -31,7 +31,7 @@ class _Place:
 
     at: Array
     variance: float
-    steps: int = 1
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,6 @@ class Upset:
 
     Attributes:
         told: what there is to tell.
-        seen: when the last step began that was off while it was told [s].
     """
 
     def __init__(self, height: float) -> None:
@@ -94,7 +93,11 @@ class Upset:
         self._calm: list[Step] = []  # before the first of `_after`
         self._after: list[tuple[Step, float]] = []  # since the first that was off
         self.told: Told | None = None
-        self.seen = 0.0
+
+    @property
+    def seen(self) -> float:
+        """When the last step began that was off, while one is told of [s]."""
+        return max(step.began for step, sigma in self._after if sigma > _OFF)
 
     def take(self, step: Step) -> None:
         """A single support has ended; it counts when that of the other foot has: halves of a step are like no step."""
@@ -107,7 +110,7 @@ class Upset:
         self._halved = again
 
     def _count(self, step: Step) -> None:
-        place = self._places.setdefault(step.foot, _Place(step.pressure, self._spread, 0))
+        place = self._places.setdefault(step.foot, _Place(step.pressure, self._spread))
         off = step.pressure - place.at
         square = float(off @ off)
         sigma = float(np.sqrt(square / (place.variance * (1.0 + 1.0 / max(1, place.steps)))))
@@ -143,8 +146,6 @@ class Upset:
             worst = max(off, key=lambda each: each[1])[0]
             away = worst.pressure - self._places[worst.foot].at
             self.told = Told(away, worst.foot, min(each for _, each in off), off[0][0].began)
-        if self.told is not None and off:
-            self.seen = off[-1][0].began
         if len(self._after) == _WITHIN and (not off if self.told else len(off) < _LASTS):  # a stumble, or it is over
             self.told, self._before, self._after = None, [], []
 
