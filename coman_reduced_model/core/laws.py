@@ -10,7 +10,7 @@ white. Channels are named as in diagnose/balance.py:
 `torque/JOINT`    measured torque against ground and weight [Nm]
 `drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
 `late/FOOT`       by how much the foot's sensor is behind the joints' torques, less where these hardly change [s]
-`force/AXIS`      foot forces against weight and the momentum of the COM, axes of the support sole [N]
+`force/AXIS`      foot forces against weight and the COM's motion (core/forces.py), level, along the support sole [N]
 `moment/AXIS`     foot forces about the COM [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
 `feet/slide_x, slide_y`  by how much that changes in a double support [m]
@@ -29,6 +29,7 @@ import numpy as np
 from .compiled import apply, compiled
 from .config import Config
 from .effects import Effect, active_effects
+from .forces import Forces
 from .types import Array, Foot, Prediction, Sample
 
 if TYPE_CHECKING:
@@ -47,9 +48,9 @@ _USUAL = {
     "spring": ("rad", 0.00015, 0.0003, 0.001, 0.0),
     "stiffness": ("rad", 0.0001, 0.0001, 0.0, 0.0),
     "torque": ("Nm", 0.0015, 0.0025, 0.0, 0.5),
-    "force/x": ("N", 0.006, 0.01, 0.0, 0.5),
-    "force/y": ("N", 0.006, 0.01, 0.0, 0.5),
-    "force/z": ("N", 0.004, 0.006, 0.03, 0.5),
+    "force/x": ("N", 0.002, 0.002, 0.0, 0.5),
+    "force/y": ("N", 0.002, 0.002, 0.0, 0.5),
+    "force/z": ("N", 0.003, 0.003, 0.03, 0.5),
     "moment": ("Nm", 0.002, 0.0035, 0.0, 0.5),
     "feet/z": ("m", 0.0003, 0.0003, 0.0015, 2.0),
     "feet/roll": ("rad", 0.0007, 0.0007, 0.003, 2.0),
@@ -72,10 +73,12 @@ _FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are of
 _BENT, _BENDING = 0.004, 0.05
 _EDGE = 0.004  # [m] from the edge of a sole: the centre of pressure is at the edge
 _FLAT = ("torque", "drag", "force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
+_BY_IMU = ("torque", "drag", "force")  # and always, where an IMU tells where up is
 _GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
 _IDENTITY = np.eye(3)
+_WEIGHED_NS = 300_000_000, 2_000_000_000  # over which forces are weighed at least and at most
 _NO_POSE = np.eye(4)
 
 
@@ -86,6 +89,7 @@ class Laws:
         names, units: of the n channels; units are rad, m, s, N, Nm or Ns.
         noise: (kinds, n) usual standard deviation from phase to phase.
         drift: (kinds, n) by how much they usually wander from one phase of a kind to the next, standard deviation.
+        any_gait: (n,) whether the values of another gait can be compared with those of this one.
         height: of the COM above the soles [m].
         looks: taken since `begin`.
         tipping: the last single support was on the edge of the sole: flat-sole laws say nothing until the next.
@@ -124,6 +128,8 @@ class Laws:
         bent = [e for e in active_effects(config.effects, robot) if type(e).springs is not Effect.springs]
         at = {name: i for i, name in enumerate(self.names)}
         self._blow, self._first_wrench = at["landing/z"], at["unloaded/left/fx"]
+        self._force = slice(at["force/x"], at["moment/x"])
+        self.any_gait = np.array([name.startswith("force/") for name in self.names])
         # What an effect describes is watched for changes alone.
         if any(e.parameters for e in bent):
             self._healthy[:nl] = 0.0
@@ -134,16 +140,20 @@ class Laws:
         self._shows[[0, 2, 3, 4], at["unloaded/left/fx"] : at["unloaded/right/fx"]] = False
         self._shows[1:, at["unloaded/right/fx"] : at["plan/x"]] = False
         self._shows[[0, 1, 4], self._blow] = False
+        self._shows[2:4, self._force] = False  # the single supports tell
         self._first_slope = at["drag/" + joints[-1]] + 1
         self._shows[4, self._first_slope :] = False
         self._shows[[1, 0], [at["late/left"], at["late/right"]]] = False
         self._flat = np.array([name.split("/")[0] in _FLAT for name in self.names])
+        self._by_imu = np.array([name.split("/")[0] in _BY_IMU for name in self.names])
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
+        self.forces = Forces(self._mass, self._gravity, self._soles)
         self._rate = np.zeros(len(laws))  # channels with a rate in them
-        self._rate[:nl] = self._rate[at["force/x"] : at["moment/x"]] = 1.0
+        self._rate[:nl] = 1.0
         self._past, self._dragged = np.zeros((5, nl)), np.zeros((2, nl))
         self._spring, self._bent, self._behind = np.zeros((2, nl)), np.zeros((6, nl)), np.zeros((8, nl))
-        self._looked, self._dt = 0, 0.0  # stamp of the last look [ns], time from the one before [s]
+        self._first = self._looked = 0  # stamps of the first look of the phase, of the last one [ns]
+        self._dt = 0.0  # from the look before it [s]
         self.tipping = False
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
         rows = len(laws) + 2 * nl  # then how far torques bend springs, and where the joints are
@@ -176,14 +186,17 @@ class Laws:
         if frame != self._imu[0]:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
             self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
+        up = _up(up, self._imu[1])
+        self.forces.look(sample.stamp_ns, foot, link, left, right, up)
         dt, before, self._looked = (sample.stamp_ns - self._looked) * 1e-9, self._dt, sample.stamp_ns
+        self._first = self._first if self.looks else sample.stamp_ns
         dt = self._dt = dt if 0.0 < dt < _GAP_S else 0.0
         self._at_edge += _look(
             self._now, self._ends, self._sums, self._past, self._dragged, self._spring, self._bent,
             self._behind, self._walked, self.looks, dt, before, self._soles, self._joints, self._columns, self._split,
             self._k, self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
-            link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com, prediction.measured_com_vel,
-            link.J_com, self._mass, self._gravity, up, self._imu[1], prediction.reference_com, plan, sole,
+            link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com,
+            link.J_com, self._mass, self._gravity, up, prediction.reference_com, plan, sole,
         )  # fmt: skip
         self.looks += 1
 
@@ -191,8 +204,8 @@ class Laws:
         """The force [N] against gravity on a foot that landed so long ago [s], below BORNE_S; dt [s] from the last."""
         self._landing[int(since > BLOW_S)] += (force * dt, dt) if dt < BLOW_S else np.nan
 
-    def mean(self, kind: int, seconds: float) -> tuple[Array, Array, Array, Array]:
-        """Of a phase of a kind with so long between its first and its last look.
+    def mean(self, kind: int) -> tuple[Array, Array, Array, Array]:
+        """Of the looks since `begin`, in a phase of a kind.
 
         Returns:
             Residuals (n,), NaN where they say nothing; their variance (n,) over healthy robots, 0 where not known; what
@@ -201,7 +214,9 @@ class Laws:
         """
         n, nl = len(self.names), len(self._joints)
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
-        values = mean[:n] + self._rate * way[:n] / seconds
+        values = mean[:n] + self._rate * way[:n] / (1e-9 * (self._looked - self._first))
+        shortest, longest = (self._looked - span for span in _WEIGHED_NS)
+        values[self._force] = self.forces.over(min(max(self._first, longest), shortest), self._looked)
         values[self._slide] = way[self._slide]
         drag, gone = self._dragged
         first = self._first_slope
@@ -217,7 +232,7 @@ class Laws:
         if kind in (0, 1, 4):
             self.tipping = kind != 4 and self._at_edge > 0.5 * self.looks
         if self.tipping:
-            values[self._flat] = np.nan
+            values[self._flat & ~self._by_imu if self.forces.by_imu else self._flat] = np.nan
         healthy, loaded = self._healthy.copy(), np.zeros(n)
         loaded[:nl] = _USUALLY * mean[n : n + nl]
         if np.isfinite(values[nl : 2 * nl]).all():
@@ -265,12 +280,19 @@ def _usual(name: str) -> tuple[str, float, float, float, float]:
 
 
 @compiled
+def _up(imu: Array, R_imu: Array) -> Array:
+    """(3,) up in the base frame by the quaternion x y z w of an IMU whose orientation there is R_imu (3, 3)."""
+    x, y, z, w = imu[0], imu[1], imu[2], imu[3]
+    return apply(R_imu, np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)]))
+
+
+@compiled
 def _look(
     x: Array, ends: Array, sums: Array, past: Array, dragged: Array, spring: Array, bent: Array, behind: Array,
     walked: Array, looks: int, dt: float, before: float, soles: Array, joints: Array, columns: Array, split: int,
     stiffness: Array, lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array,
-    J: Array, left: Array, right: Array, on_left: bool, com: Array, com_vel: Array, J_com: Array, mass: float,
-    gravity: float, imu: Array, R_imu: Array, moved: Array, plan: Array, sole: Array,
+    J: Array, left: Array, right: Array, on_left: bool, com: Array, J_com: Array, mass: float, gravity: float,
+    up: Array, moved: Array, plan: Array, sole: Array,
 ) -> bool:  # fmt: skip
     """Residuals now into x, what is differentiated into the row of `ends`, both into `sums`; rows as in `Laws`.
 
@@ -283,13 +305,14 @@ def _look(
     lowest and highest position, how far they went, the last position. `soles` (2, 4) edges of both.
     Returns whether the stance foot stands on its edge.
 
-    Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `imu`
-    quaternion x y z w; `moved` the COM by the motors in the support sole, `plan` that of com/reference in odom, where
-    the sole is `sole`.
+    Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `up` in the
+    base frame by the IMU, or NaN; `moved` the COM by the motors in the support sole, `plan` that of com/reference in
+    odom, where the sole is `sole`.
     """
     nl, n = joints.shape[0], x.shape[0] - 2 * joints.shape[0]
     end = ends[1]
     R = R_l if on_left else R_r
+    z = R[:, 2] if np.isnan(up[0]) else up
     f_l, t_l = apply(R_l, left[:3]), apply(R_l, left[3:])
     f_r, t_r = apply(R_r, right[:3]), apply(R_r, right[3:])
     for k in range(3):  # moments about the base origin
@@ -303,7 +326,7 @@ def _look(
         j, c = joints[i], columns[joints[i]]
         need = 0.0
         for k in range(3):
-            need += mass * gravity * R[k, 2] * J_com[k, c]
+            need += mass * gravity * z[k] * J_com[k, c]
             if i < split:
                 need -= J[k, c] * f_l[k] + J[3 + k, c] * t_l[k]
             else:
@@ -354,18 +377,13 @@ def _look(
         a, b = (k + 1) % 3, (k + 2) % 3
         moment[k] -= com[a] * force[b] - com[b] * force[a]
     gap = apply(R_l.T, p_r - p_l)
-    force, moment = apply(R.T, force), apply(R.T, moment)
+    moment = apply(R.T, moment)
     for k in range(3):
-        x[m + k], x[m + 3 + k] = force[k], moment[k]
-        end[m + k] = -mass * com_vel[k]
-    x[m + 2] -= mass * gravity
+        x[m + 3 + k] = moment[k]
     r = apply(R_r.T, R_l[:, 2])
     x[m + 6], x[m + 7], x[m + 8] = gap[2], np.arctan2(r[1], r[2]), -np.arcsin(min(1.0, max(-1.0, r[0])))
     for k in range(2):
         x[m + 9 + k], end[m + 9 + k] = 0.0, gap[k]
-    qx, qy, qz, qw = imu[0], imu[1], imu[2], imu[3]
-    up = np.array([2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)])
-    up = apply(R_imu, up)
     x[m + 11], x[m + 12] = up[1] * R[2, 2] - up[2] * R[1, 2], up[2] * R[0, 2] - up[0] * R[2, 2]
     for k in range(6):
         x[m + 13 + k], x[m + 19 + k] = left[k], right[k]

@@ -8,9 +8,8 @@ standard deviations, if both are off their level the same way. What has *changed
 `monitor.threshold` is told; so is what *is off* zero by as much of what healthy robots differ by, in two phases of a
 kind running. A value that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of other
 duration, posture or motion than those of its kind before is another gait, and is learnt anew. What pushes and pulls by
-turns has no level: `unsteady/x, y` tell by how much forces scatter [N] when they, and their moments, scatter more than
-they did. What pushes or pulls upsets the steps: `pressure/x, y` (core/upset.py). What has not been seen for 10 s is not
-told any more.
+turns has no level: `unsteady/x, y` tell by how much forces scatter that did not (core/unsteady.py). What upsets the
+steps: `pressure/x, y` (core/upset.py). What has not been seen for 10 s is not told any more.
 """
 
 from __future__ import annotations
@@ -19,11 +18,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .compiled import compiled
 from .config import Config
 from .laws import BORNE_S, KINDS, Laws
 from .types import Array, Foot, Phase, Prediction, Sample
+from .unsteady import EVERY_NS, WINDOW_NS, Unsteady
 from .upset import Step, Upset
 
 if TYPE_CHECKING:
@@ -41,9 +42,6 @@ _STUDENT = 2.0  # by how much more spread is allowed for while few phases tell o
 _DOUBT = 2.5  # standard deviations beyond which a value is learnt no sooner than the next of its kind is known
 _STALE = 10.0  # [s] after which a value says nothing of now: the robot stands, or tips, or has lost a sensor
 _BACK = 0.75  # of the threshold: below that, what was told is over
-_UNSTEADY = {"unsteady/x": ("force/x", "moment/y"), "unsteady/y": ("force/y", "moment/x")}  # what a push along it moves
-_SCATTER, _MOST = 6, 3.0  # phases whose values are compared, and standard deviations that one of them counts at most
-_WILD = 1.1  # of the threshold: what is told of a scatter
 # Rows of a channel's state: level, its variance, the phases it is made of; variance of a value, the phases it is known
 # from, square of a value in doubt; what the last value was off its level by, the same in standard deviations; by how
 # many of these the weaker of the last two was, with sign, and since when [s]; which way the last value was off zero;
@@ -96,30 +94,32 @@ class Monitor:
         self.laws = Laws(robot, config)
         self._upset = Upset(self.laws.height)
         self._threshold = config.monitor.threshold
+        self._unsteady = Unsteady(robot.mass * config.robot.gravity, self._threshold)
         self.first: dict[str, Mismatch] = {}
         self.phases = 0
         self.reset()
         names = self.laws.names
         self._feet = np.array([name.startswith("feet/") for name in names])
-        self._pairs = np.array([[names.index(one) for one in pair] for pair in _UNSTEADY.values()])
         self._least, self._drift = (_QUIETEST * self.laws.noise) ** 2, self.laws.drift**2
         nothing = np.full(len(names), np.nan)  # compiled before the first phase ends
-        _judge(self._state[0], nothing, nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, True)
+        _judge(
+            self._state[0], nothing, nothing, nothing, self._least[0], self._drift[0], self._threshold, 0.0, self._feet
+        )
 
     def reset(self) -> None:
         """Forget the past; what was told stays in `first`."""
         self._state = np.zeros((len(KINDS), _ROWS, len(self.laws.names)))
         self._state[:, _NOISE] = self.laws.noise**2
         self._state[:, _LAST] = np.nan
-        self._scatter: list[tuple[int, float, Array, Array]] = []  # kind, when [s], standard deviations, errors
         self._usual: dict[int, Array] = {}  # by kind: duration, posture and motion
         self._seen = [0] * len(KINDS)  # phases of the gait
         self._strange = [False] * len(KINDS)  # the last phase of the kind was unlike those before it
         self._phase = self._before = Phase.FLIGHT
-        self._start = self._next = self._began = self._first = self._last = self._stamp = 0
+        self._start = self._next = self._began = self._weighed = self._stamp = 0
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
         self._upset.reset()
+        self._unsteady.reset()
         self._walked = 0  # when the ways of the motors were asked for last
         self.laws.walked()
         self.laws.begin()
@@ -140,10 +140,11 @@ class Monitor:
         self._stamp = stamp
         if stamp < self._next or phase is Phase.FLIGHT or sample.left_wrench is None or sample.right_wrench is None:
             return
-        self._next, self._last = stamp + _INTERVAL_NS, stamp
-        if not self.laws.looks:
-            self._first = stamp
+        self._next = stamp + _INTERVAL_NS
         self.laws.look(sample, link, prediction)
+        if stamp >= self._weighed + EVERY_NS:
+            self._weighed = stamp
+            self._unsteady.take((stamp - self._start) * 1e-9, self.laws.forces.over(stamp - WINDOW_NS, stamp))
 
     def _close(self, stamp: int, after: Phase) -> None:
         """A phase has ended, or a piece of standing, and another one begins."""
@@ -156,18 +157,18 @@ class Monitor:
                 return
         if kind == 4:
             self._upset.reset()
+            self._unsteady.reset()
         elif kind < 2:
             foot, began, seconds = Foot(kind + 1), (self._began - self._start) * 1e-9, (stamp - self._walked) * 1e-9
             self._upset.take(Step(foot, began, *self.laws.stood(foot), self.laws.walked(), seconds))
             self._walked = stamp
-        values, healthy, loaded, joints = self.laws.mean(kind, (self._last - self._first) * 1e-9)
+        values, healthy, loaded, joints = self.laws.mean(kind)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
         began, state = (self._began - self._start) * 1e-9, self._state[kind]
         drift = np.where(self._changed, 0.0, self._drift[kind])  # what has been told is no drift
-        _judge(state, values, healthy, loaded, self._least[kind], drift, self._threshold, began, alike)
-        if alike and np.isfinite(state[_LAST] + values)[self._pairs].all():
-            self._scatter = [*self._scatter[1 - _SCATTER :], (kind, began, state[_LAST].copy(), state[_ERROR].copy())]
+        comparable = self.laws.any_gait | alike
+        _judge(state, values, healthy, loaded, self._least[kind], drift, self._threshold, began, comparable)
         self._tell(stamp)
 
     def _alike(self, kind: int, like: Array) -> bool:
@@ -179,8 +180,9 @@ class Monitor:
             if count > 1 and not again:
                 return False
             # The noise stays, the level is another one.
-            self._state[kind, [_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED]] = 0.0
-            self._state[kind, _LAST] = np.nan
+            other = ~self.laws.any_gait
+            for row in (_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED, _LAST):
+                self._state[kind, row, other] = np.nan if row == _LAST else 0.0
             usual, count = like, 0
         self._strange[kind], self._seen[kind] = False, count + 1
         self._usual[kind] = usual + (like - usual) / min(count + 1.0, _MEMORY)
@@ -204,8 +206,11 @@ class Monitor:
             began = state[size[:, i] > 0.5 * size[kind, i], since, i].min()
             sigma = np.sign(sigma) * strength[i] if told[i] else sigma
             found.append((laws.names[i], KINDS[kind], value, laws.units[i], sigma, began, bool(told[i])))
-        self._scatter = [each for each in self._scatter if each[1] > oldest]
-        found = sorted(found + self._unsteady(), key=lambda each: -abs(each[4])) + self._pressure(oldest)
+        if self._unsteady.seen > oldest:
+            for each in self._unsteady.told:
+                name = f"unsteady/{'xy'[each.axis]}"
+                found.append((name, "all phases", each.size, "N", each.sigma, each.since, True))
+        found = sorted(found, key=lambda each: -abs(each[4])) + self._pressure(oldest)
         self.mismatches = [
             Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
             for name, phase, value, unit, sigma, began, changed in found
@@ -222,22 +227,6 @@ class Monitor:
         size = float(told.off[axis])
         return [(f"pressure/{'xy'[axis]}", KINDS[told.foot - 1], size, "m", told.sigma, told.since, True)]
 
-    def _unsteady(self) -> list[tuple[str, str, float, str, float, float, bool]]:
-        """What comes and goes: forces and moments that scatter more than they did."""
-        if len(self._scatter) < _SCATTER:
-            return []
-        kinds, began, sigmas, errors = zip(*self._scatter, strict=True)
-        told, found = {each.channel for each in self.mismatches}, []
-        for name, pair in zip(_UNSTEADY, self._pairs, strict=True):
-            z = np.array(sigmas)[:, pair]
-            square = (np.minimum(np.abs(z - np.median(z, axis=0)), _MOST) ** 2).sum(axis=0).min()
-            sigma = float(np.sqrt(2.0 * square))
-            if sigma > self._threshold * (_BACK if name in told else _WILD):
-                most = np.abs(z).max(axis=1)
-                phase, since = KINDS[kinds[int(np.argmax(most))]], began[int(np.argmax(most > 1.0))]
-                found.append((name, phase, float(np.std(np.array(errors)[:, pair[0]])), "N", sigma, since, True))
-        return found
-
 
 @compiled
 def _judge(
@@ -249,7 +238,7 @@ def _judge(
     drift: Array,
     threshold: float,
     began: float,
-    alike: bool,
+    alike: NDArray[np.bool_],
 ) -> None:
     """Compare the values (n,) of a phase with those before, and learn from them.
 
@@ -262,7 +251,7 @@ def _judge(
         drift: (n,) variance by which levels wander from phase to phase.
         threshold: standard deviations.
         began: when the phase began [s].
-        alike: it can be compared with those before; else values are held against zero alone.
+        alike: (n,) which can be compared with those before; the others are held against zero alone.
     """
     for i in range(values.shape[0]):
         value, noise = values[i], s[_NOISE, i]
@@ -279,7 +268,7 @@ def _judge(
             if way != s[_WAY, i] and s[_OFF, i] == 0.0:
                 s[_OFF_SINCE, i] = began
             s[_WAY, i] = way
-        if not alike:
+        if not alike[i]:
             continue
         if s[_COUNT, i] == 0.0:
             s[_LEVEL, i], s[_VARIANCE, i], s[_COUNT, i] = value, noise * (1.0 + 1.0 / _MEMORY**2) + drift[i], 1.0

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What pushes a robot that its feet do not tell of: the force balance of the whole of it over a window of time.
+
+Mass times the acceleration of the COM is the sum of all forces. Weighed by a window w(t) that vanishes with its slope
+at both ends, integration by parts leaves the residual `int w F dt + m int w' dc` of feet and weight F and the way c of
+the COM: nothing measured is differentiated. (1 - s^2)^2 is the window that white noise of positions disturbs least.
+
+The way of the COM is that against the point of the ground under the centre of pressure, which is at rest even while the
+foot rocks on its edge; both feet count by the load they bear. Up is where the IMU says, else where these soles say.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .compiled import apply, compiled
+from .types import Array, Foot
+
+if TYPE_CHECKING:
+    from .robot import Posture
+
+_ROWS = 256  # looks that are remembered
+_GAP_S = 0.05  # between looks, after which nothing is known of the way in between
+_BEARS = 0.01  # of the weight, below which a foot has no centre of pressure
+# Rows: the middle of two looks and the time between them [s], the force [N], the way [m] then.
+_MIDDLE, _DT, _FORCE, _WAY, _COLUMNS = 0, 1, slice(2, 5), slice(5, 8), 8
+# Of a look, by foot: COM against the sole's origin (3,) and the sole's axes (3, 3), both level, the centre of pressure
+# in it (2,) and its share of the load; then the force (3,), in a row of the same length.
+_FOOT = 15
+
+
+class Forces:
+    """The last looks at one robot.
+
+    Attributes:
+        by_imu: the last look had an IMU that told where up is.
+    """
+
+    def __init__(self, mass: float, gravity: float, soles: Array) -> None:
+        """`soles` (2, 4) edges of the left and the right sole [m]."""
+        self._mass, self._gravity, self._soles = mass, gravity, soles
+        self._rows, self._last = np.zeros((_ROWS, _COLUMNS)), np.zeros((3, _FOOT))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._n, self._stamp = 0, 0
+        self._foot, self._heading = Foot.LEFT, 0.0  # that of the frame of all rows, in the support sole [rad]
+        self.by_imu = False
+
+    def look(self, stamp: int, foot: Foot, posture: Posture, left: Array, right: Array, up: Array) -> None:
+        """Take a look: support foot, wrenches (6,) of the soles in their axes, up (3,) in the base frame or NaN."""
+        dt, self._stamp = (stamp - self._stamp) * 1e-9, stamp
+        by_imu = not np.isnan(up[0])
+        if not 0.0 < dt < _GAP_S or by_imu != self.by_imu:
+            self._n, self._heading, self._foot, self.by_imu = 0, 0.0, foot, by_imu
+        R, p = posture.R, posture.p
+        if foot is not self._foot:
+            self._heading, self._foot = _turned(self._heading, R[self._foot], R[foot]), foot
+        row = self._rows[self._n % _ROWS]
+        _look(
+            row, self._last, self._heading, R[foot], R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT],
+            posture.com, left, right, up, by_imu, self._soles, self._mass * self._gravity,
+        )  # fmt: skip
+        row[_MIDDLE], row[_DT] = stamp * 1e-9 - 0.5 * dt, dt
+        if not self._n:
+            row[:] = np.nan
+        self._n += 1
+
+    def over(self, start: int, end: int) -> Array:
+        """Force (3,) [N] that feet and weight have too much of between two stamps, level, x along the support sole.
+
+        NaN where the looks do not tell.
+        """
+        return _over(self._rows, min(self._n, _ROWS), start * 1e-9, end * 1e-9, self._mass, self._heading)
+
+
+def _turned(heading: float, R: Array, R_new: Array) -> float:
+    x = R @ [np.cos(heading), np.sin(heading), 0.0]
+    return float(np.arctan2(R_new[:, 1] @ x, R_new[:, 0] @ x))
+
+
+@compiled
+def _look(
+    row: Array, last: Array, heading: float, R: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, com: Array,
+    left: Array, right: Array, up: Array, by_imu: bool, soles: Array, weight: float,
+) -> None:  # fmt: skip
+    """Force and way since the `last` look into a row; feet as in `laws._look`, R that of the support foot."""
+    load_l, load_r = max(left[2], 0.0), max(right[2], 0.0)
+    share = load_l / (load_l + load_r)
+    z = up.copy() if by_imu else share * R_l[:, 2] + (1.0 - share) * R_r[:, 2]
+    z /= np.sqrt((z * z).sum())
+    x = np.cos(heading) * R[:, 0] + np.sin(heading) * R[:, 1]
+    x -= (x * z).sum() * z
+    x /= np.sqrt((x * x).sum())
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+    level = np.stack((x, y, z))
+    row[_WAY] = 0.0
+    force = apply(level, apply(R_l, left[:3]) + apply(R_r, right[:3]))
+    force[2] -= weight
+    for foot in range(2):
+        here, there = np.zeros(_FOOT), last[foot].copy()
+        wrench, axes, p, edges = (left, R_l, p_l, soles[0]) if foot == 0 else (right, R_r, p_r, soles[1])
+        here[:3] = apply(level, com - p)
+        for k in range(3):
+            here[3 + 3 * k : 6 + 3 * k] = apply(level, axes[:, k].copy())
+        load = max(wrench[2], _BEARS * weight)
+        here[12] = min(max(-wrench[4] / load, edges[0]), edges[1])
+        here[13] = min(max(wrench[3] / load, edges[2]), edges[3])
+        here[14] = share if foot == 0 else 1.0 - share
+        way = here[:3] - there[:3]
+        for k in range(2):  # less that of the sole at the centre of pressure
+            way -= (here[3 + 3 * k : 6 + 3 * k] - there[3 + 3 * k : 6 + 3 * k]) * 0.5 * (here[12 + k] + there[12 + k])
+        row[_WAY] += 0.5 * (here[14] + there[14]) * way
+        last[foot] = here
+    row[_FORCE] = 0.5 * (force + last[2, :3])
+    last[2, :3] = force
+
+
+@compiled
+def _over(rows: Array, n: int, start: float, end: float, mass: float, heading: float) -> Array:
+    half, covered, force = 0.5 * (end - start), 0.0, np.zeros(3)
+    for i in range(n):
+        s = (rows[i, _MIDDLE] - start) / half - 1.0
+        if abs(s) < 1.0:
+            w, slope = 0.9375 * (1.0 - s * s) ** 2 / half, -3.75 * s * (1.0 - s * s) / half**2
+            covered += rows[i, _DT]
+            for k in range(3):
+                force[k] += w * rows[i, _DT] * rows[i, 2 + k] + mass * slope * rows[i, 5 + k]
+    if not covered > 1.8 * half:
+        return np.full(3, np.nan)
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.array([cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], force[2]])

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tells of pushes that come and go: the force that core/forces.py finds missing scatters more than it did.
+
+Looked at are the differences of windows that follow each other, by their median: a pull that begins or a foot that
+knocks against something is one difference, a push that comes and goes is in all of them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from .types import Array
+
+WINDOW_NS, EVERY_NS = 300_000_000, 200_000_000  # over which forces are weighed, and how often
+_NOW, _BEFORE, _USUAL = 10, 15, 100  # differences that are held against those before, against the last of these
+_FEWEST = 10  # differences that tell what is usual
+_LEAST = 0.003  # of the weight: median difference that is usual at least
+_SHARE = 0.67449 * np.sqrt(2.0)  # median difference of values that scatter by one
+_BACK = 0.75  # of the threshold: below that, it is over
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Forces along an axis that come and go.
+
+    Attributes:
+        axis: 0 or 1, x or y.
+        size: standard deviation [N].
+        sigma: how many times as much as before.
+        since: [s].
+    """
+
+    axis: int
+    size: float
+    sigma: float
+    since: float
+
+
+class Unsteady:
+    """Watches one robot of a weight [N].
+
+    Attributes:
+        told: what there is to tell.
+        seen: when it was seen last [s].
+    """
+
+    def __init__(self, weight: float, threshold: float) -> None:
+        self._least, self._threshold = _LEAST * weight, threshold
+        self.reset()
+
+    def reset(self) -> None:
+        """The robot stands: what was tells nothing of what will be."""
+        self._last: Array | None = None
+        self._now: deque[tuple[float, Array]] = deque()  # when [s], and differences (2,) [N]
+        self._before: deque[Array] = deque(maxlen=_USUAL)
+        self.told: list[Scatter] = []
+        self.seen = 0.0
+
+    def take(self, when: float, force: Array) -> None:
+        """The force (3,) [N] over a window that ends now [s]."""
+        last, self._last = self._last, force
+        if last is None or np.isnan(force + last).any():
+            return
+        self.seen = when
+        self._now.append((when, np.abs(force - last)[:2]))
+        if len(self._now) <= _NOW:
+            return
+        _, oldest = self._now.popleft()
+        if not self.told:
+            self._before.append(oldest)
+        if len(self._before) < _FEWEST:
+            return
+        before, now = np.array(self._before), np.array([each for _, each in self._now])
+        usual = np.maximum(np.median(before, axis=0), np.median(before[-_BEFORE:], axis=0)).clip(self._least)
+        size, known = np.median(now, axis=0), {each.axis: each for each in self.told}
+        self.told = []
+        for axis in range(2):
+            sigma = float(size[axis] / usual[axis])
+            if sigma > self._threshold * (_BACK if axis in known else 1.0):
+                first = next(at for at, each in self._now if each[axis] > 0.5 * size[axis])
+                since = known[axis].since if axis in known else first - 1e-9 * WINDOW_NS
+                self.told.append(Scatter(axis, float(size[axis] / _SHARE), sigma, since))
