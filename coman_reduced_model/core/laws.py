@@ -164,6 +164,11 @@ class Laws:
         self._imu = ("", _IDENTITY)
         self.begin()
 
+    @property
+    def level(self) -> bool:
+        """Up is known: by an IMU, or by a stance sole that lies flat."""
+        return self.forces.by_imu or not (self.tipping or self._at_edge)
+
     def begin(self) -> None:
         """A phase begins."""
         self.looks = 0
@@ -214,7 +219,7 @@ class Laws:
         """
         n, nl = len(self.names), len(self._joints)
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
-        values = mean[:n] + self._rate * way[:n] / (1e-9 * (self._looked - self._first))
+        values = mean[:n] + self._rate * way[:n] / (1e-9 * max(1, self._looked - self._first))
         shortest, longest = (self._looked - span for span in _WEIGHED_NS)
         values[self._force] = self.forces.over(min(max(self._first, longest), shortest), self._looked)
         values[self._slide] = way[self._slide]
