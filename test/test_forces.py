@@ -17,7 +17,7 @@ MASS, GRAVITY = 30.0, 9.81
 EDGES = np.array([-0.06, 0.12, -0.045, 0.045])  # [m]
 T0, DT = 1_700_000_000_000_000_000, 0.01
 NONE = (0.0, 0.0, 0.0)
-NOWHERE = np.full(3, np.nan)
+NO_IMU = np.full((3, 3), np.nan)
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Motion:
         return R @ (np.array([0.05, -0.05, 0.5]) + 0.02 * self.sines(t)[:3]) + p
 
     def look(self, t, share):
-        """Posture in a base frame that turns and moves, wrenches of both soles, up."""
+        """Posture in a base frame that turns and moves, wrenches of both soles, how the base is turned."""
         sines, h = self.sines(t), 1e-4
         base, at = Rotation.from_euler("xyz", 0.1 * sines[3:6]).as_matrix(), 0.03 * sines[6:]
         soles = self.soles(t)
@@ -67,7 +67,7 @@ class Motion:
             f = part * soles[foot][0].T @ force
             x, y = 0.03, EDGES[3] if self.rock and foot is Foot.LEFT else 0.01
             wrenches.append(np.array([*f, y * f[2], -x * f[2], 0.0]))
-        return posture, *wrenches, base.T[:, 2]
+        return posture, *wrenches, base
 
 
 def watch(motion, start=0.0, end=0.6, share=lambda t: 1.0, forces=None, imu=True):
@@ -76,9 +76,9 @@ def watch(motion, start=0.0, end=0.6, share=lambda t: 1.0, forces=None, imu=True
     stamps = [T0 + round(1e9 * t) for t in np.arange(start, end + 0.5 * DT, DT)]
     for stamp in stamps:
         t = (stamp - T0) * 1e-9
-        posture, left, right, up = motion.look(t, share(t))
+        posture, left, right, turned = motion.look(t, share(t))
         foot = Foot.LEFT if share(t) > 0.5 else Foot.RIGHT
-        forces.look(stamp, foot, posture, left, right, up if imu else NOWHERE)
+        forces.look(stamp, foot, posture, left, right, turned if imu else NO_IMU)
     return forces, lambda since, until: forces.over(T0 + round(1e9 * since), T0 + round(1e9 * until))
 
 
@@ -123,8 +123,8 @@ def test_what_was_not_seen_is_not_known():
 
 def test_in_the_air_nothing_is_known():
     motion, (forces, over) = Motion(), watch(Motion(), end=0.3)
-    posture, left, right, up = motion.look(0.31, 1.0)
-    forces.look(T0 + 310_000_000, Foot.LEFT, posture, 0.0 * left, 0.0 * right, up)
+    posture, left, right, turned = motion.look(0.31, 1.0)
+    forces.look(T0 + 310_000_000, Foot.LEFT, posture, 0.0 * left, 0.0 * right, turned)
     assert np.isnan(over(0.1, 0.31)).all()
     _, over = watch(motion, 0.32, 0.7, forces=forces)
     assert np.isfinite(over(0.34, 0.7)).all()

@@ -6,7 +6,8 @@ at both ends, integration by parts leaves the residual `int w F dt + m int w' dc
 the COM: nothing measured is differentiated. (1 - s^2)^2 is the window that white noise of positions disturbs least.
 
 The way of the COM is that against the point of the ground under the centre of pressure, which is at rest even while the
-foot rocks on its edge; both feet count by the load they bear. Up is where the IMU says, else where these soles say.
+foot rocks on its edge; both feet count by the load they bear. The base is turned as the IMU says, else as these soles
+do, which then are taken to lie flat.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class Forces:
     """The last looks at one robot.
 
     Attributes:
-        by_imu: the last look had an IMU that told where up is.
+        by_imu: the last look had an IMU that told how the base is turned.
     """
 
     def __init__(self, mass: float, gravity: float, soles: Array) -> None:
@@ -47,22 +48,22 @@ class Forces:
     def reset(self) -> None:
         """Forget the past."""
         self._n, self._stamp = 0, 0
-        self._foot, self._heading = Foot.LEFT, 0.0  # that of the frame of all rows, in the support sole [rad]
+        self._foot, self._heading = Foot.LEFT, 0.0  # of the frame of all rows, in the support sole [rad]
         self.by_imu = False
 
-    def look(self, stamp: int, foot: Foot, posture: Posture, left: Array, right: Array, up: Array) -> None:
-        """Take a look: support foot, wrenches (6,) of the soles in their axes, up (3,) in the base frame or NaN."""
+    def look(self, stamp: int, foot: Foot, posture: Posture, left: Array, right: Array, turned: Array) -> None:
+        """Take a look: support foot, wrenches (6,) of the soles in their axes, the base's rotation (3, 3) or NaN."""
         dt, self._stamp = (stamp - self._stamp) * 1e-9, stamp
-        by_imu = not np.isnan(up[0])
+        by_imu = not np.isnan(turned[0, 0])
         if not 0.0 < dt < _GAP_S or by_imu != self.by_imu:
             self._n, self._heading, self._foot, self.by_imu = 0, 0.0, foot, by_imu
         R, p = posture.R, posture.p
         if foot is not self._foot:
-            self._heading, self._foot = _turned(self._heading, R[self._foot], R[foot]), foot
+            self._heading, self._foot = _carried(self._heading, R[self._foot], R[foot]), foot
         row = self._rows[self._n % _ROWS]
-        _look(
+        self._heading = _look(
             row, self._last, self._heading, R[foot], R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT],
-            posture.com, left, right, up, by_imu, self._soles, self._mass * self._gravity,
+            posture.com, left, right, turned, by_imu, self._soles, self._mass * self._gravity,
         )  # fmt: skip
         row[_MIDDLE], row[_DT] = stamp * 1e-9 - 0.5 * dt, dt
         if not self._n:
@@ -77,7 +78,8 @@ class Forces:
         return _over(self._rows, min(self._n, _ROWS), start * 1e-9, end * 1e-9, self._mass, self._heading)
 
 
-def _turned(heading: float, R: Array, R_new: Array) -> float:
+def _carried(heading: float, R: Array, R_new: Array) -> float:
+    """The heading (by R) as seen by another foot."""
     x = R @ [np.cos(heading), np.sin(heading), 0.0]
     return float(np.arctan2(R_new[:, 1] @ x, R_new[:, 0] @ x))
 
@@ -85,18 +87,26 @@ def _turned(heading: float, R: Array, R_new: Array) -> float:
 @compiled
 def _look(
     row: Array, last: Array, heading: float, R: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, com: Array,
-    left: Array, right: Array, up: Array, by_imu: bool, soles: Array, weight: float,
-) -> None:  # fmt: skip
-    """Force and way since the `last` look into a row; feet as in `laws._look`, R that of the support foot."""
+    left: Array, right: Array, turned: Array, by_imu: bool, soles: Array, weight: float,
+) -> float:  # fmt: skip
+    """Force and way since the `last` look into a row; feet as in `laws._look`, R that of the support foot.
+
+    Returns the heading.
+    """
     load_l, load_r = max(left[2], 0.0), max(right[2], 0.0)
     share = load_l / (load_l + load_r)
-    z = up.copy() if by_imu else share * R_l[:, 2] + (1.0 - share) * R_r[:, 2]
-    z /= np.sqrt((z * z).sum())
-    x = np.cos(heading) * R[:, 0] + np.sin(heading) * R[:, 1]
-    x -= (x * z).sum() * z
-    x /= np.sqrt((x * x).sum())
-    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
-    level = np.stack((x, y, z))
+    level = turned.copy()
+    if by_imu:
+        heading = np.arctan2((R[:, 1] * level[0]).sum(), (R[:, 0] * level[0]).sum())
+    else:
+        z = share * R_l[:, 2] + (1.0 - share) * R_r[:, 2]
+        z /= np.sqrt((z * z).sum())
+        x = np.cos(heading) * R[:, 0] + np.sin(heading) * R[:, 1]
+        x -= (x * z).sum() * z
+        x /= np.sqrt((x * x).sum())
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            level[0, k], level[1, k], level[2, k] = x[k], z[a] * x[b] - z[b] * x[a], z[k]
     row[_WAY] = 0.0
     force = apply(level, apply(R_l, left[:3]) + apply(R_r, right[:3]))
     force[2] -= weight
@@ -117,6 +127,7 @@ def _look(
         last[foot] = here
     row[_FORCE] = 0.5 * (force + last[2, :3])
     last[2, :3] = force
+    return float(heading)
 
 
 @compiled

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .compiled import apply, compiled
+from .compiled import apply, compiled, mul
 from .config import Config
 from .effects import Effect, active_effects
 from .forces import Forces
@@ -127,7 +127,7 @@ class Laws:
         self._healthy = figures[2] ** 2
         bent = [e for e in active_effects(config.effects, robot) if type(e).springs is not Effect.springs]
         at = {name: i for i, name in enumerate(self.names)}
-        self._blow, self._first_wrench = at["landing/z"], at["unloaded/left/fx"]
+        self._blow = at["landing/z"]
         self._force = slice(at["force/x"], at["moment/x"])
         self.any_gait = np.array([name.startswith("force/") for name in self.names])
         # What an effect describes is watched for changes alone.
@@ -158,8 +158,6 @@ class Laws:
         self._slide = slice(at["feet/slide_x"], at["tilt/roll"])
         rows = len(laws) + 2 * nl  # then how far torques bend springs, and where the joints are
         self._now, self._sums, self._ends = np.zeros(rows), np.zeros(rows), np.zeros((2, rows))
-        self._walked = np.zeros((4, nl))
-        self.walked()
         self._none = np.full(len(robot.joint_names), np.nan)
         self._imu = ("", _IDENTITY)
         self.begin()
@@ -182,26 +180,26 @@ class Laws:
         assert left is not None and right is not None
         motor = self._none if sample.motor_q is None else sample.motor_q
         tau = self._none if sample.tau is None else sample.tau
-        plan, sole, up, frame = _NAN3, _NO_POSE, _NAN4, ""
+        plan, sole, imu, frame = _NAN3, _NO_POSE, _NAN4, ""
         if self._motors and sample.reference is not None and sample.motor_q is not None:
             plan = sample.reference.com
             sole = sample.reference.T_odom_left if foot == Foot.LEFT else sample.reference.T_odom_right
         if sample.imu is not None and sample.imu.orientation is not None:
-            up, frame = sample.imu.orientation, sample.imu.frame_id
+            imu, frame = sample.imu.orientation, sample.imu.frame_id
         if frame != self._imu[0]:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
             self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
-        up = _up(up, self._imu[1])
-        self.forces.look(sample.stamp_ns, foot, link, left, right, up)
+        turned = _turned(imu, self._imu[1])
+        self.forces.look(sample.stamp_ns, foot, link, left, right, turned)
         dt, before, self._looked = (sample.stamp_ns - self._looked) * 1e-9, self._dt, sample.stamp_ns
         self._first = self._first if self.looks else sample.stamp_ns
         dt = self._dt = dt if 0.0 < dt < _GAP_S else 0.0
         self._at_edge += _look(
             self._now, self._ends, self._sums, self._past, self._dragged, self._spring, self._bent,
-            self._behind, self._walked, self.looks, dt, before, self._soles, self._joints, self._columns, self._split,
+            self._behind, self.looks, dt, before, self._soles, self._joints, self._columns, self._split,
             self._k, self._lag, sample.q, motor, tau, link.R[Foot.LEFT], link.p[Foot.LEFT], link.R[Foot.RIGHT],
             link.p[Foot.RIGHT], link.J, left, right, foot == Foot.LEFT, link.com,
-            link.J_com, self._mass, self._gravity, up, prediction.reference_com, plan, sole,
+            link.J_com, self._mass, self._gravity, turned[2], prediction.reference_com, plan, sole,
         )  # fmt: skip
         self.looks += 1
 
@@ -246,20 +244,6 @@ class Laws:
             healthy[:nl] = 0.0
         return values, healthy, loaded, np.append(mean[n + nl :], way[n + nl :])
 
-    def stood(self, foot: Foot) -> tuple[Array, float]:
-        """Of a single support on a foot: its centre of pressure in the sole (2,) [m], the share of it at an edge."""
-        first = self._first_wrench + 6 * (foot == Foot.RIGHT)
-        force = self._sums[first : first + 6]
-        return np.array([-force[4], force[3]]) / force[2], self._at_edge / self.looks
-
-    def walked(self) -> Array:
-        """(3, nl) lowest and highest position of the motors since this was last asked, and how far they went [rad].
-
-        Of the joints, where motors are not known.
-        """
-        walked, self._walked[:] = self._walked[:3].copy(), [[np.inf], [-np.inf], [0.0], [np.nan]]
-        return walked
-
     def _along_the_bend(self) -> Array:
         """(nl,) [rad] of the spring law's residual as far as it goes with the bend, less where that is far or fast."""
         bend, bend_2, off, product, rate, rate_2 = self._bent / self.looks
@@ -285,16 +269,21 @@ def _usual(name: str) -> tuple[str, float, float, float, float]:
 
 
 @compiled
-def _up(imu: Array, R_imu: Array) -> Array:
-    """(3,) up in the base frame by the quaternion x y z w of an IMU whose orientation there is R_imu (3, 3)."""
+def _turned(imu: Array, R_imu: Array) -> Array:
+    """(3, 3) of the base against the ground, by the quaternion x y z w of an IMU that sits in it as R_imu (3, 3)."""
     x, y, z, w = imu[0], imu[1], imu[2], imu[3]
-    return apply(R_imu, np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)]))
+    R = np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ])  # fmt: skip
+    return mul(R, R_imu.T.copy())
 
 
 @compiled
 def _look(
     x: Array, ends: Array, sums: Array, past: Array, dragged: Array, spring: Array, bent: Array, behind: Array,
-    walked: Array, looks: int, dt: float, before: float, soles: Array, joints: Array, columns: Array, split: int,
+    looks: int, dt: float, before: float, soles: Array, joints: Array, columns: Array, split: int,
     stiffness: Array, lag: Array, q: Array, motor: Array, tau: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array,
     J: Array, left: Array, right: Array, on_left: bool, com: Array, J_com: Array, mass: float, gravity: float,
     up: Array, moved: Array, plan: Array, sole: Array,
@@ -306,8 +295,7 @@ def _look(
     bend the spring by, and how far it is bent by it and its damper, at the last look, `dt` [s] ago (0: not known).
     `bent` (6, nl): sums of the bend, its square, the residual, its product with the bend, the bend's rate, its square.
     `behind` (8, nl): looks, and sums of the torque residual, its square, the rate of the needed torque, its square, the
-    product of both, the needed torque, its square; `before` is the `dt` of the last look. `walked` (4, nl): the motors'
-    lowest and highest position, how far they went, the last position. `soles` (2, 4) edges of both.
+    product of both, the needed torque, its square; `before` is the `dt` of the last look. `soles` (2, 4) edges of both.
     Returns whether the stance foot stands on its edge.
 
     Feet by rotation and position in the base frame, their wrenches in their own; J and J_com of `Posture`; `up` in the
@@ -371,11 +359,7 @@ def _look(
         bent[4, i] += rate
         bent[5, i] += rate * rate
         end[i] = lag[i] * stretch
-        at = x[n + nl + i] = end[n + nl + i] = q[j] if np.isnan(motor[j]) else motor[j]
-        walked[0, i], walked[1, i] = min(walked[0, i], at), max(walked[1, i], at)
-        if not np.isnan(walked[3, i]):
-            walked[2, i] += abs(at - walked[3, i])
-        walked[3, i] = at
+        x[n + nl + i] = end[n + nl + i] = q[j] if np.isnan(motor[j]) else motor[j]
     m = 2 * nl
     force, moment = f_l + f_r, t_l + t_r
     for k in range(3):

@@ -8,8 +8,8 @@ standard deviations, if both are off their level the same way. What has *changed
 `monitor.threshold` is told; so is what *is off* zero by as much of what healthy robots differ by, in two phases of a
 kind running. A value that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of other
 duration, posture or motion than those of its kind before is another gait, and is learnt anew. What pushes and pulls by
-turns has no level: `unsteady/x, y` tell by how much forces scatter that did not (core/unsteady.py). What upsets the
-steps: `pressure/x, y` (core/upset.py). What has not been seen for 10 s is not told any more.
+turns has no level: `unsteady/x, y` tell by how much forces scatter that did not (core/unsteady.py). What has not been
+seen for 10 s is not told any more.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from .compiled import compiled
 from .config import Config
 from .laws import BORNE_S, KINDS, Laws
-from .types import Array, Foot, Phase, Prediction, Sample
+from .types import Array, Phase, Prediction, Sample
 from .unsteady import EVERY_NS, WINDOW_NS, Unsteady
-from .upset import Step, Upset
 
 if TYPE_CHECKING:
     from .robot import Posture, Robot
@@ -59,7 +58,7 @@ class Mismatch:
     """One law that broke.
 
     Attributes:
-        channel: its name, as in `Laws`; or `unsteady/x`, `unsteady/y`, `pressure/x`, `pressure/y`.
+        channel: its name, as in `Laws`; or `unsteady/x`, `unsteady/y`.
         phase: in which it shows most.
         size: by how much in that phase [unit]: against its own level if it has changed, else against the law.
         sigma: in standard deviations, of all kinds of phases together if it has changed.
@@ -86,14 +85,13 @@ class Monitor:
     """Watches one robot.
 
     Attributes:
-        mismatches: what disagrees now, the clearest first; `pressure` last, for what upset the steps may be among them.
+        mismatches: what disagrees now, the clearest first.
         first: by channel, the mismatch as it was first told since the start.
         phases: support phases that could be compared with others of their kind.
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.laws = Laws(robot, config)
-        self._upset = Upset(self.laws.height)
         self._threshold = config.monitor.threshold
         self._unsteady = Unsteady(robot.mass * config.robot.gravity, self._threshold)
         self.first: dict[str, Mismatch] = {}
@@ -119,10 +117,7 @@ class Monitor:
         self._start = self._next = self._began = self._weighed = self._stamp = 0
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
-        self._upset.reset()
         self._unsteady.reset()
-        self._walked = 0  # when the ways of the motors were asked for last
-        self.laws.walked()
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -158,12 +153,7 @@ class Monitor:
             if kind < 4 and after is self._before:  # the foot touched the ground, and was lifted again
                 return
         if kind == 4:
-            self._upset.reset()
             self._unsteady.reset()
-        elif kind < 2:
-            foot, began, seconds = Foot(kind + 1), (self._began - self._start) * 1e-9, (stamp - self._walked) * 1e-9
-            self._upset.take(Step(foot, began, *self.laws.stood(foot), self.laws.walked(), seconds))
-            self._walked = stamp
         values, healthy, loaded, joints = self.laws.mean(kind)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
@@ -212,22 +202,13 @@ class Monitor:
             for each in self._unsteady.told:
                 name = f"unsteady/{'xy'[each.axis]}"
                 found.append((name, "all phases", each.size, "N", each.sigma, each.since, True))
-        found = sorted(found, key=lambda each: -abs(each[4])) + self._pressure(oldest)
+        found.sort(key=lambda each: -abs(each[4]))
         self.mismatches = [
             Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
             for name, phase, value, unit, sigma, began, changed in found
         ]
         for each in self.mismatches:
             self.first.setdefault(each.channel, each)
-
-    def _pressure(self, oldest: float) -> list[tuple[str, str, float, str, float, float, bool]]:
-        """Steps that were upset; last, for what upset them may be told as well."""
-        told = self._upset.told
-        if told is None or self._upset.seen <= oldest:
-            return []
-        axis = int(np.argmax(np.abs(told.off)))
-        size = float(told.off[axis])
-        return [(f"pressure/{'xy'[axis]}", KINDS[told.foot - 1], size, "m", told.sigma, told.since, True)]
 
 
 @compiled
