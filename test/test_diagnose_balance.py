@@ -17,19 +17,13 @@ from synthetic import robot
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects.foot_slip import glide
 from coman_reduced_model.core.types import Foot, Phase
-from coman_reduced_model.diagnose.balance import (
-    JOLT,
-    World,
-    bent_stretch,
-    evaluate,
-    lagged,
-    masks,
-    on_flat_soles,
-    smooth,
-)
+from coman_reduced_model.diagnose.balance import JOLT, evaluate
 from coman_reduced_model.diagnose.diagnosis import examine
 from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted
+from coman_reduced_model.diagnose.masks import masks, on_flat_soles
 from coman_reduced_model.diagnose.recording import FEET, RATE, Recording, moving
+from coman_reduced_model.diagnose.signals import bent_stretch, lagged, smooth
+from coman_reduced_model.diagnose.world import World
 
 SECONDS = 4.0
 t = np.arange(0.0, SECONDS, 1.0 / RATE)
@@ -504,7 +498,7 @@ def test_a_step_that_was_mostly_stood_on_an_edge_is_left_out_unless_most_are(ste
     up = np.column_stack([np.zeros(len(t)), 0.02 * (1.0 + since) * edge, np.ones(len(t))])
     rocked = recording.changed(phase=phase, up=up, left_share=np.where(since < 0.2, 0.5, step % 2 == 0))
     where = masks(rocked, world)
-    flat = on_flat_soles(where, evaluate(rocked, world, where))
+    flat = on_flat_soles(where, evaluate(rocked, world, where).residuals)
     single, at = flat.steady & ~flat.double, t[flat.ticks]
     assert not single[edge[flat.ticks]].any()
     rest = single[(at > 0.74) & (at < 0.92)]
@@ -522,7 +516,7 @@ def swaying(last: Phase) -> Recording:
 def test_who_is_nearly_always_on_an_edge_staggers():
     recording, world = swaying(Phase.DOUBLE), standing()[1]
     where = masks(recording, world)
-    found = on_flat_soles(where, evaluate(recording, world, where))
+    found = on_flat_soles(where, evaluate(recording, world, where).residuals)
     assert found.staggers and found.steady.sum() == where.steady.sum()
 
 

@@ -16,10 +16,10 @@ from test_diagnose_evidence import FIGURES
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.types import Phase
 from coman_reduced_model.diagnose import diagnosis, workflow
-from coman_reduced_model.diagnose.balance import masks
 from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Case, Effect, Finding
 from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed
 from coman_reduced_model.diagnose.hypotheses import PLAN, Candidate, candidates, figures
+from coman_reduced_model.diagnose.masks import masks
 from coman_reduced_model.diagnose.words import effect_sentence
 
 

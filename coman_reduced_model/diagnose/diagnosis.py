@@ -18,11 +18,13 @@ from ..core.effects import Effect as BaseEffect
 from ..core.robot import Robot
 from ..core.types import Array
 from ..errors import BagError
-from .balance import TICKS, Masks, State, World, evaluate, masks, on_flat_soles, taken_up_anew
+from .balance import State, evaluate
 from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, prior_variance, quieter, scores, weigh, weighed
 from .floor import floor
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
+from .masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
 from .recording import Recording, moving
+from .world import World
 
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
 FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
@@ -110,7 +112,7 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
             told = f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
             recording = recording.changed(up=None, warnings=(*recording.warnings, told))
             state = evaluate(recording, world, where)
-    where = on_flat_soles(where, state)
+    where = on_flat_soles(where, state.residuals)
     if where.staggers:
         told = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
         recording = recording.changed(warnings=(*recording.warnings, told))

@@ -23,7 +23,6 @@ from ..errors import BagError, ConfigError
 from ..offline import find_robot, input_streams, predictions, to_json
 from ..output import OutputFolder
 from ..topics import TopicNames
-from .balance import taken_up_anew
 from .diagnosis import (
     CLASSES,
     SUSPECTED,
@@ -39,6 +38,7 @@ from .diagnosis import (
 )
 from .evidence import ONE_A_STEP
 from .hypotheses import PLAN, Candidate, candidates, figures
+from .masks import taken_up_anew
 from .recording import Recording, load, moving
 from .words import sentence
 
