@@ -18,7 +18,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects.foot_slip import glide
 from coman_reduced_model.core.types import Foot, Phase
 from coman_reduced_model.diagnose.balance import JOLT, evaluate
-from coman_reduced_model.diagnose.diagnosis import examine
+from coman_reduced_model.diagnose.case import examine
 from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted
 from coman_reduced_model.diagnose.masks import masks, on_flat_soles
 from coman_reduced_model.diagnose.recording import FEET, RATE, Recording, moving
