@@ -7,11 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnose_tools import FIGURES, standing, stretched, swaying
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import robot
-from test_diagnose_balance import standing, stretched, swaying
-from test_diagnose_evidence import FIGURES
 
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.types import Phase
@@ -79,16 +78,6 @@ def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
     assert not any(masked.taken_up.any() for _, _, masked in alike)
     (kept,) = workflow._alike([(recording, world, where)])
     assert kept[2] is where
-
-
-def test_the_zero_of_an_encoder_takes_up_no_play():
-    """Where torques are too small to tell at which end a joint is, the law tells it, about its middle."""
-    played, off = (
-        masks(stretched(lambda tau, nominal, zero=zero: nominal + 0.005 * np.sign(tau) + zero), standing()[1]).taken_up
-        for zero in (0.0, 0.004)
-    )
-    np.testing.assert_allclose(off, played, atol=1e-9)
-    assert np.abs(played).max() == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
