@@ -12,9 +12,13 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from ros_testing import Peer
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -174,3 +178,32 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> str:
     domain = str(random.SystemRandom().randint(1, 101))
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     return domain
+
+
+# Of ros_testing.py for those who ask for it: most tests need no ROS.
+
+
+@pytest.fixture(scope="session")
+def nodes_compiled() -> None:
+    """Nodes that start have nothing to compile."""
+    from ros_testing import compile_once
+
+    compile_once()
+
+
+@pytest.fixture
+def peer(ros_domain: str) -> Iterator[Peer]:
+    """A node of the test's own process in the test's domain."""
+    from ros_testing import Peer
+
+    peer = Peer()
+    yield peer
+    peer.close()
+
+
+@pytest.fixture(scope="session")
+def recorded_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of a short walk of the virtual robot."""
+    from ros_testing import record_walk
+
+    return record_walk(tmp_path_factory.mktemp("bags"))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnose_tools import FIGURES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag
@@ -26,23 +27,11 @@ from coman_reduced_model.diagnose.evidence import (
     whiten,
 )
 from coman_reduced_model.diagnose.floor import least
-from coman_reduced_model.diagnose.hypotheses import Candidate, Figure, candidates
+from coman_reduced_model.diagnose.hypotheses import Candidate, candidates
 
 ROWS = 40
 seeds = st.integers(0, 10_000)
 few = settings(max_examples=15)
-
-
-def figure(effect: str, spread: float, reach: float, **more) -> Figure:
-    return Figure(effect, more.pop("where", ""), "x", 0.0, spread, reach, 0.1, "1", lambda r, w, x: (r, w), **more)
-
-
-FIGURES = [
-    figure("payload", 0.0, 2.0),
-    figure("encoder_bias", 0.3, 1.5, where="knee"),
-    figure("backlash", 0.0, 1.0, slack=0.2),
-    figure("", 0.5, 0.5, own=True),
-]
 
 
 def evidence_of(A, r, at=None, known=FIGURES) -> Evidence:

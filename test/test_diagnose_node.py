@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conftest import PATIENCE
-from ros_testing import Peer, compile_once, paced, vector
+from ros_testing import Peer, paced, vector
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import STANDARD_EFFECTS, config_to_yaml, load_config
@@ -17,12 +17,7 @@ from coman_reduced_model.ros.replay import Replay
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    compile_once()
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("nodes_compiled")]
 
 
 @pytest.fixture

@@ -7,28 +7,29 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnose_tools import FIGURES, standing, stretched, swaying
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import robot
-from test_diagnose_balance import standing, stretched, swaying
-from test_diagnose_evidence import FIGURES
 
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.types import Phase
-from coman_reduced_model.diagnose import diagnosis, workflow
-from coman_reduced_model.diagnose.balance import masks
-from coman_reduced_model.diagnose.diagnosis import ENOUGH, FEWER, SUSPECTED, Case, Effect, Finding
+from coman_reduced_model.diagnose import search, workflow
+from coman_reduced_model.diagnose.case import Case, examine, prepare
 from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed
+from coman_reduced_model.diagnose.finding import Effect, Finding, size
 from coman_reduced_model.diagnose.hypotheses import PLAN, Candidate, candidates, figures
+from coman_reduced_model.diagnose.masks import masks
+from coman_reduced_model.diagnose.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.words import effect_sentence
 
 
 def test_one_of_few_ways_needs_less_than_one_of_many_places():
-    needed = diagnosis._needed(ENOUGH, candidates(figures(*standing())))
+    needed = search._needed(ENOUGH, candidates(figures(*standing())))
     assert needed["backlash"] == needed["joint_stiffness"] == needed["wrench_bias"] == ENOUGH
     assert needed["payload"] == needed["com_offset"] == needed["encoder_delay"] == ENOUGH - FEWER
     # Where something is missing for sure, so little is asked for that few ways make no difference.
-    assert set(diagnosis._needed(SUSPECTED, candidates(figures(*standing()))).values()) == {SUSPECTED}
+    assert set(search._needed(SUSPECTED, candidates(figures(*standing()))).values()) == {SUSPECTED}
 
 
 def test_a_channel_has_the_limit_of_its_own_or_of_its_law():
@@ -41,8 +42,8 @@ def test_a_channel_has_the_limit_of_its_own_or_of_its_law():
 def test_what_is_left_is_told_by_most_of_the_values(sigma, stumbles):
     values = sigma * np.random.default_rng(stumbles).standard_normal(1000)
     values[:stumbles] *= 1e3
-    assert diagnosis.size(values) == pytest.approx(sigma, rel=0.1 if stumbles == 0 else 0.5)
-    assert diagnosis.size(values[:1]) > 0.0
+    assert size(values) == pytest.approx(sigma, rel=0.1 if stumbles == 0 else 0.5)
+    assert size(values[:1]) > 0.0
 
 
 def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_always_does():
@@ -61,7 +62,7 @@ def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_
 
 
 def test_what_was_noticed_of_a_recording_is_told_with_what_was_not_checked():
-    prepared = diagnosis.prepare(swaying(Phase.LEFT), robot(), Config())
+    prepared = prepare(swaying(Phase.LEFT), robot(), Config())
     told = workflow._not_checked([prepared], True)
     assert any("nearly always on the edge of a foot" in line for line in told)
     assert any("a foot that slides does not show" in line for line in told)
@@ -77,16 +78,6 @@ def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
     assert not any(masked.taken_up.any() for _, _, masked in alike)
     (kept,) = workflow._alike([(recording, world, where)])
     assert kept[2] is where
-
-
-def test_the_zero_of_an_encoder_takes_up_no_play():
-    """Where torques are too small to tell at which end a joint is, the law tells it, about its middle."""
-    played, off = (
-        masks(stretched(lambda tau, nominal, zero=zero: nominal + 0.005 * np.sign(tau) + zero), standing()[1]).taken_up
-        for zero in (0.0, 0.004)
-    )
-    np.testing.assert_allclose(off, played, atol=1e-9)
-    assert np.abs(played).max() == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -105,14 +96,14 @@ def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatc
         asked["released"] = released
         return np.ones(len(known)), ["train"], "fit"
 
-    monkeypatch.setattr(diagnosis, "_sum", lambda cases: None)
-    monkeypatch.setattr(diagnosis, "scores", lambda e, o, r: [Score(o[0], 30.0, 25.0, np.zeros(4), True)])
-    monkeypatch.setattr(diagnosis, "_settled", settled)
-    monkeypatch.setattr(diagnosis, "_confirm", lambda *a: (12.0, disagrees))
-    monkeypatch.setattr(diagnosis, "_impossible", lambda *a: impossible)
+    monkeypatch.setattr(search, "_sum", lambda cases: None)
+    monkeypatch.setattr(search, "scores", lambda e, o, r: [Score(o[0], 30.0, 25.0, np.zeros(4), True)])
+    monkeypatch.setattr(search, "_settled", settled)
+    monkeypatch.setattr(search, "_confirm", lambda *a: (12.0, disagrees))
+    monkeypatch.setattr(search, "_impossible", lambda *a: impossible)
     before = [Effect(shift, 9.0, 9.0), Effect(other, 50.0, 50.0), Effect(mass, 9.0, 9.0)]
     finding = Finding(known, np.zeros(len(known)), chosen=list(before))
-    diagnosis._one_load(finding, SimpleNamespace(at=lambda at, which: ["hold"]), options)
+    search._one_load(finding, SimpleNamespace(at=lambda at, which: ["hold"]), options)
     assert asked["released"] == [*other.figures, *whole.figures]
     if disagrees or impossible:
         assert finding.chosen == before and not finding.at.any()
@@ -159,29 +150,27 @@ def test_evidence_is_apart_where_the_chosen_effects_do_nothing(where, apart):
     first, second = Candidate("payload", "", (0,)), Candidate("backlash", "", (2,))
     cases = [case()], [case()]
     finding = Finding(FIGURES, np.zeros(len(FIGURES)), [Effect(first, 99.0, 99.0)], train=cases[0], hold=cases[1])
-    evidence = diagnosis._sum(finding.train)
+    evidence = search._sum(finding.train)
     finding.fit = evidence.fit(finding.released)
-    (score,) = diagnosis.scores(evidence, [second], finding.released)
+    (score,) = search.scores(evidence, [second], finding.released)
     assert score.gain > ENOUGH
-    assert diagnosis._apart(finding, finding.hold, evidence.fit([0, 2]), score, ENOUGH) == apart
+    assert search._apart(finding, finding.hold, evidence.fit([0, 2]), score, ENOUGH) == apart
 
 
 def test_further_effects_need_more_unless_their_evidence_is_apart(monkeypatch):
     known = figures(*standing())
     options = candidates(known)
-    needed = diagnosis._needed(ENOUGH, options)
+    needed = search._needed(ENOUGH, options)
     first, second = (next(o for o in options if o.effect == name) for name in ("encoder_delay", "backlash"))
     finding = Finding(known, np.zeros(len(known)), [Effect(first, 90.0, 90.0)])
 
     def enough(nats, apart, needed=needed):
-        monkeypatch.setattr(diagnosis, "_apart", lambda *a: apart)
-        return diagnosis._enough(
-            finding, [], "fit", Score(second, nats, nats, np.ones(1), True), np.nan, ENOUGH, needed
-        )
+        monkeypatch.setattr(search, "_apart", lambda *a: apart)
+        return search._enough(finding, [], "fit", Score(second, nats, nats, np.ones(1), True), np.nan, ENOUGH, needed)
 
     assert enough(8.5, False) and not enough(7.5, False)  # 5 % of 90 beside 4.5, but 8 at most
     assert enough(4.6, True) and not enough(4.4, True)
-    little = diagnosis._needed(SUSPECTED, options)  # however little is asked for
+    little = search._needed(SUSPECTED, options)  # however little is asked for
     assert not enough(ENOUGH - FEWER - 0.1, True, little) and enough(ENOUGH - FEWER + 0.1, True, little)
 
 
@@ -193,9 +182,9 @@ def test_what_explains_the_same_with_fewer_figures_is_not_compared():
     )
     other = next(o for o in candidates(known) if o.effect == "backlash")
     found = [Score(option, 9.0, 8.0, np.ones(1), True) for option in (alone, both, other)]
-    assert [score.option for score in diagnosis._no_twins(found)] == [both, other]
+    assert [score.option for score in search._no_twins(found)] == [both, other]
     better = Score(alone, 9.5, 8.0, np.ones(1), True)
-    assert diagnosis._no_twins([better, found[1]]) == [better, found[1]]
+    assert search._no_twins([better, found[1]]) == [better, found[1]]
     assert known[both.figures[1]].shape and not any(known[i].shape for i in alone.figures)
 
 
@@ -203,19 +192,19 @@ def test_one_load_alone_stays_what_it_is():
     known = figures(*standing())
     options = candidates(known)
     finding = Finding(known, np.zeros(len(known)), chosen=[Effect(options[0], 9.0, 9.0)])
-    diagnosis._one_load(finding, SimpleNamespace(), options)
+    search._one_load(finding, SimpleNamespace(), options)
     assert [effect.option for effect in finding.chosen] == [options[0]]
 
 
 def test_rivals_that_are_compared_again_arrive_where_they_did_before(monkeypatch):
     recording, world = stretched(lambda tau, nominal: 2.0 * nominal), standing()[1]
-    looked = diagnosis.Looked([(recording, world, masks(recording, world))])
+    looked = search.Looked([(recording, world, masks(recording, world))])
     soft = next(i for i, figure in enumerate(looked.known) if figure.name == "joint_stiffness@LKneeSag.scale")
     nothing, steps, near = np.zeros(len(looked.known)), [], looked.near
     monkeypatch.setattr(looked, "near", lambda *a: steps.append(1) or near(*a))
-    first = diagnosis._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
+    first = search._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
     taken = len(steps)
-    again = diagnosis._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
+    again = search._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
     assert first[0][soft] == pytest.approx(-0.5, abs=0.02) and taken > 1
     assert len(steps) == taken + 1
     np.testing.assert_array_equal(again[0], first[0])
@@ -224,7 +213,7 @@ def test_rivals_that_are_compared_again_arrive_where_they_did_before(monkeypatch
 
 def test_a_second_search_gets_the_answers_of_the_first_about_the_same_effects():
     recording, world = standing()
-    looked = diagnosis.Looked([(recording, world, masks(recording, world))])
+    looked = search.Looked([(recording, world, masks(recording, world))])
     options, asked = candidates(looked.known), []
     nothing = np.zeros(len(looked.known))
     bare, beside = (Finding(looked.known, nothing, chosen) for chosen in ([], [Effect(options[0], 9.0, 9.0)]))
@@ -246,8 +235,8 @@ def test_a_case_near_another_needs_no_figure_of_its_own():
     recording, world = standing()
     prepared = recording, world, masks(recording, world)
     known = figures(recording, world)
-    case = diagnosis.examine(prepared, known, np.zeros(len(known)))
-    same = diagnosis.examine(prepared, known, np.zeros(len(known)), case, ())
+    case = examine(prepared, known, np.zeros(len(known)))
+    same = examine(prepared, known, np.zeros(len(known)), case, ())
     for key, columns in case.problem.columns.items():
         np.testing.assert_array_equal(same.problem.columns[key], columns)
     assert same.floor == case.floor

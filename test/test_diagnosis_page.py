@@ -18,12 +18,13 @@ from coman_reduced_model.core.config import load_config
 from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.core.types import Array, Foot
 from coman_reduced_model.diagnose import workflow
-from coman_reduced_model.diagnose.balance import Smoothed
-from coman_reduced_model.diagnose.diagnosis import Case, Effect, Finding
+from coman_reduced_model.diagnose.case import Case
 from coman_reduced_model.diagnose.evidence import Noise, Problem, scores, weighed
+from coman_reduced_model.diagnose.finding import Effect, Finding
 from coman_reduced_model.diagnose.hypotheses import Figure, candidates
 from coman_reduced_model.diagnose.page import diagnosis_page
 from coman_reduced_model.diagnose.recording import Recording
+from coman_reduced_model.diagnose.signals import Smoothed
 from coman_reduced_model.diagnose.words import effect_sentence, place
 
 WIDTH, FLOOR = 0.012, 3e-4  # [rad]

@@ -20,322 +20,25 @@ are taken at TICKS a second; but for `slide` and `landing`, one value for each l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from ..core.compiled import compiled
-from ..core.config import Config
-from ..core.effects.foot_slip import SLIPS_TO, glide
-from ..core.effects.joint_friction import CREEP
 from ..core.robot import Robot
-from ..core.types import Array, Foot, Phase
-from .recording import FEET, RATE, Recording
+from ..core.types import Array, Foot
+from .landings import slide_lengths
+from .masks import TAKEN_UP, TICKS, Masks
+from .recording import FEET, WRENCH, Recording
+from .signals import Smoothed, rate_of, smooth, spring_stretch
+from .world import World
 
-TICKS = 25.0  # [Hz] at which residuals are looked at
-SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
-_REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
-_CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
-_BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
-_LANDING_S = 0.16  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
-_SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be told
-_SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
-_LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
-_SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
-_SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
-STUMBLE, STUMBLE_SHARE = 0.002, 0.5  # [m], and share of the usual, by which a slide differs when a robot stumbles
-UNLIKE = 0.01  # [m/s], and STUMBLE_SHARE of the usual, by which a blow at landing differs from most
-_AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
-SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
-TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
-SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
-TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
-TIPPED_SHARE = 0.8  # of the time
-EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
 JOLT = 0.004  # [m/s] by which any landing stops the robot
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
-NOISY = 0.05  # of a joint's torques, from which on the noise of their sensor matters for derivatives
-SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 AXES = ("x", "y", "z")
-WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-
-
-@dataclass
-class World:
-    """What the robot and its surroundings are believed to be; effects change it.
-
-    Attributes:
-        model: the URDF's model; bodies may be changed after `copy`.
-        stiffness, damping: (nj,) of the series springs; NaN where the configuration names none.
-        slope: roll, pitch (2,) of the floor [rad].
-        pull: constant force at the trunk (2,), heading-aligned axes [N].
-        tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
-        cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
-        friction, creep: (nj,) at the link side, against its motion [Nm], and the speed below which it creeps [rad/s].
-        yielding, settling, rotor: of the motors' position loops [rad/Nm], the time constant [s] with which they yield,
-            and the reflected inertia [kg m^2] that they carry beside the spring.
-        yielded: the same as yielding [rad/Nm], of motors whose states tell where they really are.
-        lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
-        slip: (2,) how far the left, the right foot slides back each time after it has landed [m].
-        impulse: of the ground on each landing foot beyond the load that it takes over [Ns].
-    """
-
-    robot: Robot
-    model: pin.Model
-    stiffness: Array
-    damping: Array
-    gravity: float
-    cubic: Array
-    play: Array
-    friction: Array
-    creep: Array
-    slope: Array = field(default_factory=lambda: np.zeros(2))
-    pull: Array = field(default_factory=lambda: np.zeros(2))
-    tilting: float = 0.0
-    sinking: float = 0.0
-    yielding: float = 0.0
-    settling: float = 0.0
-    rotor: float = 0.0
-    yielded: float = 0.0
-    lead: float = 0.0
-    slip: Array = field(default_factory=lambda: np.zeros(2))
-    impulse: float = 0.0
-
-    @classmethod
-    def nominal(cls, robot: Robot, config: Config) -> World:
-        stiffness = np.full(len(robot.joint_names), np.nan)
-        damping = stiffness.copy()
-        for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
-            stiffness[robot.legs[foot]], damping[robot.legs[foot]] = leg.stiffness, leg.damping
-        none = np.zeros(len(robot.joint_names))
-        model = robot.model.copy()
-        model.gravity.linear = np.array([0.0, 0.0, -config.robot.gravity])
-        return cls(robot, model, stiffness, damping, config.robot.gravity, none, none, none, none + CREEP)
-
-    def changed(self, **fields: object) -> World:
-        """A copy with other figures."""
-        return replace(self, **fields)  # type: ignore[arg-type]
-
-    def add_mass(self, mass: float, position: Array, frame: int) -> World:
-        """A copy with a point mass [kg] at a position (3,) [m] in a frame of the URDF."""
-        model = self.model.copy()
-        at = model.frames[frame]
-        inertia = pin.Inertia(mass, at.placement.act(np.asarray(position, dtype=float)), np.zeros((3, 3)))
-        model.inertias[at.parentJoint] = model.inertias[at.parentJoint] + inertia
-        return self.changed(model=model)
-
-
-@dataclass(frozen=True)
-class Slide:
-    """A landing after which the other foot stands for long enough that a slide would show."""
-
-    tick: int  # before it
-    foot: Foot  # that has landed
-    first: slice  # of the grid: it has just come down
-    last: slice  # ... and slid
-    share: float  # of a slide that is gone by between the two
-
-
-@dataclass(frozen=True)
-class Masks:
-    """Where each residual means something; fixed by the measurement, the same for every hypothesis but `taken_up`."""
-
-    ticks: Array  # (m,) indices into the grid
-    steady: Array  # (m,) no change of contact near, on the ground
-    air: dict[Foot, Array]  # (m,) the foot is unloaded
-    double: Array  # (m,) both feet stand
-    touchdown: Array  # (m,) index of the tick at which this double support was first steady
-    share: Array  # (m,) smooth share of the left foot
-    segment: Array  # (m,) number of the phase: what belongs together
-    slides: tuple[Slide, ...]  # landings that show whether the foot slides
-    blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
-    taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
-    staggers: bool = False  # nearly always on the edge of a foot
-
-
-def masks(recording: Recording, world: World) -> Masks:
-    """Of one recording, with the nominal world."""
-    phase, n = recording.phase, len(recording.t)
-    step = round(RATE / TICKS)
-    ticks = np.arange(_REACH, n - _REACH, step)
-    changes = np.flatnonzero(np.diff(phase)) + 1
-    number = np.searchsorted(changes, np.arange(n), side="right")
-    near = np.zeros(n, dtype=bool)
-    for change in changes:
-        near[max(0, change - round(_CONTACT_S * RATE)) : change + round(_CONTACT_S * RATE)] = True
-    gap = np.convolve(~recording.valid, np.ones(2 * _REACH + 1), "same") > 0
-    steady = ~near & ~gap & (phase != Phase.FLIGHT)
-    air = {}
-    for foot, other in ((Foot.LEFT, Phase.RIGHT), (Foot.RIGHT, Phase.LEFT)):
-        inside = phase == other
-        settled = np.convolve(~inside, np.ones(2 * round(_AIR_S * RATE) + 1), "same") == 0
-        air[foot] = (settled & ~gap)[ticks]
-        air[foot] &= ~_scuffs(smooth(recording.wrench[foot][:, 2:3])[ticks, 0], air[foot], world)
-    double = (steady & (phase == Phase.DOUBLE))[ticks]
-    segment = number[ticks]
-    touchdown = np.zeros(len(ticks), dtype=np.intp)
-    for value in np.unique(segment):
-        mine = np.flatnonzero((segment == value) & double)
-        if len(mine):
-            touchdown[mine] = mine[0]
-    share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
-    share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
-    blow, taken_up = _blow(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
-    slides = _usual_slides(world, recording, _slides(recording, ticks))
-    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
-
-
-def _scuffs(force: Array, air: Array, world: World) -> Array:
-    """(m,) where a foot in the air touches the ground: its force (m,) is far from what it usually is there."""
-    if not air.any():
-        return air
-    off = np.abs(force - np.median(force[air]))
-    far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), SCUFF_SHARE * world.robot.mass * world.gravity)
-    return np.convolve(far, np.ones(3), "same") > 0
-
-
-def taken_up_anew(where: Masks, before: Recording, recording: Recording, world: World) -> Masks:
-    """With the play of the joints as it is seen in this recording, if other streams than before tell of it."""
-    if all(getattr(recording, name) is getattr(before, name) for name in ("q", "tau", "motor_q")):
-        return where
-    return replace(where, taken_up=_taken_up(recording, world)[where.ticks])
-
-
-def on_flat_soles(where: Masks, state: State) -> Masks:
-    """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there.
-
-    Unless that is nearly always: then little would be left, and the robot `staggers`.
-    """
-    tipped = np.zeros(len(where.ticks), dtype=bool)
-    for axis in ("roll", "pitch"):
-        tilt = state.residuals.get(f"tilt/{axis}")
-        if tilt is not None and where.air[Foot.LEFT].any() and where.air[Foot.RIGHT].any():
-            # What it usually is on this foot: an encoder of one leg may be off, or the IMU.
-            left, right = (_usual(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
-            tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
-    tipped = np.convolve(tipped, np.ones(3), "same") > 0
-    if where.steady.any() and tipped[where.steady].mean() > TIPPED_SHARE:
-        return replace(where, staggers=True)
-    whole = tipped.copy()
-    for value in np.unique(where.segment):
-        step = where.steady & ~where.double & (where.segment == value)
-        whole |= step & (tipped[step].mean() > EDGE_STEP if step.any() else False)
-    single = where.steady & ~where.double
-    if (single & ~whole).sum() >= 0.5 * (single & ~tipped).sum():  # else it hardly does anything but stagger
-        tipped = whole
-    return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
-
-
-def _usual(values: Array) -> float:
-    """The middle of the narrowest range that holds a quarter of the values: most others may be of rocking."""
-    values = np.sort(values[np.isfinite(values)])
-    if not len(values):
-        return 0.0
-    count = max(1, len(values) // 4)
-    first = int(np.argmin(values[count - 1 :] - values[: len(values) - count + 1]))
-    return float(np.median(values[first : first + count]))
-
-
-def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
-    """Landings at which a slide would show."""
-    out = []
-    for landed, tick, _, i, leaves in _landings(recording.phase, ticks):
-        end = min(i + round(SLIPS_TO * RATE), leaves - round(_CONTACT_S * RATE))
-        if end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
-            continue
-        first = slice(i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE))
-        last = slice(end - round(_SLID_S * RATE), end)
-        gone = [np.mean([glide((k - i) / RATE)[0] for k in range(w.start, w.stop)]) for w in (first, last)]
-        out.append(Slide(tick, landed, first, last, float(gone[1] - gone[0])))
-    return tuple(out)
-
-
-def _usual_slides(world: World, recording: Recording, slides: tuple[Slide, ...]) -> tuple[Slide, ...]:
-    """Those that are much like most of the same foot: when a robot stumbles, it does so now and then."""
-    whole = _slid(world, recording.q, slides) / np.array([slide.share for slide in slides])
-    usual = np.zeros(len(slides), dtype=bool)
-    for foot in FEET:
-        mine = np.array([slide.foot == foot for slide in slides], dtype=bool)
-        if not mine.any():
-            continue
-        alike = _alike(whole[mine], STUMBLE)
-        if alike.mean() > 0.5:
-            usual[np.flatnonzero(mine)[alike]] = True
-    return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
-
-
-def _alike(values: Array, least: float) -> Array:
-    """(k,) those of values (k,) that are much like their median: within `least`, or a share of it."""
-    middle = float(np.median(values))
-    return np.abs(values - middle) < max(least, STUMBLE_SHARE * abs(middle))
-
-
-def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int, int]]:
-    """Each foot that lands, the tick before it, and on the grid when it left the ground, lands, and what is next."""
-    changes = np.concatenate([[0], np.flatnonzero(np.diff(phase)) + 1, [len(phase)]])
-    for left, i, leaves in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
-        tick = int(np.searchsorted(ticks, i)) - 1
-        if tick >= 0 and phase[i] == Phase.DOUBLE and phase[i - 1] in (Phase.LEFT, Phase.RIGHT):
-            yield Foot(phase[i - 1]).other, tick, left, i, leaves
-
-
-def _blow(recording: Recording, ticks: Array, mass: float) -> Array:
-    """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
-    out = np.full(len(ticks), np.nan)
-    if recording.period > _SELDOM_S:
-        return out
-    for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
-        end = min(i + round(_LANDING_S * RATE), leaves)
-        if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
-            out[tick] = blow(recording.wrench[landed][i:end, 2])
-    # A blow that comes after the next foot has left is not heard: most landings tell, if they are alike.
-    heard = np.flatnonzero(np.isfinite(out))
-    if len(heard) and (alike := _alike(out[heard], UNLIKE * mass)).mean() > 0.5:
-        out[heard[~alike]] = np.nan
-    return out
-
-
-def blow(force: Array) -> float:
-    """The largest impulse [Ns] of a few samples beyond what the foot bears before and after, at RATE.
-
-    A force (n,) [N] that only rises after the landing gives nothing; NaN if there is too little of it. The node
-    (core/laws.py) judges a landing by its first touch; this also finds the blow of a foot whose edge came first.
-    """
-    if len(force) < _BLOW + _BESIDE:
-        return float("nan")
-    force = np.concatenate([np.zeros(_BESIDE), force])  # in the air before
-    around = sliding_window_view(force, _BLOW + 2 * _BESIDE)
-    before, felt, after = np.split(around, [_BESIDE, _BESIDE + _BLOW], axis=1)
-    borne = np.maximum(before.mean(axis=1), after.mean(axis=1)).clip(0.0)
-    return max(0.0, float((felt - borne[:, None]).sum(axis=1).max()) / RATE)
-
-
-def _taken_up(recording: Recording, world: World) -> Array:
-    """(n, nj) A torque beyond the error of its sensor takes up the play; below that, play is where it is seen to be."""
-    out = np.zeros_like(recording.q)
-    if recording.motor_q is None or recording.tau is None:
-        return out  # then the torque that the ground asks for decides, see _joints
-    for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
-        torque = recording.tau[:, j]
-        law = (
-            recording.motor_q[:, j]
-            - recording.q[:, j]
-            - lagged(torque, world.damping[j] / world.stiffness[j]) / (world.stiffness[j])
-        )
-        law = gaussian_filter1d(law, SMOOTHING * RATE)
-        low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero tells of no end
-        seen = np.clip((law - 0.5 * (low + high)) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
-        loaded = np.clip((np.abs(smooth(torque[:, None])[:, 0]) - TAKEN_UP) / TAKEN_UP, 0.0, 1.0)
-        out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen
-    return smooth(out)
 
 
 @dataclass(frozen=True)
@@ -400,40 +103,6 @@ class State:
         return out
 
 
-class Smoothed:
-    """Smoothed arrays, and what is made of them, remembered: most hypotheses leave most arrays as they are."""
-
-    def __init__(self, before: Smoothed | None = None) -> None:
-        self._known: dict[tuple[Any, ...], tuple[Array, Array]] = {} if before is None else dict(before._known)
-
-    def __call__(self, values: Array) -> Array:
-        return self._made(("smooth", id(values)), values, smooth)
-
-    def complete(self, values: Array) -> Array:
-        """(k,) which columns of smoothed values (n, k) have no gap."""
-        return self._made(("complete", id(values)), values, lambda each: np.isfinite(each).all(axis=0))
-
-    def stretch(self, world: World, j: int, torques: Array) -> Array:
-        """(n,) [rad] of the spring of joint j under smoothed torques (n, nj) at RATE."""
-        law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
-        return self._made((j, *law), torques, lambda each: _stretch(world, j, each[:, j], 1.0 / RATE))
-
-    def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Array]) -> Array:
-        found = self._known.get(key)
-        if found is None or found[0] is not of:
-            found = self._known[key] = (of, make(of))
-        return found[1]
-
-
-def smooth(values: Array) -> Array:
-    """Values (n, k) without what is faster than the balance can follow."""
-    return np.asarray(gaussian_filter1d(values, SMOOTHING * RATE, axis=0, mode="nearest"))
-
-
-def _rate(values: Array) -> Array:
-    return np.gradient(values, 1.0 / RATE, axis=0)
-
-
 def evaluate(recording: Recording, world: World, where: Masks, before: State | None = None) -> State:
     """Every residual by its name, (m,) at the ticks; NaN where it says nothing.
 
@@ -447,7 +116,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     """
     robot, ticks = world.robot, where.ticks
     same_q = before is not None and recording.q is before.recording.q
-    slid = before.slid if before and same_q else _slid(world, recording.q, where.slides)
+    slid = before.slid if before and same_q else slide_lengths(world, recording.q, where.slides)
     smoothed = Smoothed(before.smoothed if before else None)
     motion = before.motion if before and same_q else _motion(world.robot, smoothed(recording.q), ticks)
     wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
@@ -525,8 +194,8 @@ def _blend(by_foot: dict[Foot, Array], share: Array) -> Array:
 
 def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
     """From smoothed positions (n, nj)."""
-    rate = _rate(smoothed)
-    q, qd, qdd = smoothed[ticks], rate[ticks], _rate(rate)[ticks]
+    rate = rate_of(smoothed)
+    q, qd, qdd = smoothed[ticks], rate[ticks], rate_of(rate)[ticks]
     model, m = robot.model, len(q)
     data = model.createData()
     configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
@@ -568,8 +237,8 @@ def _yield(
     flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
     twist, twist_rate = {}, {}
     for foot in FEET:
-        first = _rate(smooth(recording.wrench[foot]))
-        for out, value in ((twist, first), (twist_rate, _rate(first))):
+        first = rate_of(smooth(recording.wrench[foot]))
+        for out, value in ((twist, first), (twist_rate, rate_of(first))):
             sole = value[ticks] * flexible
             linear, angular = (np.einsum("nij,nj->ni", motion.R[foot], part) for part in (sole[:, :3], sole[:, 3:]))
             out[foot] = np.hstack([linear + np.cross(motion.p[foot], angular), angular])
@@ -623,7 +292,7 @@ def _yielded(
     """(m, nj) [rad] by which position loops yield to torques (m, nj) and to their rotors, a lag later."""
     load = torque - world.settling * np.gradient(torque, 1.0 / TICKS, axis=0)
     if world.rotor and recording.motor_q is not None:
-        load = load + world.rotor * _rate(_rate(smoothed(recording.motor_q)))[ticks]
+        load = load + world.rotor * rate_of(rate_of(smoothed(recording.motor_q)))[ticks]
     return compliance * load
 
 
@@ -670,98 +339,11 @@ def _joints(
             out[f"torque/{name}"] = torque - needed[:, j]
             elastic = smoothed.stretch(world, j, efforts)[ticks]
         else:
-            elastic = _stretch(world, j, torque, 1.0 / TICKS)
+            elastic = spring_stretch(world, j, torque, 1.0 / TICKS)
         if stretch is not None:
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
             bent = elastic + 0.5 * world.play[j] * play
             out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
-    return out
-
-
-def _stretch(world: World, j: int, torque: Array, dt: float) -> Array:
-    """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
-    k, d = float(world.stiffness[j]), float(world.damping[j])
-    if world.cubic[j]:
-        return np.asarray(bent_stretch(np.ascontiguousarray(torque), k, d, float(world.cubic[j]), dt))
-    if dt == 1.0 / RATE:
-        return lagged(torque, d / k) / k
-    return (torque - d / k * np.gradient(torque, dt)) / k  # ticks are too far apart for the lag itself
-
-
-def lagged(values: Array, time_constant: float) -> Array:
-    """First-order lag along the first axis; a negative time constant leads (for difference quotients around zero)."""
-    if time_constant <= 0.0:
-        return values - time_constant * _rate(values)
-    a = np.exp(-1.0 / RATE / time_constant)
-    # Exact for values that are linear between samples.
-    b = time_constant * RATE * (1.0 - a)
-    state = b * values[:1]  # as if it had been at its first value for ever
-    return np.asarray(lfilter([1.0 - b, b - a], [1.0, -a], values, axis=0, zi=state)[0])
-
-
-def without_noise(recording: Recording, world: World) -> Recording:
-    """The same motion without the quantisation of the link encoders, and torques without most of their noise.
-
-    Motor side minus stretched springs if both are known, else smoothed twice as much. Where a torque sensor is noisy
-    and the link encoder tells the spring's torque better, the encoder tells both but for the slow part.
-    """
-    q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
-    if recording.motor_q is None or recording.tau is None:
-        return recording.changed(q=q)
-    stride = recording.stride
-    stretch = recording.motor_q - recording.q
-    noise = white(recording.tau[::stride])
-    coarse = np.maximum(recording.count / np.sqrt(12.0), white(stretch[::stride])) * world.stiffness
-    tau = recording.tau.copy()
-    known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
-    for j in np.flatnonzero(known):
-        noisy = noise[j] > max(NOISY * float(np.std(recording.tau[:, j])), 2.0 * coarse[j])
-        if noisy and not (world.play[j] or world.cubic[j]):
-            x = gaussian_filter1d(stretch[:, j], 2.0 * SMOOTHING * RATE, mode="nearest")
-            torque = world.stiffness[j] * x + world.damping[j] * _rate(x)
-            tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
-            q[:, j] = recording.motor_q[:, j] - x
-        else:
-            bent = _stretch(world, j, recording.tau[:, j], 1.0 / RATE)
-            q[:, j] = recording.motor_q[:, j] - bent - _slow(stretch[:, j] - bent)  # what is slow is the encoder's
-    return recording.changed(q=q, tau=tau)
-
-
-def _slow(values: Array) -> Array:
-    return np.asarray(gaussian_filter1d(values, 0.5 * RATE, mode="nearest"))
-
-
-def white(values: Array) -> Array:
-    """Standard deviation (k,) of the white noise of a signal (n, k): by its fastest part but for impacts."""
-    fast = values - gaussian_filter1d(values, 1.0, axis=0)
-    gain = 0.70  # root of the sum of squares of the kernel: what is left of white noise
-    return np.asarray(1.4826 * np.median(np.abs(fast), axis=0) / gain)
-
-
-@compiled
-def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> Array:
-    """Stretch (n,) of a spring k x (1 + cubic x^2) with a damper d beside it, under a torque (n,) [Nm] every dt [s].
-
-    Backward Euler, as stiff springs need. A softening spring goes on straight where its tangent has fallen to a fifth.
-    """
-    straight = 1e9
-    if cubic < 0.0:
-        straight = np.sqrt((1.0 - SOFTEST) / (-3.0 * cubic))
-    out = np.empty(len(torque))
-    x = torque[0] / k
-    for i in range(len(torque)):
-        last = x
-        for _ in range(200 if i == 0 else 6):
-            at = min(max(x, -straight), straight)
-            force = k * (at + cubic * at**3)
-            tangent = k * (1.0 + 3.0 * cubic * at**2)
-            force += tangent * (x - at)
-            slope = tangent
-            if i > 0:
-                force += d * (x - last) / dt
-                slope += d / dt
-            x -= (force - torque[i]) / slope
-        out[i] = x
     return out
 
 
@@ -779,18 +361,3 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
     out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
     return {name: np.where(where.double, value, np.nan) for name, value in out.items()}
-
-
-def _slid(world: World, q: Array, slides: Sequence[Slide]) -> Array:
-    """(k,) [m] along its x axis, by each foot that landed, against the other foot."""
-    posture, still = world.robot.posture(), np.zeros(q.shape[1])
-
-    def at(slide: Slide, window: slice) -> tuple[Array, Array]:
-        posture.update(q[window].mean(axis=0), still)
-        return posture.sole_to_sole(slide.foot.other, slide.foot)
-
-    out = np.empty(len(slides))
-    for k, slide in enumerate(slides):
-        (R, landed), (_, now) = at(slide, slide.first), at(slide, slide.last)
-        out[k] = R[:, 0] @ (now - landed)
-    return out

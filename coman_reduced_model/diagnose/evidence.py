@@ -18,9 +18,11 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ..core.compiled import compiled
 from ..core.types import Array
-from .balance import SMOOTHING, TICKS, Masks, State, evaluate, without_noise
+from .balance import State, evaluate
 from .floor import least
 from .hypotheses import Candidate, Figure
+from .masks import TICKS, Masks
+from .signals import SMOOTHING, without_noise
 
 ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by

@@ -15,7 +15,8 @@ from matplotlib.patches import Patch
 from ..core.types import Array, Phase
 from ..report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
 from ..report.figures import NoData
-from .diagnosis import Case, Finding
+from .case import Case
+from .finding import Finding
 from .recording import RATE
 from .words import channel, channel_unit
 

@@ -12,7 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.types import Array
-from .balance import Masks, State, evaluate, white, without_noise
+from .balance import State, evaluate
+from .masks import Masks
+from .signals import white, without_noise
 
 DRAWS = 4
 # By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not

@@ -17,8 +17,9 @@ import pinocchio as pin
 
 from ..core.effects.joint_friction import CREEP
 from ..core.types import Array, Foot
-from .balance import WRENCH, World, lagged
-from .recording import FEET, RATE, Recording
+from .recording import FEET, RATE, WRENCH, Recording
+from .signals import lagged
+from .world import World
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place

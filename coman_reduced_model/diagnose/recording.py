@@ -33,6 +33,7 @@ _REACH = 0.02  # [s] a grid point farther than this from any sample is not used
 _SHORTEST = 2.0  # [s] of recording
 _LEAST_LOADED, _ALL = 5.0, 0.8  # percent of the time in which each foot of a walk is in the air; of the weight
 FEET = (Foot.LEFT, Foot.RIGHT)
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 @dataclass(frozen=True)

@@ -23,23 +23,13 @@ from ..errors import BagError, ConfigError
 from ..offline import find_robot, input_streams, predictions, to_json
 from ..output import OutputFolder
 from ..topics import TopicNames
-from .balance import taken_up_anew
-from .diagnosis import (
-    CLASSES,
-    SUSPECTED,
-    Case,
-    Finding,
-    Looked,
-    Prepared,
-    prepare,
-    search,
-    size,
-    smallest,
-    total,
-)
+from .case import Case, Prepared, prepare
 from .evidence import ONE_A_STEP
+from .finding import Finding, size
 from .hypotheses import PLAN, Candidate, candidates, figures
+from .masks import taken_up_anew
 from .recording import Recording, load, moving
+from .search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .words import sentence
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"

@@ -56,10 +56,12 @@ def features(bag: Path, config: Path | None) -> Features:
         ComanError: the bag or the configuration cannot be used.
     """
     from ..cli.common import read_config
-    from ..diagnose.balance import World, evaluate, masks
+    from ..diagnose.balance import evaluate
     from ..diagnose.evidence import assemble
     from ..diagnose.hypotheses import candidates, figures
+    from ..diagnose.masks import masks
     from ..diagnose.recording import load
+    from ..diagnose.world import World
 
     settings = read_config(config)
     recording, robot = load(bag, settings)

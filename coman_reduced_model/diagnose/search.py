@@ -1,28 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From recordings to a verdict: which effects are missing, how surely, and what is left."""
+"""Which effects are missing: one after the other, as far as the evidence and held-out recordings say so."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
-from ..core.config import Config
-from ..core.effects import CATALOGUE
-from ..core.effects import Effect as BaseEffect
-from ..core.robot import Robot
 from ..core.types import Array
-from ..errors import BagError
-from .balance import TICKS, Masks, State, World, evaluate, masks, on_flat_soles, taken_up_anew
-from .evidence import Evidence, Fit, Noise, Problem, Score, assemble, prior_variance, quieter, scores, weigh, weighed
-from .floor import floor
+from .case import Case, Prepared, examine
+from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed
+from .finding import Effect, Finding
 from .hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
-from .recording import Recording, moving
+from .recording import moving
 
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
 FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
@@ -36,13 +31,8 @@ AGREES = 2.0  # nats that it must add on the held-out bags
 SURE = 2.0  # standard deviations by which a load must weigh something
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
-ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance sole to be still and flat on the ground
 TOUCHED = 0.1  # of the noise floor, from which on an effect is seen in a residual at all
-FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
-BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
-JUDGED_S = 2.0  # [s] of a law that tell how much is left of it; less is hardly more than one error of an encoder
-STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
 STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
@@ -55,186 +45,7 @@ CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
 CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from afar one looks like another
 LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
 Progress = Callable[[float, str], None]
-Prepared = tuple[Recording, World, Masks]
 _Conclusion = TypeVar("_Conclusion")
-
-
-@dataclass
-class Case:
-    """One recording under examination, linear around some values of the figures."""
-
-    recording: Recording
-    where: Masks
-    state: State
-    problem: Problem
-    evidence: Evidence
-    noise: dict[str, Noise]
-    known_floor: dict[str, float] | None = None
-
-    @property
-    def floor(self) -> dict[str, float]:
-        """The noise floor by group; most trials are refused before it is asked for."""
-        if self.known_floor is None:
-            self.known_floor = floor(self.state, self.where)
-        return self.known_floor
-
-    def own(self, fit: Fit, released: Sequence[int]) -> Array:
-        """Deviations (P,) of the figures: this recording's own best healthy scatter, and the `released` as fitted.
-
-        The latter within their uncertainty.
-        """
-        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
-        covariance = fit.covariance
-        for i in released:
-            mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18
-        return self.evidence.posterior(mean, variance).x
-
-    def left(self, x: Array) -> dict[str, Array]:
-        """By group, what figures at deviations x (P,) leave of the residuals."""
-        step = x - self.evidence.at
-        return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
-
-
-def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
-    """A recording with what is believed of its robot.
-
-    Raises:
-        BagError: it hardly ever stands steadily.
-    """
-    recording, world = _with_known(recording, World.nominal(robot, config), config)
-    where = masks(recording, world)
-    state = evaluate(recording, world, where)
-    for axis in ("roll", "pitch"):
-        tilt = state.residuals.get(f"tilt/{axis}")
-        if tilt is not None and (off := abs(np.nanmedian(tilt))) > FAR:
-            told = f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
-            recording = recording.changed(up=None, warnings=(*recording.warnings, told))
-            state = evaluate(recording, world, where)
-    where = on_flat_soles(where, state)
-    if where.staggers:
-        told = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
-        recording = recording.changed(warnings=(*recording.warnings, told))
-    if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
-        raise BagError(
-            f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
-            f"wrenches, and {STEADY_S:g} s are needed: has it fallen, or do wrenches and support.* not fit together?"
-        )
-    return recording, world, where
-
-
-def _with_known(recording: Recording, world: World, config: Config) -> tuple[Recording, World]:
-    """Effects that the configuration has already belong to the nominal robot.
-
-    Those of sensors, drives and loads came in while the recording was read.
-    """
-    for effect in config.effects:
-        kind = CATALOGUE[effect.name]
-        if (kind.correct, kind.late, kind.load) != (BaseEffect.correct, BaseEffect.late, BaseEffect.load):
-            continue
-        for figure in figures(recording, world):
-            if (figure.effect, figure.where) == (effect.name, effect.where):
-                recording, world = figure.apply(recording, world, effect.values[figure.key] - figure.nominal)
-    return recording, world
-
-
-def examine(
-    prepared: Prepared, known: list[Figure], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
-) -> Case:
-    """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal.
-
-    With a case `like` it, only the derivatives by the figures `fresh` are taken anew.
-    """
-    recording, world, where = prepared
-    moved = recording
-    for figure, value in zip(known, at, strict=True):
-        if value:
-            moved, world = figure.apply(moved, world, float(value) + figure.usual)
-    where = taken_up_anew(where, recording, moved, world)
-    state = evaluate(moved, world, where)
-    problem = assemble(state, where, known, like.problem if like else None, fresh, at)
-    evidence, noise, _ = weigh(problem, at, like.noise if like else None)
-    return Case(recording, where, state, problem, evidence, noise)
-
-
-@dataclass
-class Effect:
-    """An effect that was accepted."""
-
-    option: Candidate
-    gain: float  # nats on the training bags
-    confirmed: float  # nats on the held-out bags; NaN without
-
-
-@dataclass
-class Finding:
-    """What the recordings say.
-
-    Attributes:
-        known: all figures; `at` (P,): where the cases below are linear: deviations of the chosen effects' figures.
-        fit: posterior on the training bags, with the chosen effects released.
-        first: every candidate before anything was chosen; last: what else would help when all was chosen.
-        train, hold: the recordings with the chosen effects; before: the same without any.
-        refused: candidates that training asked for and held-out bags, or the bounds of physics, contradict.
-    """
-
-    known: list[Figure]
-    at: Array
-    chosen: list[Effect] = field(default_factory=list)
-    fit: Fit | None = None
-    first: list[Score] = field(default_factory=list)
-    last: list[Score] = field(default_factory=list)
-    train: list[Case] = field(default_factory=list)
-    hold: list[Case] = field(default_factory=list)
-    before: tuple[list[Case], list[Case]] = field(default_factory=lambda: ([], []))
-    refused: list[tuple[Candidate, str]] = field(default_factory=list)
-
-    def leftover(self) -> dict[str, float]:
-        """By group, what the middle recording has left (of two, the worse), in units of the noise floor (see `size`).
-
-        A robot that staggers through one of three walks, or in some steps of each, is not of another kind for that.
-        Laws that take the stance sole as flat are not judged where it nearly always stands on an edge, and a
-        recording does not count where it shows little of a law (JUDGED_S) and others more than twice as much.
-        """
-        assert self.fit is not None
-        found: dict[str, list[tuple[int, float]]] = {}
-        for case in [*self.train, *self.hold]:
-            for key, value in case.left(case.own(self.fit, self.released)).items():
-                if case.floor.get(key, 0.0) > 0.0 and self.judged(case, key):
-                    found.setdefault(key, []).append((len(value), size(value) / case.floor[key]))
-        ratios = {}
-        for key, each in found.items():
-            enough = min(JUDGED_S * TICKS, 0.5 * max(each)[0])
-            ratios[key] = [ratio for ticks, ratio in each if ticks >= enough]
-        return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
-
-    def judged(self, case: Case, key: str) -> bool:
-        """Whether a group or channel of a recording says something: of a robot that staggers, only if all do."""
-        law = key.partition("/")[0]
-        on_soles = law in ON_SOLES or (law == "spring" and case.recording.tau is None)
-        all_stagger = all(each.where.staggers for each in [*self.train, *self.hold])
-        return not (on_soles and case.where.staggers) or all_stagger
-
-    def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
-        """By group, what is left of a recording without and with what was found: the effects are all the difference.
-
-        Both have the healthy scatter that is best with the effects: without them, it would take their place as far as
-        it can, and nothing would show.
-        """
-        assert self.fit is not None
-        x = after.own(self.fit, self.released)
-        healthy = x.copy()
-        healthy[self.released] = 0.0
-        return before.left(healthy), after.left(x)
-
-    @property
-    def released(self) -> list[int]:
-        return [i for effect in self.chosen for i in effect.option.figures]
-
-
-def size(values: Array) -> float:
-    """Standard deviation about zero by the four fifths of the values that are nearest to it: stumbles do not count."""
-    squares = np.sort(values**2)[: max(1, round(BEST * len(values)))]
-    return float(np.sqrt(np.mean(squares))) / NORMAL
 
 
 def search(
