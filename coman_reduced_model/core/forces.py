@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .robot import Posture
 
 _ROWS = 256  # looks that are remembered
+WINDOW_NS = 300_000_000  # over which forces are weighed at least: below that, noise has the better of them
 _GAP_S = 0.05  # between looks, after which nothing is known of the way in between
 _BEARS = 0.01  # of the weight, below which a foot has no centre of pressure
 # Rows: the middle of two looks and the time between them [s], the force [N], the way [m] then.

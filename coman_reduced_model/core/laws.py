@@ -29,7 +29,7 @@ import numpy as np
 from .compiled import apply, compiled, mul
 from .config import Config
 from .effects import Effect, active_effects
-from .forces import Forces
+from .forces import WINDOW_NS, Forces
 from .types import Array, Foot, Prediction, Sample
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ _USUAL = {
     "spring": ("rad", 0.00015, 0.0003, 0.001, 0.0),
     "stiffness": ("rad", 0.0001, 0.0001, 0.0, 0.0),
     "torque": ("Nm", 0.0015, 0.0025, 0.0, 0.5),
-    "force/x": ("N", 0.002, 0.002, 0.0, 0.5),
-    "force/y": ("N", 0.002, 0.002, 0.0, 0.5),
-    "force/z": ("N", 0.003, 0.003, 0.03, 0.5),
+    "force/x": ("N", 0.002, 0.002, 0.0, 1.0),
+    "force/y": ("N", 0.002, 0.002, 0.0, 1.0),
+    "force/z": ("N", 0.003, 0.003, 0.03, 1.0),
     "moment": ("Nm", 0.002, 0.0035, 0.0, 0.5),
     "feet/z": ("m", 0.0003, 0.0003, 0.0015, 2.0),
     "feet/roll": ("rad", 0.0007, 0.0007, 0.003, 2.0),
@@ -73,12 +73,11 @@ _FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are of
 _BENT, _BENDING = 0.004, 0.05
 _EDGE = 0.004  # [m] from the edge of a sole: the centre of pressure is at the edge
 _FLAT = ("torque", "drag", "force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
-_BY_IMU = ("torque", "drag", "force")  # and always, where an IMU tells where up is
 _GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
 _IDENTITY = np.eye(3)
-_WEIGHED_NS = 300_000_000, 2_000_000_000  # over which forces are weighed at least and at most
+_LONGEST_NS = 2_000_000_000  # of a phase, over which forces are weighed
 _NO_POSE = np.eye(4)
 
 
@@ -145,7 +144,6 @@ class Laws:
         self._shows[4, self._first_slope :] = False
         self._shows[[1, 0], [at["late/left"], at["late/right"]]] = False
         self._flat = np.array([name.split("/")[0] in _FLAT for name in self.names])
-        self._by_imu = np.array([name.split("/")[0] in _BY_IMU for name in self.names])
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         self.forces = Forces(self._mass, self._gravity, self._soles)
         self._rate = np.zeros(len(laws))  # channels with a rate in them
@@ -218,8 +216,8 @@ class Laws:
         n, nl = len(self.names), len(self._joints)
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
         values = mean[:n] + self._rate * way[:n] / (1e-9 * max(1, self._looked - self._first))
-        shortest, longest = (self._looked - span for span in _WEIGHED_NS)
-        values[self._force] = self.forces.over(min(max(self._first, longest), shortest), self._looked)
+        start = min(max(self._first, self._looked - _LONGEST_NS), self._looked - WINDOW_NS)
+        values[self._force] = self.forces.over(start, self._looked)
         values[self._slide] = way[self._slide]
         drag, gone = self._dragged
         first = self._first_slope
@@ -235,7 +233,7 @@ class Laws:
         if kind in (0, 1, 4):
             self.tipping = kind != 4 and self._at_edge > 0.5 * self.looks
         if self.tipping:
-            values[self._flat & ~self._by_imu if self.forces.by_imu else self._flat] = np.nan
+            values[self._flat & ~self.any_gait if self.forces.by_imu else self._flat] = np.nan
         healthy, loaded = self._healthy.copy(), np.zeros(n)
         loaded[:nl] = _USUALLY * mean[n : n + nl]
         if np.isfinite(values[nl : 2 * nl]).all():

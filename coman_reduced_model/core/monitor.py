@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from .compiled import compiled
 from .config import Config
+from .forces import WINDOW_NS
 from .laws import BORNE_S, KINDS, Laws
 from .types import Array, Phase, Prediction, Sample
-from .unsteady import EVERY_NS, WINDOW_NS, Unsteady
+from .unsteady import EVERY_NS, Unsteady
 
 if TYPE_CHECKING:
     from .robot import Posture, Robot

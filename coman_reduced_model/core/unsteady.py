@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .forces import WINDOW_NS
 from .types import Array
 
-WINDOW_NS, EVERY_NS = 300_000_000, 200_000_000  # over which forces are weighed, and how often
+EVERY_NS = 200_000_000  # from one window to the next
 _NOW, _BEFORE, _USUAL = 10, 15, 100  # differences that are held against those before, against the last of these
 _FEWEST = 10  # differences that tell what is usual
 _LEAST = 0.003  # of the weight: median difference that is usual at least
-_SHARE = 0.67449 * np.sqrt(2.0)  # median difference of values that scatter by one
-_BACK = 0.75  # of the threshold: below that, it is over
+_WILD, _BACK = 1.2, 0.75  # of the threshold: beyond that, a scatter is told of; below that, it is over
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Unsteady:
     def reset(self) -> None:
         """The robot stands: what was tells nothing of what will be."""
         self._last: Array | None = None
-        self._now: deque[tuple[float, Array]] = deque()  # when [s], and differences (2,) [N]
+        self._now: deque[tuple[float, Array, Array]] = deque()  # when [s], force and difference (2,) [N]
         self._before: deque[Array] = deque(maxlen=_USUAL)
         self.told: list[Scatter] = []
         self.seen = 0.0
@@ -65,21 +65,22 @@ class Unsteady:
         if last is None or np.isnan(force + last).any():
             return
         self.seen = when
-        self._now.append((when, np.abs(force - last)[:2]))
+        self._now.append((when, force[:2], np.abs(force - last)[:2]))
         if len(self._now) <= _NOW:
             return
-        _, oldest = self._now.popleft()
+        *_, oldest = self._now.popleft()
         if not self.told:
             self._before.append(oldest)
         if len(self._before) < _FEWEST:
             return
-        before, now = np.array(self._before), np.array([each for _, each in self._now])
+        before, now = np.array(self._before), np.array([each for *_, each in self._now])
         usual = np.maximum(np.median(before, axis=0), np.median(before[-_BEFORE:], axis=0)).clip(self._least)
-        size, known = np.median(now, axis=0), {each.axis: each for each in self.told}
+        median, known = np.median(now, axis=0), {each.axis: each for each in self.told}
+        size = np.std([force for _, force, _ in self._now], axis=0)
         self.told = []
         for axis in range(2):
-            sigma = float(size[axis] / usual[axis])
-            if sigma > self._threshold * (_BACK if axis in known else 1.0):
-                first = next(at for at, each in self._now if each[axis] > 0.5 * size[axis])
+            sigma = float(median[axis] / usual[axis])
+            if sigma > self._threshold * (_BACK if axis in known else _WILD):
+                first = next(at for at, _, each in self._now if each[axis] > 0.5 * median[axis])
                 since = known[axis].since if axis in known else first - 1e-9 * WINDOW_NS
-                self.told.append(Scatter(axis, float(size[axis] / _SHARE), sigma, since))
+                self.told.append(Scatter(axis, float(size[axis]), sigma, float(since)))
