@@ -15,7 +15,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.laws import BORNE_S, Laws
 from coman_reduced_model.core.monitor import _CHANGED, _LAST, _LEVEL, _NOISE, _QUIETEST, _ROWS, _judge
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.types import Foot
+from coman_reduced_model.core.types import Foot, ImuMessage
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.record import record
@@ -40,7 +40,7 @@ def turned(message, joint, angle):
     return replace(message, position=position)
 
 
-def watched(change, seconds=13.0, skip=(), **changes):
+def watched(change, seconds=13.0, skip=(), imu=False, **changes):
     """The monitor after a synthetic walk whose messages are changed (stream, seconds, message)."""
     pipeline = Pipeline(robot(), Config().replaced({"prediction.horizons": [], **changes}))
     take = {
@@ -49,6 +49,9 @@ def watched(change, seconds=13.0, skip=(), **changes):
         **{stream: lambda message, foot=foot: pipeline.on_wrench(foot, message) for foot, stream in FEET.items()},
     }
     for stream, message in walk(seconds):
+        if imu and stream == JOINTS:
+            level = np.array([0.0, 0.0, 0.0, 1.0])
+            pipeline.on_imu(ImuMessage(message.stamp_ns, "base_link", level, np.zeros(3), np.array([0.0, 0.0, 9.81])))
         if stream not in skip:
             take[stream](change(stream, (message.stamp_ns - T0) * 1e-9, message))
     return pipeline.monitor
@@ -177,9 +180,10 @@ def test_a_push_that_comes_and_goes_is_told_by_its_scatter():
             return message
         return replace(message, force=message.force + [0.0, 0.5 * 8.0 * np.sin(2.0 * np.pi * 1.3 * t), 0.0])
 
-    found = watched(change).first
+    found = watched(change, imu=True).first
     first = told_in_time(found.values(), "unsteady/y")
     assert first.unit == "N" and 2.0 < first.size < 8.0 and "unsteady/x" not in found
+    assert not any(channel.startswith("unsteady") for channel in watched(change).first)  # soles that rock look like it
 
 
 def test_one_shove_is_no_fault():
@@ -237,18 +241,20 @@ def test_sensors_that_drift_are_no_fault():
 def test_a_robot_on_the_edge_of_its_feet_is_not_held_to_laws_of_flat_soles():
     """From 7 s on it stands on its toes, and the foot that bears it gets 10 N more from the side."""
 
-    def watch(lever):
+    def watch(lever, imu=False):
         def change(stream, t, message):
             if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
                 return message
             toes = [0.0, -lever * message.force[2], 0.0]
             return replace(message, force=message.force + [0.0, 10.0, 0.0], torque=message.torque + toes)
 
-        return {name.split("/")[0] for name in watched(change).first}
+        return {name.split("/")[0] for name in watched(change, imu=imu).first}
 
     front = float(robot().soles[Foot.LEFT][1])
     assert {"force", "torque"} <= watch(0.5 * front)
     assert not watch(front - 0.001)
+    told = watch(front - 0.001, imu=True)  # but to the balance of forces
+    assert "force" in told and told <= {"force", "unsteady"}
 
 
 def test_what_is_beyond_any_healthy_robot_is_told_in_gaits_that_never_repeat_themselves():

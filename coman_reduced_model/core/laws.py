@@ -160,11 +160,6 @@ class Laws:
         self._imu = ("", _IDENTITY)
         self.begin()
 
-    @property
-    def level(self) -> bool:
-        """Up is known: by an IMU, or by a stance sole that lies flat."""
-        return self.forces.by_imu or not (self.tipping or self._at_edge)
-
     def begin(self) -> None:
         """A phase begins."""
         self.looks = 0

@@ -50,7 +50,6 @@ _BACK = 0.75  # of the threshold: below that, what was told is over
 _LEVEL, _VARIANCE, _COUNT, _NOISE, _KNOWN, _PENDING = range(6)
 _ERROR, _LAST, _CHANGED, _SINCE, _WAY, _OFF, _VALUE, _OFF_SINCE, _WHEN, _LOADED, _ROWS = range(6, 17)
 _LANDED = (Phase.LEFT, Phase.RIGHT)  # before a double support: the other foot has landed
-_UNKNOWN = np.full(3, np.nan)
 _SHOWN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # other units as they are
 
 
@@ -141,8 +140,8 @@ class Monitor:
         self.laws.look(sample, link, prediction)
         if stamp >= self._weighed + EVERY_NS:
             self._weighed = stamp
-            force = self.laws.forces.over(stamp - WINDOW_NS, stamp) if self.laws.level else _UNKNOWN
-            self._unsteady.take((stamp - self._start) * 1e-9, force)
+            if self.laws.forces.by_imu:  # soles that rock look like pushes
+                self._unsteady.take((stamp - self._start) * 1e-9, self.laws.forces.over(stamp - WINDOW_NS, stamp))
 
     def _close(self, stamp: int, after: Phase) -> None:
         """A phase has ended, or a piece of standing, and another one begins."""
