@@ -40,17 +40,17 @@ BLOW_S, BORNE_S = 0.0125, 0.0325
 RISING = 0.75  # of that load, which a force that only rises has been until then at most, in the mean
 KINDS = ("left", "right", "double support after left", "double support after right", "standing")
 _SPRINGS, _USUALLY = 0.05, 0.03  # shares by which springs of healthy robots differ from the data sheet
-# By law: unit; usual standard deviation of a mean from phase to phase, in single and in double support; the same from
-# one healthy robot to the next (0: not known); by how much the mean usually wanders from one phase of a kind to the
-# next, as a share of the first two (sensors of forces and tilt drift, gaits sway themselves in). Forces in weights,
-# torques and moments in weight times COM height, impulses in mass times m/s.
+# By law: unit; usual standard deviation of a mean from phase to phase, on one foot and on both; the same from one
+# healthy robot to the next (0: not known); by how much the mean usually wanders from one phase of a kind to the next,
+# as a share of the first two (sensors of forces and tilt drift, gaits sway themselves in). Forces in weights, torques
+# and moments in weight times COM height, impulses in mass times m/s.
 _USUAL = {
     "spring": ("rad", 0.00015, 0.0003, 0.001, 0.0),
     "stiffness": ("rad", 0.0001, 0.0001, 0.0, 0.0),
     "torque": ("Nm", 0.0015, 0.0025, 0.0, 0.5),
-    "force/x": ("N", 0.002, 0.002, 0.0, 1.0),
-    "force/y": ("N", 0.002, 0.002, 0.0, 1.0),
-    "force/z": ("N", 0.003, 0.003, 0.03, 1.0),
+    "force/x": ("N", 0.002, 0.01, 0.0, 1.0),
+    "force/y": ("N", 0.002, 0.01, 0.0, 1.0),
+    "force/z": ("N", 0.003, 0.006, 0.03, 1.0),
     "moment": ("Nm", 0.002, 0.0035, 0.0, 0.5),
     "feet/z": ("m", 0.0003, 0.0003, 0.0015, 2.0),
     "feet/roll": ("rad", 0.0007, 0.0007, 0.003, 2.0),
