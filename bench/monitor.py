@@ -6,7 +6,7 @@
 Every draw is a robot of its own (springs, masses scattered, default sensors) on a gait of its own. Clean walks take
 31 s. Effects are medium as `judge/families.py` has them, and begin 7 to 10 s into a walk of 17 s: those that `coman
 record --hide ...,after=T` knows, and (marked *) a spring, damper or bearing that suddenly is another, and a load that
-is hung on. What is told before the effect begins is a false alarm as well. Seeds below 1000 chose the threshold.
+is hung on. What is told before the effect begins is a false alarm as well. Seeds below 27000 chose what is in it.
 """
 
 from __future__ import annotations

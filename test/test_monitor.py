@@ -374,7 +374,7 @@ def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():
     state[_NOISE], state[_LAST] = laws.noise[0] ** 2, np.nan
 
     def evidence(values):
-        _judge(state, values, np.zeros(n), np.zeros(n), least, laws.drift[0] ** 2, 5.5, 0.0, np.ones(n, dtype=bool))
+        _judge(state, values, np.zeros(n), np.zeros(n), least, laws.drift[0] ** 2, 6.0, 0.0, np.ones(n, dtype=bool))
         return np.abs(state[_CHANGED])
 
     for _ in range(600):
@@ -384,4 +384,4 @@ def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch():
     far = np.where(laws.drift[0] < laws.noise[0], 10.0, 20.0)  # soles wander by more themselves
     for _ in range(2):
         found = evidence(far * laws.noise[0])
-    assert (found > 5.5).all()
+    assert (found > 6.0).all()

@@ -47,7 +47,7 @@ _SPRINGS, _USUALLY = 0.05, 0.03  # shares by which springs of healthy robots dif
 _USUAL = {
     "spring": ("rad", 0.00015, 0.0003, 0.001, 0.0),
     "stiffness": ("rad", 0.0001, 0.0001, 0.0, 0.0),
-    "torque": ("Nm", 0.0015, 0.0025, 0.0, 0.5),
+    "torque": ("Nm", 0.0015, 0.0025, 0.0, 1.0),
     "force/x": ("N", 0.002, 0.01, 0.0, 1.0),
     "force/y": ("N", 0.002, 0.01, 0.0, 1.0),
     "force/z": ("N", 0.003, 0.006, 0.03, 1.0),

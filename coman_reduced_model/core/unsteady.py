@@ -19,7 +19,7 @@ EVERY_NS = 200_000_000  # from one window to the next
 _NOW, _BEFORE, _USUAL = 10, 15, 100  # differences that are held against those before, against the last of these
 _FEWEST = 10  # differences that tell what is usual
 _LEAST = 0.003  # of the weight: median difference that is usual at least
-_WILD, _BACK = 1.2, 0.75  # of the threshold: beyond that, a scatter is told of; below that, it is over
+_WILD, _BACK = 1.1, 0.75  # of the threshold: beyond that, a scatter is told of; below that, it is over
 
 
 @dataclass(frozen=True)
