@@ -73,6 +73,7 @@ _FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are of
 _BENT, _BENDING = 0.004, 0.05
 _EDGE = 0.004  # [m] from the edge of a sole: the centre of pressure is at the edge
 _FLAT = ("torque", "drag", "force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
+_LOCAL = ("spring", "stiffness", "drag", "late")  # laws of one joint or sensor, which another gait does not change
 _GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
@@ -88,7 +89,7 @@ class Laws:
         names, units: of the n channels; units are rad, m, s, N, Nm or Ns.
         noise: (kinds, n) usual standard deviation from phase to phase.
         drift: (kinds, n) by how much they usually wander from one phase of a kind to the next, standard deviation.
-        any_gait: (n,) whether the values of another gait can be compared with those of this one.
+        any_gait: (n,) whether values of the last phase can be compared with those of another gait.
         height: of the COM above the soles [m].
         looks: taken since `begin`.
         tipping: the last single support was on the edge of the sole: flat-sole laws say nothing until the next.
@@ -128,7 +129,8 @@ class Laws:
         at = {name: i for i, name in enumerate(self.names)}
         self._blow = at["landing/z"]
         self._force = slice(at["force/x"], at["moment/x"])
-        self.any_gait = np.array([name.startswith("force/") for name in self.names])
+        self._local = np.array([name.split("/")[0] in _LOCAL for name in self.names])
+        self.any_gait = np.zeros(len(laws), dtype=bool)
         # What an effect describes is watched for changes alone.
         if any(e.parameters for e in bent):
             self._healthy[:nl] = 0.0
@@ -224,11 +226,17 @@ class Laws:
         if self._landing[:, 1].all():
             (felt, lasted), (borne, bore) = self._landing
             values[self._blow] = max(felt - RISING * borne / bore * lasted, 0.0)
+        # Without torques, what ground and weight ask for is no law for any gait; soles rock in each its own way.
+        self.any_gait = self._local & np.isfinite(values[nl : 2 * nl]).all()
+        self.any_gait[self._force] = self.forces.by_imu
         values[~self._shows[kind]] = np.nan
         if kind in (0, 1, 4):
             self.tipping = kind != 4 and self._at_edge > 0.5 * self.looks
         if self.tipping:
-            values[self._flat & ~self.any_gait if self.forces.by_imu else self._flat] = np.nan
+            force = values[self._force].copy()
+            values[self._flat] = np.nan
+            if self.forces.by_imu:
+                values[self._force] = force
         healthy, loaded = self._healthy.copy(), np.zeros(n)
         loaded[:nl] = _USUALLY * mean[n : n + nl]
         if np.isfinite(values[nl : 2 * nl]).all():
