@@ -70,10 +70,10 @@ class Motion:
         return posture, *wrenches, base
 
 
-def watch(motion, start=0.0, end=0.6, share=lambda t: 1.0, forces=None, imu=True):
+def watch(motion, start=-1.2, end=0.6, share=lambda t: 1.0, forces=None, imu=True):
     """The force balance from start to end [s]."""
     forces = forces or Forces(MASS, GRAVITY, np.array([EDGES, EDGES]))
-    stamps = [T0 + round(1e9 * t) for t in np.arange(start, end + 0.5 * DT, DT)]
+    stamps = [T0 + round(1e9 * DT * k) for k in range(round(start / DT), round(end / DT) + 1)]
     for stamp in stamps:
         t = (stamp - T0) * 1e-9
         posture, left, right, turned = motion.look(t, share(t))
@@ -112,19 +112,50 @@ def test_steps_are_no_push_and_axes_are_those_of_the_support_sole(imu):
 
 def test_what_was_not_seen_is_not_known():
     forces, over = watch(Motion(), end=0.4)
-    assert np.isfinite(over(0.0, 0.4)).all() and np.isnan(over(-0.1, 0.4)).all()
+    assert np.isfinite(over(0.0, 0.4)).all() and np.isnan(over(-1.5, 0.4)).all()
     _, over = watch(Motion(), 0.5, 0.9, forces=forces)  # 0.1 s without a look
     assert np.isnan(over(0.3, 0.6)).all() and np.isfinite(over(0.5, 0.9)).all()
-    _, over = watch(Motion(), 0.91, 1.3, forces=forces, imu=False)  # the IMU is lost
-    assert np.isnan(over(0.7, 1.0)).all() and np.isfinite(over(0.92, 1.3)).all()
-    _, over = watch(Motion(), 1.31, 6.0, forces=forces, imu=False)  # as much as is remembered
+    _, over = watch(Motion(), 0.91, 6.0, forces=forces)  # as much as is remembered
     assert np.isnan(over(1.0, 6.0)).all() and np.isfinite(over(4.0, 6.0)).all()
+    forces.reset()
+    assert np.isnan(over(4.0, 6.0)).all()
+
+
+def test_an_imu_counts_once_it_can_be_relied_upon():
+    def imu(look, motion, end, forces=None, start=0.0):
+        forces = forces or Forces(MASS, GRAVITY, np.array([EDGES, EDGES]))
+        for k in range(round(start / DT), round(end / DT)):
+            posture, left, right, turned = motion.look(k * DT, 1.0)
+            turned = look(k, turned)
+            forces.look(T0 + round(1e9 * DT * k), Foot.LEFT, posture, left, right, turned)
+        return forces, forces.over(T0 + round(1e9 * (end - 0.3)), T0 + round(1e9 * (end - DT)))
+
+    push, upside_down = (6.0, -4.0, 3.0), np.diag([1.0, -1.0, -1.0])
+    looks = {
+        "seldom": lambda k, turned: turned if k % 3 == 0 else NO_IMU,
+        "upside down": lambda k, turned: upside_down @ turned,
+    }
+    for look in looks.values():  # as without one
+        forces, found = imu(look, Motion(push=push), 3.0)
+        assert not forces.by_imu
+        np.testing.assert_allclose(found, np.negative(push), atol=0.6)
+    forces, _ = imu(lambda k, turned: turned, Motion(push=push), 0.9)
+    assert not forces.by_imu
+    forces, found = imu(lambda k, turned: turned, Motion(push=push), 2.0, forces, 0.9)
+    assert forces.by_imu and np.isfinite(found).all()
+    forces, found = imu(lambda k, turned: NO_IMU, Motion(push=push), 4.0, forces, 2.0)  # it is lost
+    assert forces.by_imu and np.isnan(found).all()
+    forces, found = imu(lambda k, turned: NO_IMU, Motion(push=push), 13.0, forces, 4.0)
+    assert not forces.by_imu
+    np.testing.assert_allclose(found, np.negative(push), atol=0.6)
 
 
 def test_in_the_air_nothing_is_known():
+    """Nor with a sensor that says 3 N there."""
     motion, (forces, over) = Motion(), watch(Motion(), end=0.3)
     posture, left, right, turned = motion.look(0.31, 1.0)
-    forces.look(T0 + 310_000_000, Foot.LEFT, posture, 0.0 * left, 0.0 * right, turned)
+    offset = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    forces.look(T0 + 310_000_000, Foot.LEFT, posture, offset, 0.0 * right, turned)
     assert np.isnan(over(0.1, 0.31)).all()
     _, over = watch(motion, 0.32, 0.7, forces=forces)
     assert np.isfinite(over(0.34, 0.7)).all()

@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, names, robot, walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.laws import BORNE_S, Laws
+from coman_reduced_model.core.laws import BORNE_S, Laws, _turned
 from coman_reduced_model.core.monitor import _CHANGED, _LAST, _LEVEL, _NOISE, _QUIETEST, _ROWS, _judge
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot, ImuMessage
@@ -40,8 +41,11 @@ def turned(message, joint, angle):
     return replace(message, position=position)
 
 
-def watched(change, seconds=13.0, skip=(), imu=False, **changes):
-    """The monitor after a synthetic walk whose messages are changed (stream, seconds, message)."""
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])  # orientation of the synthetic robot's trunk
+
+
+def watched(change, seconds=13.0, skip=(), imu=lambda t: None, **changes):
+    """The monitor after a synthetic walk whose messages are changed (stream, seconds, message); `imu` by seconds."""
     pipeline = Pipeline(robot(), Config().replaced({"prediction.horizons": [], **changes}))
     take = {
         JOINTS: pipeline.on_joint,
@@ -49,9 +53,8 @@ def watched(change, seconds=13.0, skip=(), imu=False, **changes):
         **{stream: lambda message, foot=foot: pipeline.on_wrench(foot, message) for foot, stream in FEET.items()},
     }
     for stream, message in walk(seconds):
-        if imu and stream == JOINTS:
-            level = np.array([0.0, 0.0, 0.0, 1.0])
-            pipeline.on_imu(ImuMessage(message.stamp_ns, "base_link", level, np.zeros(3), np.array([0.0, 0.0, 9.81])))
+        if stream == JOINTS and (turned := imu((message.stamp_ns - T0) * 1e-9)) is not None:
+            pipeline.on_imu(ImuMessage(message.stamp_ns, "base_link", turned, np.zeros(3), np.array([0.0, 0.0, 9.81])))
         if stream not in skip:
             take[stream](change(stream, (message.stamp_ns - T0) * 1e-9, message))
     return pipeline.monitor
@@ -180,10 +183,27 @@ def test_a_push_that_comes_and_goes_is_told_by_its_scatter():
             return message
         return replace(message, force=message.force + [0.0, 0.5 * 8.0 * np.sin(2.0 * np.pi * 1.3 * t), 0.0])
 
-    found = watched(change, imu=True).first
+    monitor = watched(change, imu=lambda t: LEVEL)
+    found = monitor.first
     first = told_in_time(found.values(), "unsteady/y")
     assert first.unit == "N" and 2.0 < first.size < 8.0 and "unsteady/x" not in found
     assert not any(channel.startswith("unsteady") for channel in watched(change).first)  # soles that rock look like it
+    monitor.reset()
+    assert not monitor._unsteady.told and not monitor.laws.forces.by_imu
+
+
+def test_an_imu_may_sit_anyhow_in_a_body():
+    base, mounted = Rotation.from_euler("xyz", [0.1, -0.2, 0.7]), Rotation.from_euler("xyz", [1.0, 0.3, -2.0])
+    found = _turned((base * mounted).as_quat(), mounted.as_matrix())
+    np.testing.assert_allclose(found, base.as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize("until", [6.0, 20.0])
+def test_an_imu_that_sits_a_little_otherwise_than_told_is_no_push_nor_is_its_loss(until):
+    tilted = Rotation.from_euler("xyz", [0.03, 0.03, 0.0]).as_quat()
+    monitor = watched(lambda stream, t, message: message, 20.0, imu=lambda t: tilted if t < until else None)
+    assert monitor.laws.forces.by_imu == (until > 19.0)
+    assert not [channel for channel in monitor.first if channel.split("/")[0] in ("force", "torque", "unsteady")]
 
 
 def test_one_shove_is_no_fault():
@@ -248,7 +268,7 @@ def test_a_robot_on_the_edge_of_its_feet_is_not_held_to_laws_of_flat_soles():
             toes = [0.0, -lever * message.force[2], 0.0]
             return replace(message, force=message.force + [0.0, 10.0, 0.0], torque=message.torque + toes)
 
-        return {name.split("/")[0] for name in watched(change, imu=imu).first}
+        return {name.split("/")[0] for name in watched(change, imu=lambda t: LEVEL if imu else None).first}
 
     front = float(robot().soles[Foot.LEFT][1])
     assert {"force", "torque"} <= watch(0.5 * front)
@@ -265,7 +285,7 @@ def test_what_is_beyond_any_healthy_robot_is_told_in_gaits_that_never_repeat_the
         return turned(message, KNEE, -0.02) if stream == JOINTS and t >= BEGINS else message
 
     found = watched(change).first["spring/LKneeSag"]
-    assert not found.changed and (found.told_ns - T0) * 1e-9 - BEGINS < WITHIN
+    assert found.changed and 0.0 < (found.told_ns - T0) * 1e-9 - BEGINS < WITHIN
 
 
 def test_a_stumble_is_no_fault():

@@ -71,3 +71,14 @@ def test_windows_of_which_nothing_is_known_are_left_out():
     unsteady.reset()
     assert not unsteady.told and not unsteady.seen
     assert not any(watch(lambda when: push(BEGINS + when), unsteady=unsteady).values())  # it was never calm
+
+
+def test_a_pull_on_feet_that_are_turned_out_is_steady():
+    """Told in the axes of the foot that bears, 40 degrees from those of the other."""
+    unsteady, rng = Unsteady(WEIGHT, THRESHOLD), np.random.default_rng(0)
+    for k in range(120):
+        heading = 0.35 * (1 if k // 2 % 2 else -1)
+        pull = 20.0 * (k * EVERY > BEGINS)
+        force = pull * np.array([-np.sin(heading), np.cos(heading), 0.0]) + 0.4 * rng.normal(size=3)
+        unsteady.take(k * EVERY, force, heading)
+        assert not unsteady.told

@@ -6,8 +6,8 @@ at both ends, integration by parts leaves the residual `int w F dt + m int w' dc
 the COM: nothing measured is differentiated. (1 - s^2)^2 is the window that white noise of positions disturbs least.
 
 The way of the COM is that against the point of the ground under the centre of pressure, which is at rest even while the
-foot rocks on its edge; both feet count by the load they bear. The base is turned as the IMU says, else as these soles
-do, which then are taken to lie flat.
+foot rocks on its edge; both feet count by the load they bear. The base is turned as the IMU says, while there is one
+that can be believed; else as these soles do, which then are taken to lie flat.
 """
 
 from __future__ import annotations
@@ -25,19 +25,26 @@ if TYPE_CHECKING:
 _ROWS = 256  # looks that are remembered
 WINDOW_NS = 300_000_000  # over which forces are weighed at least: below that, noise has the better of them
 _GAP_S = 0.05  # between looks, after which nothing is known of the way in between
-_BEARS = 0.01  # of the weight, below which a foot has no centre of pressure
+_BEARS, _STANDS = 0.01, 0.05  # of the weight, below which a foot has no centre of pressure, and both are in the air
+# An IMU counts once it has been there for so long at every look, until it was not for so long [ns].
+_THERE_NS, _GONE_NS = 1_000_000_000, 10_000_000_000
+_UPRIGHT = (
+    0.9  # cosine between up and the support sole's: below that an IMU sits otherwise than told, or the robot falls
+)
 # Rows: the middle of two looks and the time between them [s], the force [N], the way [m] then.
 _MIDDLE, _DT, _FORCE, _WAY, _COLUMNS = 0, 1, slice(2, 5), slice(5, 8), 8
 # Of a look, by foot: COM against the sole's origin (3,) and the sole's axes (3, 3), both level, the centre of pressure
 # in it (2,) and its share of the load; then the force (3,), in a row of the same length.
 _FOOT = 15
+_NOT_THERE = np.full((3, 3), np.nan)
 
 
 class Forces:
     """The last looks at one robot.
 
     Attributes:
-        by_imu: the last look had an IMU that told how the base is turned.
+        by_imu: an IMU tells how the base is turned.
+        heading: of the axes in which what was seen is kept, as seen in the support sole [rad].
     """
 
     def __init__(self, mass: float, gravity: float, soles: Array) -> None:
@@ -48,23 +55,34 @@ class Forces:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._n, self._stamp = 0, 0
-        self._foot, self._heading = Foot.LEFT, 0.0  # of the frame of all rows, in the support sole [rad]
-        self.by_imu = False
+        self._n = self._stamp = self._since = self._seen = 0  # stamps of the last look, the first and last by IMU [ns]
+        self._foot, self.heading, self.by_imu = Foot.LEFT, 0.0, False
 
     def look(self, stamp: int, foot: Foot, posture: Posture, left: Array, right: Array, turned: Array) -> None:
-        """Take a look: support foot, wrenches (6,) of the soles in their axes, the base's rotation (3, 3) or NaN."""
-        dt, self._stamp = (stamp - self._stamp) * 1e-9, stamp
-        by_imu = not np.isnan(turned[0, 0])
-        if not 0.0 < dt < _GAP_S or by_imu != self.by_imu:
-            self._n, self._heading, self._foot, self.by_imu = 0, 0.0, foot, by_imu
+        """Take a look.
+
+        Args:
+            stamp: [ns].
+            foot: that supports.
+            posture: of the base and the soles.
+            left, right: wrenches (6,) of the soles, in their axes [N, Nm].
+            turned: (3, 3) the base's rotation against the ground by an IMU, or NaN.
+        """
         R, p = posture.R, posture.p
+        dt, self._stamp = (stamp - self._stamp) * 1e-9, stamp
+        known = 0.0 < dt < _GAP_S
+        there = bool(turned[2] @ R[foot][:, 2] > _UPRIGHT)
+        self._since = self._since if there and known and self._since else stamp * there
+        self._seen = stamp if there else self._seen
+        by_imu = stamp - self._seen < _GONE_NS if self.by_imu else there and stamp - self._since >= _THERE_NS
+        if not known or by_imu != self.by_imu:
+            self._n, self.heading, self._foot, self.by_imu = 0, 0.0, foot, by_imu
         if foot is not self._foot:
-            self._heading, self._foot = _carried(self._heading, R[self._foot], R[foot]), foot
+            self.heading, self._foot = _carried(self.heading, R[self._foot], R[foot]), foot
         row = self._rows[self._n % _ROWS]
-        self._heading = _look(
-            row, self._last, self._heading, R[foot], R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT],
-            posture.com, left, right, turned, by_imu, self._soles, self._mass * self._gravity,
+        self.heading = _look(
+            row, self._last, self.heading, R[foot], R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT],
+            posture.com, left, right, turned if there else _NOT_THERE, by_imu, self._soles, self._mass * self._gravity,
         )  # fmt: skip
         row[_MIDDLE], row[_DT] = stamp * 1e-9 - 0.5 * dt, dt
         if not self._n:
@@ -72,11 +90,11 @@ class Forces:
         self._n += 1
 
     def over(self, start: int, end: int) -> Array:
-        """Force (3,) [N] that feet and weight have too much of between two stamps, level, x along the support sole.
+        """Force (3,) [N] of which feet and weight have too much between two stamps [ns]; level, x along that sole.
 
-        NaN where the looks do not tell.
+        What pushes the robot beside them is the opposite. NaN where the looks do not tell.
         """
-        return _over(self._rows, min(self._n, _ROWS), start * 1e-9, end * 1e-9, self._mass, self._heading)
+        return _over(self._rows, min(self._n, _ROWS), start * 1e-9, end * 1e-9, self._mass, self.heading)
 
 
 def _carried(heading: float, R: Array, R_new: Array) -> float:
@@ -95,7 +113,7 @@ def _look(
     Returns the heading.
     """
     load_l, load_r = max(left[2], 0.0), max(right[2], 0.0)
-    share = load_l / (load_l + load_r)
+    share = load_l / (load_l + load_r) if load_l + load_r > _STANDS * weight else np.nan
     level = turned.copy()
     if by_imu:
         heading = np.arctan2((R[:, 1] * level[0]).sum(), (R[:, 0] * level[0]).sum())
@@ -133,6 +151,7 @@ def _look(
 
 @compiled
 def _over(rows: Array, n: int, start: float, end: float, mass: float, heading: float) -> Array:
+    """`Forces.over` of n rows, times in s."""
     half, covered, force = 0.5 * (end - start), 0.0, np.zeros(3)
     for i in range(n):
         s = (rows[i, _MIDDLE] - start) / half - 1.0

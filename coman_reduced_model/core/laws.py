@@ -73,7 +73,7 @@ _FOLLOWS = 0.5  # of the variance of what is asked of a leg: torques that are of
 _BENT, _BENDING = 0.004, 0.05
 _EDGE = 0.004  # [m] from the edge of a sole: the centre of pressure is at the edge
 _FLAT = ("torque", "drag", "force", "moment", "feet", "tilt")  # laws that hold while the stance sole lies flat
-_LOCAL = ("spring", "stiffness", "drag", "late")  # laws of one joint or sensor, which another gait does not change
+_LOCAL = ("spring", "stiffness")  # laws of one spring, which another gait does not change
 _GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
@@ -183,7 +183,7 @@ class Laws:
             imu, frame = sample.imu.orientation, sample.imu.frame_id
         if frame != self._imu[0]:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
-            self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
+            self._imu = frame, np.full((3, 3), np.nan) if rotation is None else np.ascontiguousarray(rotation)
         turned = _turned(imu, self._imu[1])
         self.forces.look(sample.stamp_ns, foot, link, left, right, turned)
         dt, before, self._looked = (sample.stamp_ns - self._looked) * 1e-9, self._dt, sample.stamp_ns
@@ -306,7 +306,6 @@ def _look(
     nl, n = joints.shape[0], x.shape[0] - 2 * joints.shape[0]
     end = ends[1]
     R = R_l if on_left else R_r
-    z = R[:, 2] if np.isnan(up[0]) else up
     f_l, t_l = apply(R_l, left[:3]), apply(R_l, left[3:])
     f_r, t_r = apply(R_r, right[:3]), apply(R_r, right[3:])
     for k in range(3):  # moments about the base origin
@@ -320,7 +319,7 @@ def _look(
         j, c = joints[i], columns[joints[i]]
         need = 0.0
         for k in range(3):
-            need += mass * gravity * z[k] * J_com[k, c]
+            need += mass * gravity * R[k, 2] * J_com[k, c]
             if i < split:
                 need -= J[k, c] * f_l[k] + J[3 + k, c] * t_l[k]
             else:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _INTERVAL_NS = 10_000_000  # looks at 100 Hz: edges of phases are known as well as that
 _FEWEST = 5  # looks that make a phase
+_STANDS = 3  # pieces of standing, between which there were no steps
 _PIECE_NS = 1_000_000_000  # double support that lasts longer is standing, told in pieces of this
 _UNLIKE = 0.05, 0.15, 0.03  # [rad] joints, [1] and [s] of duration: by more than that it is another gait
 _LEARNT = 2  # phases of a kind that a level is made of at least
@@ -98,7 +99,7 @@ class Monitor:
         self.phases = 0
         self.reset()
         names = self.laws.names
-        self._feet = np.array([name.startswith("feet/") for name in names])
+        self._feet, self._forces = (np.array([name.startswith(law) for name in names]) for law in ("feet/", "force/"))
         self._least, self._drift = (_QUIETEST * self.laws.noise) ** 2, self.laws.drift**2
         nothing = np.full(len(names), np.nan)  # compiled before the first phase ends
         _judge(
@@ -118,6 +119,9 @@ class Monitor:
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels that are told of now
         self._unsteady.reset()
+        self._stood = 0  # pieces of standing in a row
+        self._by_imu = False  # forces were known by an IMU
+        self.laws.forces.reset()
         self.laws.begin()
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
@@ -141,7 +145,8 @@ class Monitor:
         if stamp >= self._weighed + EVERY_NS:
             self._weighed = stamp
             if self.laws.forces.by_imu:  # soles that rock look like pushes
-                self._unsteady.take((stamp - self._start) * 1e-9, self.laws.forces.over(stamp - WINDOW_NS, stamp))
+                force = self.laws.forces.over(stamp - WINDOW_NS, stamp)
+                self._unsteady.take((stamp - self._start) * 1e-9, force, self.laws.forces.heading)
 
     def _close(self, stamp: int, after: Phase) -> None:
         """A phase has ended, or a piece of standing, and another one begins."""
@@ -152,11 +157,16 @@ class Monitor:
             kind = 1 + int(self._before) if self._before in _LANDED else 4
             if kind < 4 and after is self._before:  # the foot touched the ground, and was lifted again
                 return
-        if kind == 4:
+        self._stood = self._stood + 1 if kind == 4 else 0
+        if self._stood >= _STANDS:
             self._unsteady.reset()
         values, healthy, loaded, joints = self.laws.mean(kind)
         alike = self._alike(kind, np.append((stamp - self._began) * 1e-9, joints))
         self.phases += alike
+        if self.laws.forces.by_imu != self._by_imu:  # an IMU sits a little otherwise than told
+            self._by_imu = self.laws.forces.by_imu
+            self._forget(self._forces)
+            self._unsteady.reset()
         began, state = (self._began - self._start) * 1e-9, self._state[kind]
         drift = np.where(self._changed, 0.0, self._drift[kind])  # what has been told is no drift
         comparable = self.laws.any_gait | alike
@@ -172,13 +182,16 @@ class Monitor:
             if count > 1 and not again:
                 return False
             # The noise stays, the level is another one.
-            other = ~self.laws.any_gait
-            for row in (_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED, _LAST):
-                self._state[kind, row, other] = np.nan if row == _LAST else 0.0
+            self._forget(~self.laws.any_gait, kind)
             usual, count = like, 0
         self._strange[kind], self._seen[kind] = False, count + 1
         self._usual[kind] = usual + (like - usual) / min(count + 1.0, _MEMORY)
         return True
+
+    def _forget(self, which: NDArray[np.bool_], kind: int | slice = slice(None)) -> None:
+        """Levels of channels (n,), which are other ones now; noise stays."""
+        for row in (_LEVEL, _VARIANCE, _COUNT, _PENDING, _CHANGED, _LAST):
+            self._state[kind, row, which] = np.nan if row == _LAST else 0.0
 
     def _tell(self, stamp: int) -> None:
         laws, threshold, state = self.laws, self._threshold, self._state

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tells of pushes that come and go: the force that core/forces.py finds missing scatters more than it did.
 
-Looked at are the differences of windows that follow each other, by their median: a pull that begins or a foot that
+Looked at are the differences from one window to the next, by their median: a pull that begins or a foot that
 knocks against something is one difference, a push that comes and goes is in all of them.
 """
 
@@ -53,19 +53,21 @@ class Unsteady:
 
     def reset(self) -> None:
         """The robot stands: what was tells nothing of what will be."""
-        self._last: Array | None = None
+        self._last: tuple[Array, float] | None = None
         self._now: deque[tuple[float, Array, Array]] = deque()  # when [s], force and difference (2,) [N]
         self._before: deque[Array] = deque(maxlen=_USUAL)
         self.told: list[Scatter] = []
         self.seen = 0.0
 
-    def take(self, when: float, force: Array) -> None:
-        """The force (3,) [N] over a window that ends now [s]."""
-        last, self._last = self._last, force
-        if last is None or np.isnan(force + last).any():
+    def take(self, when: float, force: Array, heading: float = 0.0) -> None:
+        """The force (3,) [N] over a window that ends now [s], in axes that are turned by -heading [rad]."""
+        last, self._last = self._last, (force, heading)
+        if last is None or np.isnan(force + last[0]).any():
             return
+        cos, sin = np.cos(heading - last[1]), np.sin(heading - last[1])
+        before = np.array([cos * last[0][0] - sin * last[0][1], sin * last[0][0] + cos * last[0][1]])
         self.seen = when
-        self._now.append((when, force[:2], np.abs(force - last)[:2]))
+        self._now.append((when, force[:2], np.abs(force[:2] - before)))
         if len(self._now) <= _NOW:
             return
         *_, oldest = self._now.popleft()
