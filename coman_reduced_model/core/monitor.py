@@ -212,9 +212,9 @@ class Monitor:
             sigma = np.sign(sigma) * strength[i] if told[i] else sigma
             found.append((laws.names[i], KINDS[kind], value, laws.units[i], sigma, began, bool(told[i])))
         if self._unsteady.seen > oldest:
-            for each in self._unsteady.told:
-                name = f"unsteady/{'xy'[each.axis]}"
-                found.append((name, "all phases", each.size, "N", each.sigma, each.since, True))
+            for push in self._unsteady.told:
+                name = f"unsteady/{'xy'[push.axis]}"
+                found.append((name, "all phases", push.size, "N", push.sigma, push.since, True))
         found.sort(key=lambda each: -abs(each[4]))
         self.mismatches = [
             Mismatch(name, phase, float(value), unit, float(sigma), self._start + round(1e9 * began), stamp, changed)
