@@ -28,9 +28,7 @@ _GAP_S = 0.05  # between looks, after which nothing is known of the way in betwe
 _BEARS, _STANDS = 0.01, 0.05  # of the weight, below which a foot has no centre of pressure, and both are in the air
 # An IMU counts once it has been there for so long at every look, until it was not for so long [ns].
 _THERE_NS, _GONE_NS = 1_000_000_000, 10_000_000_000
-_UPRIGHT = (
-    0.9  # cosine between up and the support sole's: below that an IMU sits otherwise than told, or the robot falls
-)
+_UPRIGHT = 0.9  # cosine of up to the support sole's: below, an IMU sits otherwise than told, or the robot falls
 # Rows: the middle of two looks and the time between them [s], the force [N], the way [m] then.
 _MIDDLE, _DT, _FORCE, _WAY, _COLUMNS = 0, 1, slice(2, 5), slice(5, 8), 8
 # Of a look, by foot: COM against the sole's origin (3,) and the sole's axes (3, 3), both level, the centre of pressure
@@ -162,5 +160,11 @@ def _over(rows: Array, n: int, start: float, end: float, mass: float, heading: f
                 force[k] += w * rows[i, _DT] * rows[i, 2 + k] + mass * slope * rows[i, 5 + k]
     if not covered > 1.8 * half:
         return np.full(3, np.nan)
-    cos, sin = np.cos(heading), np.sin(heading)
-    return np.array([cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], force[2]])
+    return about_vertical(force, heading)
+
+
+@compiled
+def about_vertical(v: Array, angle: float) -> Array:
+    """A vector (3,) turned by an angle [rad] about z."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * v[0] - sin * v[1], sin * v[0] + cos * v[1], v[2]])

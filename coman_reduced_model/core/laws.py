@@ -25,8 +25,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
-from .compiled import apply, compiled, mul
+from .compiled import apply, compiled
 from .config import Config
 from .effects import Effect, active_effects
 from .forces import WINDOW_NS, Forces
@@ -90,7 +91,6 @@ class Laws:
         noise: (kinds, n) usual standard deviation from phase to phase.
         drift: (kinds, n) by how much they usually wander from one phase of a kind to the next, standard deviation.
         any_gait: (n,) whether values of the last phase can be compared with those of another gait.
-        height: of the COM above the soles [m].
         looks: taken since `begin`.
         tipping: the last single support was on the edge of the sole: flat-sole laws say nothing until the next.
     """
@@ -116,9 +116,8 @@ class Laws:
         )
         laws = [_usual(name) for name in self.names]
         self.units = tuple(unit for unit, *_ in laws)
-        self.height = float(robot.posture().com_in_sole(Foot.LEFT)[0][2])
         weight = self._mass * self._gravity
-        scale = {"N": weight, "Nm": weight * self.height}
+        scale = {"N": weight, "Nm": weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2])}
         scale["Ns"] = self._mass
         self._changing = (_RATE * scale["Nm"]) ** 2
         figures = np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in laws]).T
@@ -148,8 +147,6 @@ class Laws:
         self._flat = np.array([name.split("/")[0] in _FLAT for name in self.names])
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         self.forces = Forces(self._mass, self._gravity, self._soles)
-        self._rate = np.zeros(len(laws))  # channels with a rate in them
-        self._rate[:nl] = 1.0
         self._past, self._dragged = np.zeros((5, nl)), np.zeros((2, nl))
         self._spring, self._bent, self._behind = np.zeros((2, nl)), np.zeros((6, nl)), np.zeros((8, nl))
         self._first = self._looked = 0  # stamps of the first look of the phase, of the last one [ns]
@@ -183,7 +180,7 @@ class Laws:
             imu, frame = sample.imu.orientation, sample.imu.frame_id
         if frame != self._imu[0]:
             rotation = robot.sensor_rotation(frame.lstrip("/"))
-            self._imu = frame, np.full((3, 3), np.nan) if rotation is None else np.ascontiguousarray(rotation)
+            self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
         turned = _turned(imu, self._imu[1])
         self.forces.look(sample.stamp_ns, foot, link, left, right, turned)
         dt, before, self._looked = (sample.stamp_ns - self._looked) * 1e-9, self._dt, sample.stamp_ns
@@ -212,7 +209,8 @@ class Laws:
         """
         n, nl = len(self.names), len(self._joints)
         mean, way = self._sums / self.looks, self._ends[1] - self._ends[0]
-        values = mean[:n] + self._rate * way[:n] / (1e-9 * max(1, self._looked - self._first))
+        values = mean[:n].copy()
+        values[:nl] += way[:nl] / (1e-9 * max(1, self._looked - self._first))
         start = min(max(self._first, self._looked - _LONGEST_NS), self._looked - WINDOW_NS)
         values[self._force] = self.forces.over(start, self._looked)
         values[self._slide] = way[self._slide]
@@ -269,16 +267,9 @@ def _usual(name: str) -> tuple[str, float, float, float, float]:
     return _USUAL.get(name) or _USUAL[f"unloaded/{name[-2]}" if law == "unloaded" else law]
 
 
-@compiled
 def _turned(imu: Array, R_imu: Array) -> Array:
     """(3, 3) of the base against the ground, by the quaternion x y z w of an IMU that sits in it as R_imu (3, 3)."""
-    x, y, z, w = imu[0], imu[1], imu[2], imu[3]
-    R = np.array([
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ])  # fmt: skip
-    return mul(R, R_imu.T.copy())
+    return np.asarray(pin.Quaternion(imu).toRotationMatrix() @ R_imu.T)
 
 
 @compiled

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .forces import WINDOW_NS
+from .forces import WINDOW_NS, about_vertical
 from .types import Array
 
 EVERY_NS = 200_000_000  # from one window to the next
@@ -64,10 +64,9 @@ class Unsteady:
         last, self._last = self._last, (force, heading)
         if last is None or np.isnan(force + last[0]).any():
             return
-        cos, sin = np.cos(heading - last[1]), np.sin(heading - last[1])
-        before = np.array([cos * last[0][0] - sin * last[0][1], sin * last[0][0] + cos * last[0][1]])
         self.seen = when
-        self._now.append((when, force[:2], np.abs(force[:2] - before)))
+        difference = force - about_vertical(last[0], heading - last[1])
+        self._now.append((when, force[:2], np.abs(difference[:2])))
         if len(self._now) <= _NOW:
             return
         *_, oldest = self._now.popleft()
