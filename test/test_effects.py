@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import pytest
@@ -55,6 +56,24 @@ def without():
 def test_with_nominal_figures_an_effect_changes_nothing(without, name, base):
     where = PLACES[CATALOGUE[name].place][-1]
     same(walked(config(name, where, BASES[base])), without[base], 1e-12)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param(chosen, id="-".join(chosen) or "none")
+        for n in range(len(OPTIONS) + 1)
+        for chosen in itertools.combinations(OPTIONS, n)
+        if "trunk_rotation" in chosen or "swing_momentum" not in chosen
+    ],
+)
+def test_with_nominal_figures_all_effects_change_nothing_whatever_the_options(options):
+    base = Config().replaced({"effects.active": options or ["none"]})
+    settings = base
+    for name in CATALOGUE:
+        if name not in OPTIONS:
+            settings = config(name, PLACES[CATALOGUE[name].place][-1], settings)
+    same(walked(settings), walked(base), 1e-12)
 
 
 def test_the_catalogue_is_the_vocabulary():

@@ -96,7 +96,7 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
     Args:
         W: (r, r) velocities of the constraints by impulses, r = 7 or 14.
         v: (r,) velocities at the end of the step without any impulse.
-        up: (r,) velocities that corners must have at least, and that soles have along the ground if they stick.
+        up: (r,) velocities that corners must have at least; zero for the other constraints, which stick if they can.
         P: (r,) or more [Ns], [Nms].
         friction: coefficient.
         reach: lever at which friction resists twisting [m].
@@ -116,7 +116,7 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
                     P[i] = new
                 pressing += P[i]
             for i in range(first + 4, first + 7):
-                u = v[i] - up[i]
+                u = v[i]
                 for j in range(rows):
                     u += W[i, j] * P[j]
                 P[i] -= u / W[i, i]
@@ -154,7 +154,7 @@ def solve_step(M: Array, K: Array, D: Array, C: Array, h: float) -> tuple[Array,
 @compiled
 def step_soles(
     y: Array, w: Array, P: Array, h: float, parts: int, A: Array, AC: Array, W: Array, K: Array, D: Array, f: Array,
-    theta_0: Array, theta_1: Array, C: Array, height: Array, y_t: Array, slides: Array, friction: float, reach: float,
+    theta_0: Array, theta_1: Array, C: Array, height: Array, y_t: Array, friction: float, reach: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """The joints of both legs and the support sole some steps later.
 
@@ -169,7 +169,6 @@ def step_soles(
         f: (m + 6,) all other forces.
         theta_0, theta_1: (m,) motor positions at the beginning and the end.
         C, height: (14, m + 6), (14,) from `contacts`, at y_t (m + 6,).
-        slides: (3,) velocity of the other sole against the ground that is known: forward, left [m/s], turning [rad/s].
         friction, reach: see `impulses`.
 
     Returns:
@@ -179,8 +178,6 @@ def step_soles(
     y, w = y.copy(), w.copy()
     moved = (theta_1 - theta_0) / parts
     up, v, rest = np.zeros(rows), np.zeros(rows), np.zeros(size)
-    if rows > ROWS:
-        up[ROWS + 4 :] = slides
     P[rows:] = 0.0
     for part in range(parts):
         pull = apply(K, y[:m] + 0.5 * h * w[:m] - theta_0 - (part + 0.5) * moved)
@@ -210,7 +207,7 @@ def step_soles(
 @compiled
 def track(
     filtered: Array, free: Array, P: Array, measured: Array, dt: float, longest: float, bandwidth: float,
-    follows: float, double: bool, M: Array, K: Array, D: Array, f: Array, theta_0: Array, theta_1: Array, C: Array,
+    double: bool, M: Array, K: Array, D: Array, f: Array, theta_0: Array, theta_1: Array, C: Array,
     height: Array, y_t: Array, friction: float, reach: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Bring the filter of the measurement and the free run to a sample.
@@ -221,33 +218,37 @@ def track(
         measured: (m,) link positions [rad].
         dt, longest: since the last sample, and of a step at most [s].
         bandwidth: of the filter [rad/s].
-        follows: time constant [s] in which the feet of the free run move against each other as the filter's do.
         double: whether the other foot may touch the ground.
         M: (m + 6, m + 6) inertia.
         K, D, f, theta_0, theta_1, C, height, y_t, friction, reach: as in `step_soles`.
+
+    Returns:
+        Filter and free run (2, m + 6) at the sample. The free run takes nothing of the measurement.
     """
     m, size = theta_0.shape[0], y_t.shape[0]
     parts = max(1, int(np.ceil(dt / longest - 1e-6)))
     h = dt / parts
     A, AC, W = solve_step(M, K, D, C if double else C[:ROWS], h)
     out = np.empty((2, 2, size))
-    slides = np.zeros(3)
     for k in range(2):
         state = free if k else filtered
         y, w = step_soles(
-            state[0], state[1], P[k], h, parts, A, AC, W, K, D, f, theta_0, theta_1, C, height, y_t, slides,
-            friction, reach,
+            state[0], state[1], P[k], h, parts, A, AC, W, K, D, f, theta_0, theta_1, C, height, y_t, friction, reach,
         )  # fmt: skip
         if k == 0:
             for i in range(size):  # the support sole stands, so it is level on the ground, or will be soon
                 error = (measured[i] if i < m else 0.0) - y[i]
                 y[i] += (1.0 - np.exp(-2.0 * bandwidth * dt)) * error
                 w[i] += bandwidth**2 * dt * np.exp(-bandwidth * dt) * error
-            for i in range(3):
-                for j in range(size):
-                    slides[i] += C[ROWS + 4 + i, j] * (y[j] - free[0, j]) / follows
         out[k, 0], out[k, 1] = y, w
     return out[0], out[1]
+
+
+@compiled
+def support_share(P: Array) -> float:
+    """Share of the load on the support foot, 0..1, by the impulses P (14,) of the last step; half if there are none."""
+    support, other = P[:4].sum(), P[ROWS : ROWS + 4].sum()
+    return support / (support + other) if support + other > 0.0 else 0.5
 
 
 @compiled

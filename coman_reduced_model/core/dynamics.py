@@ -38,10 +38,12 @@ class Now:
 
 @dataclass(slots=True)
 class Push:
-    """What acts on the robot besides gravity and springs; effects add to it."""
+    """What acts on the robot besides gravity and springs; effects add to force, moment and trunk."""
 
-    force: Array  # (3,) at the COM of all links, in the axes of the support sole [N]
-    moment: Array  # (3,) about the COM [Nm]; the point mass does not feel it
+    posture: Posture  # of the model, not of the measurement
+    R_odom_sole: Array  # (3, 3) orientation of the support sole, by the model
+    force: Array = field(default_factory=lambda: np.zeros(3))  # at the COM of all links, support sole axes [N]
+    moment: Array = field(default_factory=lambda: np.zeros(3))  # about the COM [Nm]; the point mass ignores it
     trunk: Array = field(default_factory=lambda: np.zeros(6))  # force [N] on the trunk, moment [Nm] about the base
     # frame's origin, in its axes
 
@@ -79,7 +81,7 @@ class Dynamics(ABC):
 
     @abstractmethod
     def advance(self, now: Now) -> None:
-        """Bring the free run to this sample, by reference and phase alone."""
+        """Bring the free run to this sample, by plan or motors, support phase and switching times alone."""
 
     @abstractmethod
     def ahead(self, now: Now, horizons: Array) -> Array:

@@ -16,7 +16,7 @@ from .config import Config
 from .effects import active_effects
 from .robot import Posture, Robot
 from .springs import Springs
-from .stiffness import spring_damper
+from .stiffness import spring_damper, topple
 from .types import Array, Foot, Phase, SupportState
 
 XY = np.array([0, 1])
@@ -94,23 +94,38 @@ class Model:
         """
         J, springs, torque = posture.leg_jacobian(foot), self.springs, None
         K_q, D_q = springs.matrices[foot]
-        if not springs.constant:
-            still = np.zeros(J.shape[1])
+        still = np.zeros(J.shape[1])
+        if not springs.plain:
             leg = springs.leg(
                 foot,
                 J,
+                posture.R[foot].T @ (posture.com - posture.p[foot]),
                 load,
                 -load * J[2] / springs.stiffness[foot] if deflection is None else deflection,
                 still if rate is None else rate,
                 still if motor_rate is None else motor_rate,
             )
             K_q, D_q, torque = leg.K_q, leg.D_q, leg.torque
+        if springs.topples:
+            K_q = K_q.copy()
+            topple(J, load, still, K_q, still)  # at no deflection it adds no torque
         J, r = J[: self._rows], posture.com - posture.p[foot]
         K, D, singular = spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
         bias = _NOTHING
         if torque is not None and np.count_nonzero(torque):  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
             bias = -(K @ (J @ np.linalg.solve(K_q, torque)))[:3]
         return K[:3, :3], D[:3, :3], bias, singular
+
+    def joints_by_com(self, posture: Posture, foot: Foot) -> Array:
+        """How far the joints of a leg turn (n, 3) [rad/m] for a motion of the COM in sole axes, by nominal springs.
+
+        K_q^-1 J^T K_c: of all motions of the joints that move the COM so, that of least energy.
+        """
+        J = posture.leg_jacobian(foot)[: self._rows]
+        K_q, D_q = self.springs.matrices[foot]
+        r = posture.com - posture.p[foot]
+        K, _, _ = spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
+        return np.asarray(J.T @ K[:, :3] / self.springs.stiffness[foot][:, None])
 
     def terms(
         self,
@@ -138,7 +153,7 @@ class Model:
         weight = self.mass * self.gravity
         double = support.phase == Phase.DOUBLE
         both = double and self.config.model.double_support == "both_legs"
-        share = self.share(support) if double else 1.0
+        share = self.share(support, landed) if double else 1.0
         known = deflections or {}
         K, D, bias, singular = self.leg_stiffness(
             posture, foot, weight * share if both else weight, *known.get(foot, ())
@@ -174,8 +189,14 @@ class Model:
         K = np.diag(np.full(3, -self.mass * self.gravity / max(height, 0.05)))
         return Terms(self._M, K, np.zeros((3, 3)), K @ zmp, XY)
 
-    def share(self, support: SupportState) -> float:
-        """Share of the weight on the support foot, 0.05..1; half where it is not known."""
+    def share(self, support: SupportState, landed: bool) -> float:
+        """Share of the weight on the support foot in double support, 0.05..1.
+
+        That of the configuration for a foot that has just landed or is about to leave; with `shares: measured` that of
+        the wrenches, half where it is not known.
+        """
+        if self.config.model.shares == "constant":
+            return self.config.model.share_z_before if landed else self.config.model.share_z_after
         share = support.left_share if support.support_foot == Foot.LEFT else 1.0 - support.left_share
         return min(1.0, max(0.05, share)) if share == share else 0.5
 

@@ -14,16 +14,22 @@ from .horizon import predict_horizons
 from .integrator import Moment, going_on, step
 from .model import Model, Terms
 from .reference import motor_com, plan_ahead, planned_com
-from .robot import Robot
+from .robot import Posture, Robot
 from .types import Array, Flags, Foot, Phase
 from .zmp_filter import ZmpFilter
 
+References = dict[Foot, tuple[Array, Array]]  # COM and velocity (3,), (3,) by leg, in the support sole
 _NAN3 = np.full(3, np.nan)
 _PAST = 100  # samples: the longest that a change of phase may be known late, 0.1 s at 1 kHz
 
 
 class PointMass(Dynamics):
-    """m p'' = K (p_r - p) + D (p_r' - p') + m g, with the motor side or the plan as p_r."""
+    """m p'' = K (p_r - p) + D (p_r' - p') + m g, with the motor side or the plan as p_r.
+
+    Between two restarts the free run takes of the measurement only the transform from foot to foot when the phase or
+    the support foot changes, and the load shares with `shares: measured`. Without motor states (`reference: topic`)
+    the measured joints stand in for the motors where the Jacobian and the speed of the joints are taken.
+    """
 
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
         super().__init__()
@@ -34,52 +40,80 @@ class PointMass(Dynamics):
         self._both = config.model.double_support == "both_legs"
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         self._terms: Terms | None = None
+        self._references: References = {}
+        # Support foot of the last sample, and by leg how far COM and velocity were from the reference, in its axes:
+        self._offset: tuple[Foot, References] | None = None
         self._pull = (_NAN3, _NAN3)  # what K and D pull towards
         self._following = [axis for axis in range(3) if axis not in model.axes]
         self._state_ns = 0  # stamp of the state
+        # Phase and support foot at which this pose of the other sole in the support sole was measured:
+        self._feet: tuple[tuple[Phase, Foot], Array, Array] | None = None
         self._moment: Moment | None = None  # what drove it at the last sample, if in the same sole frame and phase
         # (stamp, state, terms, moment) of the free run since the phase began.
         self._past: deque[tuple[int, Array, Terms, Moment]] = deque(maxlen=_PAST)
 
     def prepare(self, now: Now) -> bool:
         sample, support, foot = now.sample, now.support, now.foot
-        deflections: dict[Foot, tuple[Array | None, Array | None, Array]] = {}  # for springs that ask for them
         self.reference = self.reference_vel = _NAN3
-        if self._source == "motor":
-            if sample.motor_q is None or sample.motor_qd is None:
-                return False
+        posture = now.link  # stands in for motors that have no encoders
+        if sample.motor_q is not None and sample.motor_qd is not None:
             posture = self.motor
             posture.update(sample.motor_q, sample.motor_qd)
+        if self._source == "motor":
+            if posture is now.link:
+                return False
             references = {foot: motor_com(posture, foot)}
             if self._both and support.phase == Phase.DOUBLE:
-                R, p = now.link.sole_to_sole(foot, foot.other)
+                R, p = self._stance(now)
                 p_r, v_r = motor_com(posture, foot.other)
                 references[foot.other] = (R @ p_r + p, R @ v_r)
-            for side in () if self.model.springs.constant else references:
-                leg = self._legs[side]
-                motor_rate = sample.motor_qd[leg]
-                deflections[side] = (sample.q[leg] - sample.motor_q[leg], sample.qd[leg] - motor_rate, motor_rate)
         else:
             if sample.reference is None:
                 return False
-            posture = now.link
             references = dict.fromkeys((foot, foot.other), planned_com(sample.reference, foot))
-            deflections = {side: (None, None, sample.qd[self._legs[side]]) for side in references}
+        deflections = {} if self.model.springs.plain else self._deflections(now, posture, references)
         self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
-        self._push(terms, now)
+        self._push(terms, now, posture)
+        self._references = references
         self._pull = self.reference, self.reference_vel = references[foot]
         self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK
         return True
 
-    def _push(self, terms: Terms, now: Now) -> None:
+    def _stance(self, now: Now) -> tuple[Array, Array]:
+        """Pose of the other sole in the support sole, as measured when the phase or the support foot last changed."""
+        key = (now.support.phase, now.foot)
+        if self._feet is None or self._feet[0] != key:
+            self._feet = (key, *now.link.sole_to_sole(now.foot, now.foot.other))
+        return self._feet[1:]
+
+    def _deflections(
+        self, now: Now, posture: Posture, references: References
+    ) -> dict[Foot, tuple[Array | None, Array | None, Array]]:
+        """Of the joints of each leg in the free run, their rates, and those of the motors; None: no free run yet.
+
+        The joints share the deflection that the COM had at the last sample as springs of nominal stiffness do.
+        """
+        found: dict[Foot, tuple[Array | None, Array | None, Array]] = {}
+        for side in references:
+            leg = self._legs[side]
+            rates = now.sample.qd[leg] if now.sample.motor_qd is None else now.sample.motor_qd[leg]
+            found[side] = (None, None, rates)
+            if self._offset is not None:
+                foot, offsets = self._offset
+                by_com = self.model.joints_by_com(posture, side) @ posture.sole_to_sole(side, foot)[0]
+                off, slower = offsets.get(side, offsets[foot])
+                found[side] = (by_com @ off, by_com @ slower, rates)
+        return found
+
+    def _push(self, terms: Terms, now: Now, posture: Posture) -> None:
         if self._pushing:
-            push = Push(np.zeros(3), np.zeros(3))
+            push = Push(posture, now.T_odom_sole[:3, :3])
             for effect in self._pushing:
                 effect.push(push, now)
-            terms.force += push.force + now.link.R[now.foot].T @ push.trunk[:3]
+            terms.force += push.force + posture.R[now.foot].T @ push.trunk[:3]
 
     def stop(self) -> None:
-        self.state = self._moment = None
+        self.state = self._moment = self._feet = self._offset = None
         self._past.clear()
 
     def switch(self, now: Now, T_odom_sole: Array) -> None:
@@ -134,6 +168,9 @@ class PointMass(Dynamics):
     def _take(self, now: Now, state: Array, moment: Moment) -> None:
         assert self._terms is not None
         self.state, self._state_ns, self._moment = state, now.sample.stamp_ns, moment
+        if not self.model.springs.plain:
+            offsets = {side: (state[:3] - p_r, state[3:] - v_r) for side, (p_r, v_r) in self._references.items()}
+            self._offset = now.foot, offsets
         self._past.append((now.sample.stamp_ns, state, self._terms, moment))
 
     def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
@@ -160,7 +197,7 @@ class Pendulum(PointMass):
         if now.zmp is None:
             return False
         self._terms = self.model.pendulum(now.com[2], now.zmp)
-        self._push(self._terms, now)
+        self._push(self._terms, now, now.link)
         self._pull = now.zmp, np.zeros(3)
         self._filter.update(now.sample.stamp_ns, now.T_odom_sole, now.com, now.zmp, self.model.gravity)
         return True

@@ -13,7 +13,6 @@ import numpy as np
 
 from .config import RobotConfig
 from .effects import Effect
-from .stiffness import height_hessian
 from .types import Array, Foot
 
 
@@ -32,15 +31,11 @@ class LegSprings:
     K_q: Array  # (n, n) [Nm/rad]
     D_q: Array  # (n, n) [Nms/rad]
     torque: Array  # (n,) [Nm]
+    com: Array  # (3,) COM in the sole frame [m]
     load: float  # [N] weight that the leg carries
-    deflection: Array  # (n,) [rad] link minus motor now: of the free run where it has one, else measured
+    deflection: Array  # (n,) [rad] link minus motor now, of the free run
     rate: Array  # (n,) [rad/s]
     motor_rate: Array  # (n,) [rad/s] speed of the motors after the reduction; the links turn at motor_rate + rate
-    at: Array  # (n,) [rad] deflection of the posture at which J is taken and gravity counted
-
-    def height_hessian(self) -> Array:
-        """(n, n) second derivative of the COM height by the joint angles [m/rad^2]."""
-        return height_hessian(self.J)
 
 
 class Springs:
@@ -49,8 +44,8 @@ class Springs:
     Attributes:
         stiffness, damping: (n,) nominal of the joints of each leg [Nm/rad], [Nms/rad].
         matrices: the same as diagonal matrices (n, n).
-        constant: whether no effect acts on them.
-        plain: whether no effect but `gravity_stiffness` does.
+        plain: whether no effect acts on them.
+        topples: whether gravity changes the stiffness (`gravity_stiffness`): each model adds that to its own springs.
     """
 
     def __init__(self, config: RobotConfig, effects: Sequence[Effect]) -> None:
@@ -58,30 +53,21 @@ class Springs:
         self._effects = [e for e in effects if type(e).springs is not Effect.springs]
         self.stiffness = {Foot.LEFT: np.array(config.left.stiffness), Foot.RIGHT: np.array(config.right.stiffness)}
         self.damping = {Foot.LEFT: np.array(config.left.damping), Foot.RIGHT: np.array(config.right.damping)}
-        self.constant = not self._effects
-        self.plain = all(effect.name == "gravity_stiffness" for effect in self._effects)
+        self.plain = not self._effects
+        self.topples = any(effect.name == "gravity_stiffness" for effect in effects)
         self._joints = {Foot.LEFT: config.left.joints, Foot.RIGHT: config.right.joints}
         self.matrices = {
             foot: (np.diag(self.stiffness[foot]), np.diag(self.damping[foot])) for foot in (Foot.LEFT, Foot.RIGHT)
         }
 
     def leg(
-        self,
-        foot: Foot,
-        J: Array,
-        load: float,
-        deflection: Array,
-        rate: Array,
-        motor_rate: Array,
-        at: Array | None = None,
+        self, foot: Foot, J: Array, com: Array, load: float, deflection: Array, rate: Array, motor_rate: Array
     ) -> LegSprings:
-        """The springs of a leg; arguments as in `LegSprings`, `at` zero by default."""
+        """The springs of a leg; arguments as in `LegSprings`."""
         joints, (K_q, D_q) = self._joints[foot], self.matrices[foot]
-        zero = np.zeros(len(joints))
         leg = LegSprings(
-            foot, joints, J, K_q.copy(), D_q.copy(), zero.copy(), load, deflection, rate, motor_rate,
-            zero if at is None else at,
-        )  # fmt: skip
+            foot, joints, J, K_q.copy(), D_q.copy(), np.zeros(len(joints)), com, load, deflection, rate, motor_rate
+        )
         for effect in self._effects:
             effect.springs(leg)
         return leg

@@ -313,7 +313,7 @@ def follow(
 
     m = theta.shape[0]
     off = theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
-    out, P, still = np.empty((points, 3)), np.zeros(2 * ROWS), np.zeros(3)
+    out, P = np.empty((points, 3)), np.zeros(2 * ROWS)
     for k in range(points):
         t = then + int(k * _STEP * 1e9)
         if k > 0:
@@ -327,7 +327,7 @@ def follow(
             before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
             y, w = step_soles(
                 y, w, P, _STEP, 1, past.A[q], past.AC[q, :, :r].copy(), past.W[q, :r, :r].copy(), past.K[q], past.D[q],
-                past.f[q], before + off, after + off, C, height, y_t, still, friction, reach,
+                past.f[q], before + off, after + off, C, height, y_t, friction, reach,
             )  # fmt: skip
         q = nearest(t, past.stamp, n, q)
         x = y[:m] if past.foot[q] == foot else swapped(y[:m])

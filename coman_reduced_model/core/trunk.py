@@ -107,6 +107,9 @@ def geometry(
 def topple_both(J: Array, J_o: Array, load: float, load_o: float, at: Array, K: Array, f: Array) -> None:
     """`stiffness.topple` of both legs: stiffness K (m, m) and forces f (m + 6,), in place.
 
+    The forces hold gravity at the deflected posture. With both K and f changed, gravity follows the deflection; with f
+    alone it is taken where the springs are not deflected.
+
     Args:
         J, J_o: from `geometry`.
         load, load_o: weight on the support leg and on the other one [N].

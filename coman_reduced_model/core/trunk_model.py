@@ -14,7 +14,8 @@ of the motors are needed, never their acceleration.
 The ground can only press on the corners of the soles, and holds them no more than friction does (`contact.py`): a foot
 that has just landed or is about to leave stands on an edge or a corner, and the springs of its leg hold little, and a
 robot that sways stands on the edges of both. That, not a share of stiffness, is how the load passes from leg to leg.
-How feet slide against each other in double support is measured; all else follows from the motors and the phase.
+The free run follows from the motors, the support phase and its switching times alone; between two restarts it takes
+nothing that is measured. A joint without a motor stream has its link position for that of its motor.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ import numpy as np
 import pinocchio as pin
 
 from .config import Config
-from .contact import ROWS, by_other, track
+from .contact import ROWS, by_other, support_share, track
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect
 from .model import Model
+from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead
 from .robot import Robot
-from .springs import LegSprings
 from .stride import Stride, swapped
 from .trunk import carried, geometry, tell, topple_both
 from .types import Array, Foot, Phase, Sample
@@ -41,7 +42,6 @@ from .types import Array, Foot, Phase, Sample
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
-_FOLLOWS = 0.02  # [s] of the feet in the free run after those measured
 _FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
 _FADES = 0.1  # [s] time constant of a horizontal deflection whose future nothing tells
 
@@ -77,9 +77,7 @@ class TrunkModel(Dynamics):
         self.model = model
         self.motor, self._posture = robot.posture(), robot.posture()
         self._friction = next(e.values["friction"] for e in model.effects if e.name == "trunk_rotation")
-        self._swing, self._topples = (
-            any(e.name == name for e in model.effects) for name in ("swing_momentum", "gravity_stiffness")
-        )
+        self._swing = any(e.name == "swing_momentum" for e in model.effects)
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         self._following = [axis for axis in range(3) if axis not in model.axes]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
@@ -114,6 +112,7 @@ class TrunkModel(Dynamics):
         self._P = np.zeros((2, 2 * ROWS))  # impulses of the ground in the last step of filter and free run
         self._terms: LegTerms | None = None
         self._theta = np.empty(0)  # (m,) motor positions at the beginning of the step that ends at this sample
+        self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
 
     def prepare(self, now: Now) -> bool:
         """Assemble the equation of motion and bring the filter of the measurement to this sample."""
@@ -137,7 +136,7 @@ class TrunkModel(Dynamics):
             t = self._terms
             free = self._filtered if self._free is None else self._free
             self._filtered, self._next = track(
-                self._filtered, free, self._P, sample.q[order], now.dt, _LONGEST, _FILTER, _FOLLOWS, t.double,
+                self._filtered, free, self._P, sample.q[order], now.dt, _LONGEST, _FILTER, t.double,
                 t.M, t.K, t.D, t.f, self._theta, t.theta, t.C, t.height, t.y, self._friction, t.reach,
             )  # fmt: skip
             if not np.isfinite(self._filtered).all():  # with the free run, at whose posture all terms are taken
@@ -160,6 +159,7 @@ class TrunkModel(Dynamics):
         assert self._filtered is not None
         self._free = self._filtered.copy()
         self._P[1] = self._P[0]
+        self._R_odom_sole = now.T_odom_sole[:3, :3]
         self._tell()
         if (
             self.state is None or not np.isfinite(self.state).all()
@@ -206,6 +206,8 @@ class TrunkModel(Dynamics):
         self._foot, t = foot, self._terms
         if t is None:
             return
+        R, p = self._posture.sole_to_sole(t.foot, foot)
+        self._R_odom_sole = self._R_odom_sole @ flat(R, p)[0]
         for k, state in enumerate((self._filtered, self._free)):
             if state is not None:
                 state[0], state[1], self._P[k] = by_other(
@@ -216,10 +218,10 @@ class TrunkModel(Dynamics):
         robot, posture, sample, soles = self.robot, self._posture, now.sample, self.robot.soles
         foot, other = self._foot, self._foot.other
         columns, order = robot.leg_columns, self._order[self._foot]
-        state = self._filtered if self._free is None else self._free
+        state, P = (self._filtered, self._P[0]) if self._free is None else (self._free, self._P[1])
         assert state is not None and sample.motor_q is not None and sample.motor_qd is not None
         double = now.support.phase == Phase.DOUBLE
-        share = self.model.share(now.support) if double else 1.0
+        share = support_share(P) if double else 1.0
         m, n = len(order), len(columns[foot])
         y, w = state
         q, qd, theta, turning = (
@@ -248,7 +250,7 @@ class TrunkModel(Dynamics):
         if not self._swing:  # the legs move without reaction
             M[:n, n:m] = M[n:m, :n] = M[m:, n:m] = M[n:m, m:] = 0.0
         if self._pushing:
-            push = Push(np.zeros(3), np.zeros(3))
+            push = Push(posture, self._R_odom_sole if self._free is not None else now.T_odom_sole[:3, :3])
             for effect in self._pushing:
                 effect.push(push, now)
             f[:m] += push.force @ J[:3] + push.moment @ J[3:]
@@ -256,28 +258,19 @@ class TrunkModel(Dynamics):
         weight, e = self.model.mass * self.model.gravity, y[:m] - theta
         loads = (share * weight, (1.0 - share) * weight)
         K, D = self._K[foot].copy(), self._D[foot]
-        if self.model.springs.plain:
-            if self._topples:
-                topple_both(J, J_o, *loads, e, K, f)
-        else:
+        if not self.model.springs.plain:
             D, rate = D.copy(), w[:m] - turning
-            for side, part, J_leg, load in zip(
-                (foot, other), (slice(0, n), slice(n, m)), (J[:, :n], J_o), loads, strict=True
+            com_o = R[other].T @ (posture.com - p[other])
+            for side, part, J_leg, at, load in zip(
+                (foot, other), (slice(0, n), slice(n, m)), (J[:, :n], J_o), (com, com_o), loads, strict=True
             ):
-                leg = self._springs(side, J_leg, load, e[part], rate[part], turning[part])
+                leg = self.model.springs.leg(side, J_leg, at, load, e[part], rate[part], turning[part])
                 K[part, part], D[part, part] = leg.K_q, leg.D_q
                 f[part] -= leg.torque
+        topple_both(J, J_o, *loads, e, K if self.model.springs.topples else K.copy(), f)
         sole = soles[other]
         reach = 0.5 * float(min(sole[1] - sole[0], sole[3] - sole[2]))
         return LegTerms(foot, double, y.copy(), theta, M, K, D, f, J, V, A, C, height, reach, com)
-
-    def _springs(
-        self, foot: Foot, J: Array, load: float, deflection: Array, rate: Array, motor_rate: Array
-    ) -> LegSprings:
-        leg = self.model.springs.leg(foot, J, load, deflection, rate, motor_rate, deflection)
-        if not self._topples:  # as if gravity were taken where the springs are not deflected
-            leg.torque -= load * leg.height_hessian() @ deflection
-        return leg
 
 
 def tilt(R_base_sole: Array) -> Array:

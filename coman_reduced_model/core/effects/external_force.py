@@ -31,6 +31,6 @@ class ExternalForce(Effect):
         self._point = robot.model.inertias[frame.parentJoint].lever.copy()
 
     def push(self, push: Push, now: Now) -> None:
-        force = now.link.R[now.foot] @ now.T_odom_sole[:3, :3].T @ self._force
+        force = push.posture.R[now.foot] @ push.R_odom_sole.T @ self._force
         push.trunk[:3] += force
         push.trunk[3:] += np.cross(self._point, force)

@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from ..stiffness import topple
 from .base import Effect
-
-if TYPE_CHECKING:
-    from ..springs import LegSprings
 
 
 class GravityStiffness(Effect):
@@ -18,10 +14,8 @@ class GravityStiffness(Effect):
     The energy of the loaded leg is 1/2 dq^T K_q dq + m g z(q); its second derivative is K_q + m g H_z with
     H_z the Hessian of the COM height (n, n). This is the term that equation (11) leaves out (the conservative
     congruence transformation of Chen and Kao, 2000). Horizontally it softens by about m g / z_c, the toppling of
-    an inverted pendulum.
+    an inverted pendulum. Without it gravity acts as in the posture in which the springs are not deflected. The models
+    do it themselves (`Springs.topples`, `stiffness.topple`).
     """
 
     name: ClassVar[str] = "gravity_stiffness"
-
-    def springs(self, leg: LegSprings) -> None:
-        topple(leg.J, leg.load, leg.at, leg.K_q, leg.torque)

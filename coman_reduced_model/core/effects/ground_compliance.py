@@ -41,7 +41,6 @@ class GroundCompliance(Effect):
         self._posture = robot.posture()
         vertical, rotational = self.values["vertical"], self.values["rotational"]
         self._compliance = np.array([vertical, rotational, rotational])
-        self._by_joints: dict[Foot, Array] = {}
 
     def correct(self, sample: Sample) -> None:
         if not self._compliance.any():
@@ -49,29 +48,36 @@ class GroundCompliance(Effect):
         self._posture.update(sample.q, sample.qd)
         wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         for foot, leg in self._legs.items():
-            self._by_joints[foot] = A = self._as_joints(foot)
             wrench = wrenches[foot]
             if wrench is not None:
-                sample.q[leg] -= A @ (self._compliance * wrench[2:5])
+                sample.q[leg] -= self._measured_as_joints(foot) @ (self._compliance * wrench[2:5])
 
     def springs(self, leg: LegSprings) -> None:
-        A = self._by_joints.get(leg.foot)
-        if A is None:
+        if leg.foot not in self._legs or not self._compliance.any():
             return
-        n = len(leg.joints)
+        A, n = as_joints(leg.J, leg.com), len(leg.joints)
         # Share of the deflection that is in the joints: 1 / (1 + G K) with G the ground's compliance.
         share = np.linalg.inv(np.eye(n) + A * self._compliance @ A.T @ leg.K_q)
         leg.K_q[:] = leg.K_q @ share
         leg.D_q[:] = share.T @ leg.D_q @ share
         leg.torque[:] = share.T @ leg.torque
 
-    def _as_joints(self, foot: Foot) -> Array:
-        """Joint motion (n, 3) that moves COM and trunk as the sole's sinking [m] and turning about x and y [rad] do."""
+    def _measured_as_joints(self, foot: Foot) -> Array:
         posture = self._posture
         J, com = posture.leg_jacobian(foot), posture.com_in_sole(foot)[0]
         # Of the COM of all links, of which those of the leg move less than the trunk.
         J[:3] += posture.R[foot].T @ posture.J_com[:, posture.robot.leg_columns[foot]]
-        ground = np.zeros((6, 3))
-        ground[2, 0] = ground[3, 1] = ground[4, 2] = 1.0
-        ground[:3, 1], ground[:3, 2] = (0.0, -com[2], com[1]), (com[2], 0.0, -com[0])  # axis x COM
-        return J.T @ np.linalg.solve(J @ J.T + _DAMPED * np.eye(6), ground)
+        return as_joints(J, com)
+
+
+def as_joints(J: Array, com: Array) -> Array:
+    """Joint motion (n, 3) that moves COM and trunk as the sole's sinking [m] and turning about x and y [rad] do.
+
+    Args:
+        J: (6, n) velocity of the COM and angular velocity of the trunk by the joints, in sole axes.
+        com: (3,) COM in the sole frame [m].
+    """
+    ground = np.zeros((6, 3))
+    ground[2, 0] = ground[3, 1] = ground[4, 2] = 1.0
+    ground[:3, 1], ground[:3, 2] = (0.0, -com[2], com[1]), (com[2], 0.0, -com[0])  # axis x COM
+    return J.T @ np.linalg.solve(J @ J.T + _DAMPED * np.eye(6), ground)

@@ -35,4 +35,4 @@ class GroundSlope(Effect):
         self._force = robot.mass * robot.config.gravity * (down - [0.0, 0.0, -1.0])
 
     def push(self, push: Push, now: Now) -> None:
-        push.force += now.T_odom_sole[:3, :3].T @ self._force
+        push.force += push.R_odom_sole.T @ self._force

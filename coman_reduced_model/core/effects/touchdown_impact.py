@@ -52,8 +52,8 @@ class TouchdownImpact(Effect):
             self._since, self._duration = 0.0, max(_DURATION, 4.0 * now.dt)
         if self._landed == Foot.NONE or not self._since < self._duration:
             return
-        hip = now.link.data.oMi[self._hips[self._landed]].translation
-        leg = hip - now.link.p[self._landed]
+        hip = push.posture.data.oMi[self._hips[self._landed]].translation
+        leg = hip - push.posture.p[self._landed]
         size = 2.0 * self.values["impulse"] / self._duration * sin(pi * self._since / self._duration) ** 2
         force = size / np.linalg.norm(leg) * leg
         push.trunk[:3] += force
