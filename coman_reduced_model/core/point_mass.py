@@ -71,7 +71,7 @@ class PointMass(Dynamics):
             if sample.reference is None:
                 return False
             references = dict.fromkeys((foot, foot.other), planned_com(sample.reference, foot))
-        deflections = {} if self.model.springs.plain else self._deflections(now, posture, references)
+        deflections = {} if self.model.springs.nominal else self._deflections(now, posture, references)
         self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
         self._push(terms, now, posture)
         self._references = references
@@ -168,7 +168,7 @@ class PointMass(Dynamics):
     def _take(self, now: Now, state: Array, moment: Moment) -> None:
         assert self._terms is not None
         self.state, self._state_ns, self._moment = state, now.sample.stamp_ns, moment
-        if not self.model.springs.plain:
+        if not self.model.springs.nominal:
             offsets = {side: (state[:3] - p_r, state[3:] - v_r) for side, (p_r, v_r) in self._references.items()}
             self._offset = now.foot, offsets
         self._past.append((now.sample.stamp_ns, state, self._terms, moment))
