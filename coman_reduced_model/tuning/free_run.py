@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.compiled import compiled
 from ..core.config import Config
-from ..core.integrator import going_on, step
+from ..core.integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from ..core.model import Model, Terms
 from ..core.predictor import Predictor
 from ..core.robot import Posture
@@ -27,7 +27,6 @@ COEFFICIENTS = ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")  # of K_xx D_xx 
 _PAIRS = (("a1", "a2"), ("b1", "b2"), ("c1", "c2"), ("e1", "e2"))  # one of each row: told apart by the row of the force
 _LOST = 0.25  # [m^2] as the predictor has it
 _STOP, _GO, _RESTART = 0, 1, 2
-_going_on = compiled(going_on)
 
 
 @dataclass(frozen=True)
@@ -157,9 +156,7 @@ def _run(
     M = np.eye(3) * mass
     out = np.full((n, 6), np.nan)
     K, D, F = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
-    following = np.ones(3, dtype=np.bool_)
-    for a in axes:
-        following[a] = False
+    following = np.array([a for a in range(3) if a not in axes])
     running = False
     first = 0  # first sample of the past of this phase
     state, state_ns = np.zeros(6), 0
@@ -183,40 +180,26 @@ def _run(
             for row in range(3):
                 F[i, row] -= K[i, row, given] * data[i, given] + D[i, row, given] * data[i, 3 + given]
                 K[i, row, given], D[i, row, given] = 0.0, 0.0
-        moment = (K[i], D[i], F[i], reference[i, :3], reference[i, 3:])
+        forcing = Forcing(K[i], D[i], F[i], reference[i, :3], reference[i, 3:])
         if running and switched[i]:
             last = i - 1
             while last > first and stamp[last] > began[i]:
                 last -= 1
-            state = out[last].copy()
-            old = (K[last], D[last], F[last], reference[last, :3], reference[last, 3:])
+            old = Forcing(K[last], D[last], F[last], reference[last, :3], reference[last, 3:])
             dt = max(0, began[i] - stamp[last]) * 1e-9
             state_ns = max(stamp[last], began[i])
-            end = _going_on(old, dt)
-            state = step(state, M, axes, old, end, dt)
-            for a in range(3):
-                if following[a]:
-                    state[a], state[3 + a] = end[3][a], end[4][a]
-            turned = np.empty(6)
-            for a in range(3):
-                turned[a], turned[3 + a] = moved[i, a], 0.0
-                for b in range(3):
-                    turned[a] += R[i, a, b] * state[b]
-                    turned[3 + a] += R[i, a, b] * state[3 + b]
-            state = turned
+            state = free_run_switch(out[last], M, axes, following, old, dt, R[i], moved[i])
             first = i
         restart = not running or event[i] == 2
         if not restart:
             dt = (stamp[i] - state_ns) * 1e-9
             if switched[i]:
-                start = _going_on(moment, -dt)
+                start = extrapolate(forcing, -dt)
             else:
-                start = (K[i - 1], D[i - 1], F[i - 1], reference[i - 1, :3], reference[i - 1, 3:])
-            state = step(state, M, axes, start, moment, dt)
+                start = Forcing(K[i - 1], D[i - 1], F[i - 1], reference[i - 1, :3], reference[i - 1, 3:])
+            state = free_run_step(state, M, axes, following, start, forcing, dt)
             error = 0.0
             for a in range(3):
-                if following[a]:
-                    state[a], state[3 + a] = reference[i, a], reference[i, 3 + a]
                 if a == given:
                     state[a], state[3 + a] = data[i, a], data[i, 3 + a]
                 error += (state[a] - measured[i, a]) ** 2
