@@ -42,8 +42,8 @@ class Push:
 
     force: Array  # (3,) at the COM of all links, in the axes of the support sole [N]
     moment: Array  # (3,) about the COM [Nm]; the point mass does not feel it
-    trunk: Array = field(default_factory=lambda: np.zeros(6))  # force [N] on the trunk, moment [Nm] about the base
-    # frame's origin, in its axes
+    # Force [N] on the trunk, moment [Nm] about the origin of the URDF's root link, in its axes.
+    trunk: Array = field(default_factory=lambda: np.zeros(6))
 
 
 class Dynamics(ABC):

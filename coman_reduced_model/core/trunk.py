@@ -7,6 +7,7 @@ import numpy as np
 
 from .compiled import compiled, mul
 from .contact import contacts
+from .robot import tilt
 from .stiffness import topple
 from .types import Array
 
@@ -121,12 +122,12 @@ def topple_both(J: Array, J_o: Array, load: float, load_o: float, at: Array, K: 
 
 
 @compiled
-def tell(com: Array, J: Array, y_t: Array, state: Array, R: Array) -> Array:
+def tell(com: Array, J: Array, y_t: Array, state: Array, R: Array, up: Array) -> Array:
     """COM and velocity, roll and pitch of the trunk (8,) of a state (2, m + 6), as seen from the posture y_t.
 
     Args:
         com, J, y_t: of `LegTerms`.
-        R: (3, 3) orientation of the sole in the base frame at that posture.
+        R, up: orientation (3, 3) of the sole and z (3,) of the trunk in the base frame at that posture.
     """
     out, m = np.zeros(8), J.shape[1]
     for i in range(3):
@@ -134,7 +135,7 @@ def tell(com: Array, J: Array, y_t: Array, state: Array, R: Array) -> Array:
         for j in range(m):
             out[i] += J[i, j] * (state[0, j] - y_t[j])
             out[3 + i] += J[i, j] * state[1, j]
-    out[6], out[7] = np.arctan2(R[1, 2], R[2, 2]), np.arcsin(max(-1.0, min(1.0, -R[0, 2])))
+    out[6], out[7] = tilt(R, up)
     for i in range(2):
         for j in range(m):
             out[6 + i] += J[3 + i, j] * (state[0, j] - y_t[j])

@@ -20,7 +20,6 @@ How feet slide against each other in double support is measured; all else follow
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import asin, atan2
 
 import numpy as np
 import pinocchio as pin
@@ -164,7 +163,7 @@ class TrunkModel(Dynamics):
         if (
             self.state is None or not np.isfinite(self.state).all()
         ):  # the terms are those of a free run that has left all bounds
-            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), tilt(now.link.R[now.foot])
+            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), now.link.tilt(now.foot)
 
     def advance(self, now: Now) -> None:
         """To where `prepare` has already brought it."""
@@ -197,7 +196,7 @@ class TrunkModel(Dynamics):
         """The free run as COM and tilt."""
         t, free = self._terms, self._free
         assert t is not None and free is not None
-        told = tell(t.com, t.J, t.y, free, self._posture.R[t.foot])
+        told = tell(t.com, t.J, t.y, free, self._posture.R[t.foot], self._posture.up)
         self.state, self.tilt = told[:6], told[6:]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
@@ -278,9 +277,3 @@ class TrunkModel(Dynamics):
         if not self._topples:  # as if gravity were taken where the springs are not deflected
             leg.torque -= load * leg.height_hessian() @ deflection
         return leg
-
-
-def tilt(R_base_sole: Array) -> Array:
-    """Roll and pitch (2,) [rad] of the trunk on a flat sole, from the sole's orientation (3, 3) in the base frame."""
-    R = R_base_sole  # its transpose is the trunk in the sole
-    return np.array([atan2(R[1, 2], R[2, 2]), asin(max(-1.0, min(1.0, -R[0, 2])))])
