@@ -54,6 +54,7 @@ def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool =
     recording = Recording(
         name, t, q, tau if efforts else None, q, wrench, None, None, None, phase,
         np.full(len(t), 0.5), np.ones(len(t), dtype=bool), np.zeros(tau.shape[1]),
+        {foot: np.zeros(len(t)) for foot in wrench},
     )  # fmt: skip
     ticks = np.arange(10, len(t) - 10, 8)
     jump, noise = 0.5 * np.sign(tau[ticks, left]), FLOOR * np.random.default_rng(1).standard_normal((2, len(ticks)))

@@ -16,7 +16,7 @@ from .odometry import FootOdometry
 from .point_mass import Pendulum, PointMass
 from .robot import Robot
 from .support import SupportDetector
-from .trunk_model import TrunkModel, tilt
+from .trunk_model import TrunkModel
 from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .zmp import zmp_from_wrenches
 
@@ -130,7 +130,7 @@ class Predictor:
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
         if ready and self.model.turning:
-            prediction.measured_tilt, prediction.predicted_tilt = tilt(R[foot]), dynamics.tilt
+            prediction.measured_tilt, prediction.predicted_tilt = self.link.tilt(foot), dynamics.tilt
         return prediction
 
     def _free_run(self, now: Now) -> Flags:
