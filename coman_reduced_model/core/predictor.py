@@ -22,7 +22,6 @@ from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)
 _IDENTITY = np.eye(4)
-_LOST = 0.5  # [m] a free run this far from the measurement has diverged
 
 
 class Predictor:
@@ -32,9 +31,12 @@ class Predictor:
     driven by reference and phase alone. *Horizon*: from each measured state some tenths of a second ahead.
 
     Attributes:
+        DIVERGED: [m] a free run that is this far from the measured COM has diverged.
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
     """
+
+    DIVERGED = 0.5
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.robot = robot = loaded(robot, config.effects)
@@ -142,7 +144,7 @@ class Predictor:
         if dynamics.state is not None and not touchdown:
             dynamics.advance(now)
             assert dynamics.state is not None
-            if hypot(*(dynamics.state[:3] - now.com)) < _LOST:  # a sum of squares could overflow
+            if hypot(*(dynamics.state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)

@@ -25,7 +25,6 @@ from ..errors import ConfigError
 
 COEFFICIENTS = ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")  # of K_xx D_xx K_xz D_xz K_zz D_zz K_zx D_zx
 _PAIRS = (("a1", "a2"), ("b1", "b2"), ("c1", "c2"), ("e1", "e2"))  # one of each row: told apart by the row of the force
-_LOST = 0.25  # [m^2] as the predictor has it
 _STOP, _GO, _RESTART = 0, 1, 2
 
 
@@ -48,6 +47,7 @@ class FreeRun:
     phase: Array  # (n,)
     axes: Array  # integrated coordinates
     mass: float
+    diverged: float  # [m] distance from the measured COM at which it restarts, as `Predictor.DIVERGED`
 
     def run(self, coefficients: Array, given: int = -1, data: Array | None = None) -> Array:
         """COM and velocity (n, 6) of the free run; NaN where there is none.
@@ -61,8 +61,8 @@ class FreeRun:
         c = np.asarray(coefficients, dtype=float)
         known = self.measured if data is None else data
         return _run(
-            c, given, axes, self.mass, self.stamp, self.event, self.switched, self.began, self.R, self.moved,
-            self.K, self.D, self.force, self.pull, self.reference, self.measured, known,
+            c, given, axes, self.mass, self.diverged, self.stamp, self.event, self.switched, self.began, self.R,
+            self.moved, self.K, self.D, self.force, self.pull, self.reference, self.measured, known,
         )  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def compile_loop() -> None:
     go = np.full(2, _GO)
     FreeRun(
         stamps, go, go > _GO, stamps, zeros, one[:, :3].copy(), zeros, zeros, one[:, :3].copy(), np.zeros((2, 8)),
-        one, one, go, np.array([0, 2]), 1.0,
+        one, one, go, np.array([0, 2]), 1.0, Predictor.DIVERGED,
     ).run(np.ones(8))  # fmt: skip
 
 
@@ -137,7 +137,7 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
         before, T_before = support, p.T_odom_sole
     return FreeRun(
         stamp, event, switched, began, R, moved, K, D, force, pull, reference, measured, phases,
-        predictor.model.axes, predictor.model.mass,
+        predictor.model.axes, predictor.model.mass, predictor.DIVERGED,
     )  # fmt: skip
 
 
@@ -148,9 +148,9 @@ def _probe(predictor: Predictor, config: Config, ones: tuple[str, ...]) -> Model
 
 @compiled
 def _run(
-    c: Array, given: int, axes: Array, mass: float, stamp: Array, event: Array, switched: Array, began: Array,
-    R: Array, moved: Array, K_all: Array, D_all: Array, force: Array, pull: Array, reference: Array, measured: Array,
-    data: Array,
+    c: Array, given: int, axes: Array, mass: float, diverged: float, stamp: Array, event: Array, switched: Array,
+    began: Array, R: Array, moved: Array, K_all: Array, D_all: Array, force: Array, pull: Array, reference: Array,
+    measured: Array, data: Array,
 ) -> Array:  # fmt: skip
     n = stamp.shape[0]
     M = np.eye(3) * mass
@@ -203,7 +203,7 @@ def _run(
                 if a == given:
                     state[a], state[3 + a] = data[i, a], data[i, 3 + a]
                 error += (state[a] - measured[i, a]) ** 2
-            restart = not error < _LOST
+            restart = not np.sqrt(error) < diverged
         if restart:
             state = measured[i].copy()
             first = i
