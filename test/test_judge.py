@@ -82,7 +82,7 @@ def test_effects_have_the_same_names_for_the_judge_the_model_and_the_diagnosis()
     assert known == set(CATALOGUE) - MODEL_OPTIONS
     assert not {FAMILIES[name].effect for name in families.OUTSIDE} & set(CATALOGUE)
     recording, world = standing()
-    assert {option.effect for option in candidates(figures(recording, world))} <= known
+    assert {option.effect for option in candidates(figures(recording, world))} == known
     assert set(families.CLASSES) <= known
 
 

@@ -64,7 +64,7 @@ def test_every_entry_has_a_range_a_purpose_and_a_commit():
     ("use", "known"),
     [
         ("judge", [0, 999, 1000, 1280, 1480, 1879, 2079, 2080, 2479, 2559, 2639, 9000, 9079]),
-        ("monitor", [600, 1000, 6000, 14000, 33000, 34019, 42019, 42999]),
+        ("monitor", [600, 1000, 6000, 14000, 33000, 34019, 42019, 42999, 43002]),
         ("walks", [1, 1000, 3000, 5005]),
     ],
 )
@@ -105,6 +105,15 @@ def test_an_interrupted_run_keeps_its_seeds_when_the_next_fresh_range_has_moved(
     run(out, seeds, command=NO_VERDICT, baselines=(), oracle=False)
     assert choose_seeds("", out) == seeds
     assert oct(RunFolder(out).seeds.stat().st_mode)[-3:] == "600"
+
+
+@pytest.mark.slow
+def test_coman_validate_records_walks_of_fresh_seeds_by_default(tmp_path, capsys):
+    options = ["--quick", "--untuned", "--robots", "small", "--duration", "3", "--processes", "1"]
+    assert coman(["validate", "--out", str(tmp_path / "v"), *options]) == 0
+    seed = json.loads((tmp_path / "v" / "validation.json").read_text())["seed"]
+    assert describe("walks", range(seed, seed + 2)) == "fresh"
+    assert f"seeds {seed} to {seed + 1}: fresh" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("seeds", "fresh"), [([41], True), ([39, 40], False)])

@@ -81,7 +81,8 @@ def features(bag: Path, config: Path | None) -> Features:
 def white_bic(f: Features) -> dict[str, Any]:
     """The verdict of the least n log(RSS / n) + k log(n)."""
     n, energy = len(f.y), float(f.y @ f.y)
-    best, winner, values = n * np.log(energy / n), None, np.empty(0)
+    best, winner = n * np.log(energy / n), None
+    values: Array = np.empty(0)
     for term in f.terms:
         A = f.A[:, term.columns]
         x, *_ = np.linalg.lstsq(A, f.y, rcond=None)
