@@ -418,7 +418,6 @@ def test_sparse_regression_names_what_explains_most():
 
 @pytest.mark.slow
 def test_the_simpler_methods_read_bags_as_the_workflow_does(capsys):
-    pytest.importorskip("coman_reduced_model.diagnose.evidence")
     baselines.main([str(ROOT / "bags" / "test1"), "--config", str(ROOT / "config" / "coman.yaml")])
     verdicts = json.loads(capsys.readouterr().out)
     # A clean robot, and perfectly nominal: what they name nevertheless is why they are no more than baselines.
