@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from conftest import recording
 
 from coman_reduced_model.core.config import STANDARD_EFFECTS, Config, load_config, parameter_table
 from coman_reduced_model.core.robot import Robot
@@ -16,7 +17,6 @@ from coman_reduced_model.sim.robot_table import COMAN
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted((ROOT / "config").glob("*.yaml"))
-ICUB_BAG = ROOT.parent / "shared" / "real" / "icub_walk"
 
 
 def keys(tree: dict, prefix: str = "") -> list[str]:
@@ -57,7 +57,6 @@ def test_coman_yaml_fits_the_virtual_robot() -> None:
         assert dict(zip(leg.joints, zip(leg.stiffness, leg.damping, strict=True), strict=True)) == springs
 
 
-@pytest.mark.skipif(not ICUB_BAG.exists(), reason="the recording is not part of the project")
 def test_icub_yaml_fits_the_recorded_robot() -> None:
     from coman_reduced_model.bag.reader import Bag
     from coman_reduced_model.offline import find_robot
@@ -65,6 +64,6 @@ def test_icub_yaml_fits_the_recorded_robot() -> None:
 
     config = load_config(config_path("icub"))
     assert config.prediction.reference == "none"
-    with Bag(ICUB_BAG) as bag:
+    with Bag(recording("real/icub_walk")) as bag:
         robot = find_robot(config, bag, TopicNames())
     assert robot.mass == pytest.approx(33.08, abs=0.05)
