@@ -59,12 +59,9 @@ def test_coman_yaml_fits_the_virtual_robot() -> None:
 
 @pytest.mark.skipif(not ICUB_BAG.exists(), reason="the recording is not part of the project")
 def test_icub_yaml_fits_the_recorded_robot() -> None:
-    from coman_reduced_model.bag.reader import Bag
-    from coman_reduced_model.offline import find_robot
-    from coman_reduced_model.topics import TopicNames
+    from coman_reduced_model.bag.session import Session
 
     config = load_config(config_path("icub"))
     assert config.prediction.reference == "none"
-    with Bag(ICUB_BAG) as bag:
-        robot = find_robot(config, bag, TopicNames())
-    assert robot.mass == pytest.approx(33.08, abs=0.05)
+    with Session(ICUB_BAG, config) as session:
+        assert session.robot.mass == pytest.approx(33.08, abs=0.05)

@@ -484,11 +484,9 @@ def test_whatever_comes_nothing_breaks_and_samples_hold_numbers(bad):
     for place, message in sorted(bad, key=lambda item: -item[0]):
         messages.insert(place, message)
     pipeline = Pipeline(robot(), NO_MOTOR)
-    samples = []
-    pipeline.on_sample = samples.append
-    for stream, message in messages:
-        pipeline.feed(stream, message, lambda message: message)
-    pipeline.flush()
+    batches = [pipeline.take(stream, message, lambda message: message) for stream, message in messages]
+    samples = [sample for batch in (*batches, pipeline.joiner.flush()) for sample in batch]
+    pipeline.predict(samples)
     for sample in samples:
         assert np.isfinite(sample.q).all() and np.isfinite(sample.qd).all()
         for wrench_ in (sample.left_wrench, sample.right_wrench):

@@ -55,8 +55,7 @@ def validate(
     settings = read_config(config, changes)
     from ..bag.reader import Bag
     from ..errors import ConfigError
-    from ..offline import to_json
-    from ..output import OutputFolder
+    from ..output import OutputFolder, to_json
     from ..report.validation import validation_page
     from ..tuning import validate as validation
 

@@ -54,8 +54,26 @@ class Status:
 class Pipeline:
     """Joiner, predictor and counters of one robot.
 
-    Attributes:
-        on_sample: if set, called with each Sample before it is predicted.
+    Each `on_*` takes a message and returns the predictions that it completes: one a joint state, as soon as the other
+    streams that the prediction needs have a message with its stamp or a later one.
+
+    Example:
+        >>> import numpy as np
+        >>> import coman_reduced_model as coman
+        >>> robot = coman.open_robot(coman.bag_path("test1"))
+        >>> pipeline = coman.Pipeline(robot, coman.Config())
+        >>> stamp_ns, half = 1_000_000_000, np.array((0.0, 0.0, 0.5 * 9.81 * robot.mass))
+        >>> q = np.full(len(robot.joint_names), 0.1)
+        >>> joints = coman.JointMessage(stamp_ns, robot.joint_names, q, np.zeros_like(q), None)
+        >>> pipeline.on_motor(joints)
+        []
+        >>> pipeline.on_wrench(coman.Foot.LEFT, coman.WrenchMessage(stamp_ns, "l_sole", half, np.zeros(3)))
+        []
+        >>> pipeline.on_wrench(coman.Foot.RIGHT, coman.WrenchMessage(stamp_ns, "r_sole", half, np.zeros(3)))
+        []
+        >>> (prediction,) = pipeline.on_joint(joints)
+        >>> prediction.support.phase
+        <Phase.DOUBLE: 3>
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
@@ -65,7 +83,6 @@ class Pipeline:
         self.robot = self.predictor.robot  # with what effects load it with
         self.plausibility = Plausibility(self.robot, config)
         self.monitor = Monitor(self.robot, config) if config.monitor.enabled else None
-        self.on_sample: Callable[[Sample], None] | None = None
         self.samples = 0
         self.restarts = 0
         self._gap = round(config.streams.restart_gap * 1e9)
@@ -138,8 +155,6 @@ class Pipeline:
             if self.monitor is not None:
                 self.monitor.reset()
         self.samples += 1
-        if self.on_sample is not None:
-            self.on_sample(sample)
         self.plausibility.update(sample)
         prediction = self.predictor.update(sample)
         if self.monitor is not None:

@@ -34,6 +34,17 @@ class Predictor:
     Attributes:
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> with coman.Session(coman.bag_path("test1")) as session:
+        ...     predictor = coman.Predictor(session.robot, session.config)
+        ...     for sample in session.samples():
+        ...         prediction = predictor.update(sample)
+        ...         if prediction.support.phase == coman.Phase.LEFT:
+        ...             break
+        >>> [ahead.h for ahead in prediction.horizons]  # seconds ahead
+        [0.1, 0.2, 0.4]
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:

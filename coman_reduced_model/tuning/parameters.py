@@ -19,8 +19,9 @@ from scipy.optimize import least_squares
 from ..core.config import Config, parameter_table
 from ..core.types import Array
 from ..errors import ConfigError
+from ..progress import Progress
 from ..report.run import Run, run_of
-from .recording import Progress, Recording
+from .recording import Recording
 from .tune import Errors, Tuned, _known, _steps_of, describe, judged
 
 JOINTS = ("joint_stiffness", "joint_damping")

@@ -17,9 +17,10 @@ from scipy.optimize import least_squares
 from ..core.config import Config, parameter_table
 from ..core.types import Array
 from ..errors import BagError, ConfigError
+from ..progress import Progress
 from ..report.run import run_of
 from .free_run import COEFFICIENTS, FreeRun, collect
-from .recording import Progress, Recording
+from .recording import Recording
 from .statistics import hac_covariance, quantile
 
 _CORRELATED = 0.98
