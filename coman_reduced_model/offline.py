@@ -145,7 +145,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "incomplete": {name: stream.incomplete for name, stream in status.streams.items() if stream.incomplete},
         "streams": {name: asdict(stream) for name, stream in status.streams.items()},
         "restarts": status.restarts,
-        "warnings": [*bag.warnings, *status.warnings, *(each["text"] for each in mismatches)],
+        "warnings": [*session.warnings, *(each["text"] for each in mismatches)],
         "mismatches": mismatches,
         "extra_joints": list(status.extra_joints),
         "unlisted_joints": list(status.unlisted_joints),

@@ -53,22 +53,18 @@ def test_types_are_shipped():
 
 
 def examples() -> list[doctest.DocTest]:
-    """Of the docstrings of all public names and their methods."""
-    finder = doctest.DocTestFinder()
-    found = {}
-    for name in coman.__all__:
-        for test in finder.find(getattr(coman, name), f"coman_reduced_model.{name}", module=False):
-            if test.examples:
-                found[test.name] = test
-    return list(found.values())
+    """Of the docstrings of all public names."""
+    parser = doctest.DocTestParser()
+    found = (parser.get_doctest(inspect.getdoc(getattr(coman, n)) or "", {}, n, None, 0) for n in coman.__all__)
+    return [each for each in found if each.examples]
 
 
 def marked(example: doctest.DocTest) -> object:
-    marks = [pytest.mark.slow] if example.name.endswith(".diagnose") else []
+    marks = [pytest.mark.slow] if example.name == "diagnose" else []
     return pytest.param(example, id=example.name, marks=marks)
 
 
-@pytest.mark.parametrize("example", map(marked, examples()))
+@pytest.mark.parametrize("example", [marked(each) for each in examples()])
 def test_examples_of_docstrings(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said: list[str] = []
@@ -77,7 +73,7 @@ def test_examples_of_docstrings(example, tmp_path, monkeypatch):
 
 
 def test_there_are_examples_of_what_users_do():
-    names = {example.name.removeprefix("coman_reduced_model.") for example in examples()}
+    names = {example.name for example in examples()}
     assert names >= {"open_robot", "predict", "diagnose", "load_config", "Session", "Predictor", "Pipeline"}
 
 

@@ -91,7 +91,7 @@ class Session:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What could not be read and what looks wrong so far, a line each."""
-        return (*self.bag.warnings, *self.pipeline.status().warnings)
+        return (*self.bag.warnings, *map(str, self.pipeline.status().warnings))
 
     def messages(self) -> Iterator[tuple[str, int, bytes]]:
         """Stream, log time [ns] and serialised message of the input topics, one after the other."""

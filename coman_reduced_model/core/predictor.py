@@ -82,6 +82,11 @@ class Predictor:
         self._steps = 0
         self._T_odom_sole = np.full((4, 4), np.nan)
 
+    def reconfigure(self, config: Config) -> None:
+        """Take over parameters that may change while it runs: those of the support phase."""
+        self.config = config
+        self.support.config = config.support
+
     def update(self, sample: Sample) -> Prediction:
         """Take one sample.
 

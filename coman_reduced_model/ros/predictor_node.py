@@ -77,14 +77,13 @@ class PredictorNode(Node):
                 self.diagnostics.on_prediction(prediction, started)
         except Exception as error:  # a bug of ours: said and counted, and the node goes on
             self.diagnostics.on_failure(stream, error)
-        self.diagnostics.arrived[stream] = started
+        self.diagnostics.on_message(stream, started)
 
     def _on_config(self, config: Config) -> None:
         """Parameters that may change at run time have changed: those of the support phase."""
         self.config = config
         if self.pipeline is not None:
-            self.pipeline.config = self.pipeline.predictor.config = config
-            self.pipeline.predictor.support.config = config.support
+            self.pipeline.reconfigure(config)
 
     def finish(self) -> None:
         """The end: joint states that still wait for other streams are predicted with what is there."""
