@@ -74,7 +74,7 @@ def identify(
 
 
 def _result(joints: list[Joint], config: Config, bags: list[Path], out: Path) -> dict[str, Any]:
-    before = {}
+    before: dict[str, tuple[float, float]] = {}
     for leg in (config.robot.left, config.robot.right):
         before |= dict(zip(leg.joints, zip(leg.stiffness, leg.damping, strict=True), strict=True))
     return {

@@ -164,7 +164,8 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def _share(share: dict[str, Any], kind: str) -> list[str]:
-    return [f"{share['share' + kind]:.2f}", _interval(*share["interval" + kind], digits=2)]
+    low, high = share["interval" + kind]
+    return [f"{share['share' + kind]:.2f}", _interval(low, high, digits=2)]
 
 
 def _interval(low: float, high: float, digits: int = 3) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json as json_module
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -97,7 +97,7 @@ def validate(
                 lambda f, w: report(0.95 * f, w),
             )
             report(0.95, "drawing")
-            result = {
+            result: dict[str, Any] = {
                 "seed": seed,
                 "elapsed_s": time.perf_counter() - began,
                 "summary": validation.summarise(done.scores),

@@ -81,14 +81,15 @@ def features(bag: Path, config: Path | None) -> Features:
 def white_bic(f: Features) -> dict[str, Any]:
     """The verdict of the least n log(RSS / n) + k log(n)."""
     n, energy = len(f.y), float(f.y @ f.y)
-    best, winner, values = n * np.log(energy / n), None, np.empty(0)
+    best, winner = n * np.log(energy / n), None
+    values: Array = np.empty(0)
     for term in f.terms:
         A = f.A[:, term.columns]
         x, *_ = np.linalg.lstsq(A, f.y, rcond=None)
         left = f.y - A @ x
         bic = n * np.log(float(left @ left) / n) + len(x) * np.log(n)
         if bic < best:
-            best, winner, values = bic, term, x
+            best, winner, values = bic, term, np.asarray(x, dtype=float)
     return _verdict(winner, values)
 
 

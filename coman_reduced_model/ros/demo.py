@@ -103,9 +103,13 @@ def run_demo(
         store, robot_name = typestore(), config.robot.name
 
         def on_prediction(raw: bytes) -> None:
-            message = store.deserialize_cdr(raw, COM_PREDICTION)
+            message: Any = store.deserialize_cdr(raw, COM_PREDICTION)
             statistics.add(prediction_from(message))
             writer.write_raw(f"/{PREDICTION}", stamp_of(message.header), raw)
+
+        def all_run() -> bool:
+            nodes.check()
+            return True
 
         nodes = stack.enter_context(Nodes(config_file))
         listener = stack.enter_context(Listener("demo", on_prediction))
@@ -118,7 +122,7 @@ def run_demo(
             gait = {key: value for key, value in planned.flat().items() if key.startswith("gait.") and value != -1}
             nodes.start("trajectory", {**gait, "use_sim_time": True})
         tell(0.0, "starting the nodes")
-        replay.wait_for_subscribers(needed, _START_S, lambda: nodes.check() is None)
+        replay.wait_for_subscribers(needed, _START_S, all_run)
         if planned:
             _wait(lambda: listener.node.count_publishers(REFERENCE) > 0, nodes, f"{REFERENCE} is published")
         started_s = time.monotonic() - began

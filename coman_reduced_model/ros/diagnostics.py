@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
 from ..core.joiner import JOINTS
+from ..core.monitor import Monitor
 from ..core.pipeline import Status
 from ..core.types import Array, Flags, Prediction
 from . import qos
@@ -88,16 +89,17 @@ class Diagnostics:
         seconds, self._last_report = max(now - self._last_report, 1e-3), now
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
-        if self._node.pipeline is None:
+        pipeline = self._node.pipeline
+        if pipeline is None:
             array.status = [self._status("input", *self._preparing(), {})]
         else:
             self._past.append(self._now)
             self._now = _Interval()
-            status = self._node.pipeline.status()
+            status = pipeline.status()
             array.status = [
                 self._status("input", *self._input(status, now, seconds)),
-                self._status("prediction", *self._prediction(status)),
-                self._status("mismatch", *self._mismatch(status)),
+                self._status("prediction", *self._prediction(status, pipeline.judge.skill())),
+                self._status("mismatch", *self._mismatch(status, pipeline.monitor)),
                 self._status("latency", *self._latency(seconds)),
             ]
             self._counted = self._count
@@ -163,7 +165,7 @@ class Diagnostics:
             return Level.WARN, "; ".join(new)
         return Level.OK, "all streams are there"
 
-    def _prediction(self, status: Status) -> tuple[Level, str, dict[str, Any]]:
+    def _prediction(self, status: Status, skill: dict[str, Array]) -> tuple[Level, str, dict[str, Any]]:
         samples = sum(each.samples for each in self._past)
         predicted = sum(each.predicted for each in self._past)
         flags: Counter[int] = sum((each.flags for each in self._past), Counter())
@@ -171,11 +173,11 @@ class Diagnostics:
         if predicted:
             rms = np.sqrt(sum(each.squares for each in self._past) / predicted)
         values: dict[str, Any] = {f"error RMS {axis} [mm]": 1e3 * rms[i] for i, axis in enumerate("xyz")}
-        values |= skill_values(self._node.pipeline.judge.skill())
+        values |= skill_values(skill)
         for flag in Flags:
             if flag:
                 count = sum(number for bits, number in flags.items() if bits & flag)
-                values[f"share {flag.name.lower()}"] = count / samples if samples else math.nan
+                values[f"share {str(flag.name).lower()}"] = count / samples if samples else math.nan
         values |= restart_value(status.restarts)
         if not samples:
             return Level.STALE, "no predictions in the last reports", values
@@ -193,8 +195,7 @@ class Diagnostics:
             return Level.WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
         return Level.OK, message, values
 
-    def _mismatch(self, status: Status) -> tuple[Level, str, dict[str, Any]]:
-        monitor = self._node.pipeline.monitor
+    def _mismatch(self, status: Status, monitor: Monitor | None) -> tuple[Level, str, dict[str, Any]]:
         if monitor is None:
             return Level.OK, "not watched (monitor.enabled)", {}
         values: dict[str, Any] = {"support phases compared": monitor.phases}
@@ -238,4 +239,4 @@ def _reasons(flags: Counter[int]) -> str:
     union = Flags(0)
     for bits in flags:
         union |= Flags(bits)
-    return ", ".join(flag.name.lower() for flag in Flags if flag and flag in union) or "unknown"
+    return ", ".join(str(flag.name).lower() for flag in Flags if flag and flag in union) or "unknown"

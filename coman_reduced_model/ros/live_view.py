@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -46,8 +47,8 @@ class LiveView:
         rows = [row for row in list(self._recent) if np.isfinite(row[1]).all() and np.isfinite(row[2]).all()]
         if not rows:
             return np.full(3, np.nan), np.full(3, np.nan)
-        model, rigid = (np.sqrt(np.mean([row[k] ** 2 for row in rows], axis=0)) * 1e3 for k in (1, 2))
-        return model, rigid
+        _, model, rigid = zip(*rows, strict=True)
+        return _rms_mm(model), _rms_mm(rigid)
 
     def line(self, listener: Listener) -> str:
         """One line, for terminals that can do no more and for logs."""
@@ -85,6 +86,10 @@ class LiveView:
         rates = [f"{stream} {rate:.0f} Hz" for stream, rate in listener.report("predictor: input").rates().items()]
         phase = "waiting for predictions" if p is None else _phase(p)
         return Group(Text(phase, "bold"), com, nodes, Text(", ".join(rates), "dim"), Text("Ctrl-C stops", "dim"))
+
+
+def _rms_mm(errors: Sequence[Array]) -> Array:
+    return np.asarray(1e3 * np.sqrt(np.mean(np.square(errors), axis=0)))
 
 
 def _phase(p: Prediction) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Recording:
     def copies(self) -> Iterator[Sample]:
         """The samples for a predictor, whose effects may correct them in place."""
         for sample in self.samples:
-            arrays = {
+            arrays: dict[str, Any] = {
                 f.name: value.copy() for f in fields(sample) if isinstance(value := getattr(sample, f.name), np.ndarray)
             }
             yield replace(sample, **arrays)

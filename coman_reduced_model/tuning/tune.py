@@ -89,7 +89,8 @@ def tune_coefficients(
     table = parameter_table()
     bounds = np.array([(table[f"model.{name}"].low, table[f"model.{name}"].high) for name in COEFFICIENTS]).T
     start = np.array([getattr(config.model, name) for name in COEFFICIENTS])
-    c, words = start.copy(), []
+    c = start.copy()
+    words: list[str] = []
 
     def stage(names: str, axes: tuple[int, ...], simulate: Callable[[FreeRun, Array, int], Array], title: str) -> None:
         """Fit some coefficients on the errors along some axes, in place."""

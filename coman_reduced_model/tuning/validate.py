@@ -41,7 +41,7 @@ def _with(*effects: str) -> dict[str, Any]:
 
 
 # The ablation: what each changes in the configuration. None: the configuration as it is given.
-VARIANTS: dict[str, Mapping[str, Any]] = {
+VARIANTS: dict[str, dict[str, Any]] = {
     "paper": PAPER,
     "paper, stiffness condensed": PAPER | {"model.stiffness": "condensed"},
     "paper, both legs": PAPER | {"model.double_support": "both_legs"},
