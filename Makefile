@@ -39,7 +39,7 @@ test: lint  ## lint, types and all tests: what CI runs
 test-quick: setup  ## the tests that take seconds
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not ros"
 
-lint: setup  ## ruff (rules and format) and mypy on the core
+lint: setup  ## ruff (rules and format) and mypy
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

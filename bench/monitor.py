@@ -23,18 +23,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import load_config
 from coman_reduced_model.core.monitor import Mismatch
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.judge.cases import GAITS, data_sheet
 from coman_reduced_model.judge.families import FAMILIES
 from coman_reduced_model.judge.seeds import describe, entry_to_add, fresh_range
-from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.sim.disturbances import Disturbance, Later, Scatter, joint_indices, make, overrides
 from coman_reduced_model.sim.record import plan_recording, record, robot_gait
 from coman_reduced_model.sim.robot_table import ROBOTS
-from coman_reduced_model.topics import TopicNames
 
 MEDIUM = 1
 SECONDS, CLEAN_SECONDS, WITHIN = 17.0, 31.0, 5.0
@@ -137,11 +134,11 @@ def cases(seed: int, draws: int, clean: int) -> Iterator[Case]:
 def detections(bag: Path) -> tuple[float, list[tuple[float, Mismatch]]]:
     """Length of a bag [s], and the first mismatch of each channel with its time of detection [s]."""
     config = load_config(bag.with_suffix(".yaml")).replaced({"prediction.horizons": []})
-    with Bag(bag) as opened:
-        pipeline = Pipeline(find_robot(config, opened, TopicNames()), config)
-        results = list(predictions(opened, pipeline, input_streams(opened, config, TopicNames())))
-        assert pipeline.monitor is not None
-        found = [((each.told_ns - opened.start_ns) * 1e-9, each) for each in pipeline.monitor.first.values()]
+    with Session(bag, config) as session:
+        results = list(session.predictions())
+        monitor, start_ns = session.pipeline.monitor, session.bag.start_ns
+        assert monitor is not None
+        found = [((each.told_ns - start_ns) * 1e-9, each) for each in monitor.first.values()]
     return (results[-1].stamp_ns - results[0].stamp_ns) * 1e-9, found
 
 

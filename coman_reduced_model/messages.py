@@ -179,9 +179,11 @@ def plan(
         raise Refused("phase", f"phase {phase} is not one of 0 to 3")
     if frame_id.lstrip("/") != ODOM:
         raise Refused("frame", f"it is in frame {frame_id!r}, wanted {ODOM!r}")
-    shape = (len(position) // 3, 3)
+    com, com_vel, com_acc, zmp = vectors
+    left, right = soles
+    ahead, ahead_vel = position.reshape(-1, 3), velocity.reshape(-1, 3)
     return Reference(
-        stamp_ns, *vectors, *soles, _PHASES[phase], step, preview_dt, position.reshape(shape), velocity.reshape(shape)
+        stamp_ns, com, com_vel, com_acc, zmp, left, right, _PHASES[phase], step, preview_dt, ahead, ahead_vel
     )
 
 

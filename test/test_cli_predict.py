@@ -18,13 +18,11 @@ from synthetic import CYCLE, JOINTS, MOTORS, description, names, walk, write_bag
 
 from coman_reduced_model import __version__
 from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config, config_to_yaml, load_config
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.messages import COM_PREDICTION, matrix_from
-from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import config_path
-from coman_reduced_model.topics import TopicNames
 
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
 
@@ -141,9 +139,8 @@ def test_predictions_are_those_of_the_pipeline(bag, done):
     """`coman predict` adds nothing to what the core says."""
     out, _ = done
     config = load_config(out / "config.yaml")
-    with Bag(bag) as opened:
-        streams = input_streams(opened, config, TopicNames())
-        expected = list(predictions(opened, Pipeline(find_robot(config, opened, TopicNames()), config), streams))
+    with Session(bag, config) as session:
+        expected = list(session.predictions())
     with Bag(out / "predictions") as written:
         got = [message for _, _, message in written.messages(["/com/prediction"])]
     assert len(got) == len(expected)

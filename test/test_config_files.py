@@ -58,12 +58,9 @@ def test_coman_yaml_fits_the_virtual_robot() -> None:
 
 
 def test_icub_yaml_fits_the_recorded_robot() -> None:
-    from coman_reduced_model.bag.reader import Bag
-    from coman_reduced_model.offline import find_robot
-    from coman_reduced_model.topics import TopicNames
+    from coman_reduced_model.bag.session import Session
 
     config = load_config(config_path("icub"))
     assert config.prediction.reference == "none"
-    with Bag(recording("real/icub_walk")) as bag:
-        robot = find_robot(config, bag, TopicNames())
-    assert robot.mass == pytest.approx(33.08, abs=0.05)
+    with Session(recording("real/icub_walk"), config) as session:
+        assert session.robot.mass == pytest.approx(33.08, abs=0.05)

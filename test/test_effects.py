@@ -10,15 +10,12 @@ import math
 import pytest
 from effect_tools import PAPER, config, same, trunk_config
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model import open_robot
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import STANDARD_EFFECTS, Config, config_to_yaml, load_config
 from coman_reduced_model.core.effects import CATALOGUE, active_effects
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot
-from coman_reduced_model.messages import FROM
-from coman_reduced_model.offline import find_robot, input_streams
 from coman_reduced_model.resources import bag_path
-from coman_reduced_model.topics import TopicNames
 
 # Names of discrepancy.md: configurations, results and verdicts use them.
 VOCABULARY = """gravity_stiffness trunk_rotation swing_momentum lateral_compliance spring_nonlinearity backlash
@@ -34,15 +31,12 @@ OPTIONS = STANDARD_EFFECTS
 
 def walked(config: Config, seconds: float = 2.0):
     """Predictions of the first steps of a recorded walk."""
-    with Bag(bag_path("test1")) as bag:
-        robot = find_robot(config, bag, TopicNames())
-        streams = input_streams(bag, config, TopicNames())
-        pipeline = Pipeline(robot, config)
+    with Session(bag_path("test1"), config) as session:
         results = []
-        for topic, _, message in bag.messages(streams):
-            results += pipeline.feed(streams[topic], message, FROM[streams[topic]])
-            if results and results[-1].stamp_ns - results[0].stamp_ns > seconds * 1e9:
-                return results
+        for prediction in session.predictions():
+            results.append(prediction)
+            if prediction.stamp_ns - results[0].stamp_ns > seconds * 1e9:
+                break
     return results
 
 
@@ -114,7 +108,7 @@ def test_each_effect_at_each_place_goes_through_a_file(tmp_path, name):
     ("", 12, (Foot.LEFT, Foot.RIGHT)), ("left", 6, (Foot.LEFT,)), ("RAnkSag", 1, (Foot.RIGHT,))
 ])  # fmt: skip
 def test_a_place_names_a_joint_a_leg_or_all(where, joints, feet):
-    robot = find_robot(PAPER, Bag(bag_path("test1")), TopicNames())
+    robot = open_robot(bag_path("test1"), PAPER)
     (effect,) = active_effects(config("encoder_bias", where).effects, robot)
     assert len(effect.joints) == joints and effect.feet == feet
     assert list(effect.joints) == [i for foot in feet for i in robot.legs[foot][effect.leg_joints[foot]]]

@@ -12,15 +12,11 @@ import pytest
 from effect_tools import PAPER, values
 from effect_tools import config as with_effect
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.types import Phase, Prediction, Sample
-from coman_reduced_model.messages import FROM
-from coman_reduced_model.offline import find_robot, input_streams
 from coman_reduced_model.resources import bag_path
-from coman_reduced_model.topics import TopicNames
 
 SECONDS = 4.0
 TOPIC = PAPER.replaced({"prediction.reference": "topic"})
@@ -29,24 +25,13 @@ TOPIC = PAPER.replaced({"prediction.reference": "topic"})
 @cache
 def recorded() -> tuple[list[Sample], object]:
     """Samples of a walk with motor states and plan, and the robot."""
-    config = Config()
     samples: list[Sample] = []
-    with Bag(bag_path("test1")) as bag:
-        robot = find_robot(config, bag, TopicNames())
-        streams = input_streams(bag, config, TopicNames())
-        joiner = Pipeline(robot, config).joiner
-        add = {"joint_states": joiner.add_joint, "motor_states": joiner.add_motor,
-               "com/reference": joiner.add_reference}  # fmt: skip
-        for topic, _, message in bag.messages(streams):
-            stream = streams[topic]
-            taken = FROM[stream](message)
-            if stream in add:
-                samples += add[stream](taken)
-            elif stream.endswith("wrench"):
-                samples += joiner.add_wrench(1 if stream.startswith("left") else 2, taken)
-            if samples and samples[-1].stamp_ns - samples[0].stamp_ns > SECONDS * 1e9:
-                return samples, robot
-    return samples, robot
+    with Session(bag_path("test1")) as session:
+        for sample in session.samples():
+            samples.append(sample)
+            if sample.stamp_ns - samples[0].stamp_ns > SECONDS * 1e9:
+                break
+        return samples, session.robot
 
 
 def predict(config: Config, samples: list[Sample]) -> list[Prediction]:

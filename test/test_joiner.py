@@ -14,6 +14,7 @@ from mutations import clock_mutations, spoil
 from synthetic import LEFT, RIGHT, T0, description, loads, names, posture, robot, robot_with_arm, walk
 
 from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.input_warning import WarningKind
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
@@ -254,7 +255,9 @@ def test_clocks_that_differ_are_told():
         assert all(Flags.STALE_WRENCH in each for each in flags)
         status = pipeline.status()
         assert status.samples == 100 and status.streams[LEFT].incomplete == 100
-        told = [line for line in status.warnings if line.startswith((LEFT, RIGHT))]
+        found = [each for each in status.warnings if each.stream in (LEFT, RIGHT)]
+        assert all(each.kind is WarningKind.CLOCK for each in found)
+        told = [each.text for each in found]
         assert len(told) == 2 and all(pytest.approx(3600.0, abs=0.1) == float(line.split()[4]) for line in told)
         assert all(side.split()[-1] in line for line in told)
 
@@ -267,7 +270,8 @@ def test_a_stream_that_stopped_is_told_apart_from_a_clock_that_differs():
         else:
             pipeline.on_wrench(Foot.LEFT if stream == LEFT else Foot.RIGHT, message)
     warnings = pipeline.status().warnings
-    assert any(line.startswith(LEFT) and "no message for the last 1.4" in line for line in warnings), warnings
+    (left,) = (each for each in warnings if each.stream == LEFT)
+    assert left.kind is WarningKind.STOPPED and "no message for the last 1.4" in left.text
 
 
 # --- stamps ---
@@ -514,11 +518,9 @@ def test_whatever_comes_nothing_breaks_and_samples_hold_numbers(bad):
     for place, message in sorted(bad, key=lambda item: -item[0]):
         messages.insert(place, message)
     pipeline = Pipeline(robot(), NO_MOTOR)
-    samples = []
-    pipeline.on_sample = samples.append
-    for stream, message in messages:
-        pipeline.feed(stream, message, lambda message: message)
-    pipeline.flush()
+    batches = [pipeline.take(stream, message, lambda message: message) for stream, message in messages]
+    samples = [sample for batch in (*batches, pipeline.joiner.flush()) for sample in batch]
+    pipeline.predict(samples)
     for sample in samples:
         assert np.isfinite(sample.q).all() and np.isfinite(sample.qd).all()
         for wrench_ in (sample.left_wrench, sample.right_wrench):

@@ -6,14 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.types import Foot
-from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.record import load_truth
-from coman_reduced_model.topics import TopicNames
 
 DATA = Path(__file__).parent / "data"
 NAMES = {Foot.LEFT: "T_left", Foot.RIGHT: "T_right"}
@@ -23,9 +20,8 @@ NAMES = {Foot.LEFT: "T_left", Foot.RIGHT: "T_right"}
 def test_encoders_cost_little_and_the_flat_sole_half_a_millimetre_at_most(name):
     truth, config = load_truth(DATA / f"{name}.truth.npz"), Config.replaced(Config(), {"prediction.horizons": ()})
     tilted, level = [], []
-    with Bag(bag_path(name)) as bag:
-        pipeline = Pipeline(find_robot(config, bag, TopicNames()), config)
-        for prediction in predictions(bag, pipeline, input_streams(bag, config, TopicNames())):
+    with Session(bag_path(name), config) as session:
+        for prediction in session.predictions():
             i = int(np.abs(truth["stamp_ns"] - prediction.stamp_ns).argmin())
             if prediction.support.support_foot == Foot.NONE or abs(truth["stamp_ns"][i] - prediction.stamp_ns) > 1e6:
                 continue
@@ -35,7 +31,7 @@ def test_encoders_cost_little_and_the_flat_sole_half_a_millimetre_at_most(name):
             side = np.array([-heading[1], heading[0], 0.0])
             tilted.append(prediction.measured_com - T[:3, :3].T @ true)
             level.append(prediction.measured_com - [heading @ true, side @ true, true[2]])
-    assert len(tilted) > 0.95 * pipeline.samples
+    assert len(tilted) > 0.95 * session.pipeline.samples
     assert rms(tilted) == pytest.approx([0.00015, 0.00013, 0.00005], rel=0.15)  # in the sole as it stands: promised 0.4
     assert np.all(rms(level) < [0.0002, 0.0005, 0.0001])  # in a sole taken as flat: loading and unloading, feet roll
 

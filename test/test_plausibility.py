@@ -10,6 +10,7 @@ import pytest
 from synthetic import LEFT, RIGHT, robot, walk
 
 from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.input_warning import WarningKind
 from coman_reduced_model.core.pipeline import Pipeline
 
 
@@ -27,8 +28,9 @@ def test_wrong_sign_is_told():
         return (stream, replace(message, force=-message.force)) if stream == LEFT else (stream, message)
 
     assert warnings_of(lambda *item: item) == ()
-    (line,) = warnings_of(flipped)
-    assert line.startswith(LEFT) and "sign" in line
+    (warning,) = warnings_of(flipped)
+    assert (warning.kind, warning.stream) == (WarningKind.SIGN, LEFT) and not warning.prevents_prediction
+    assert str(warning).startswith(LEFT) and "sign" in warning.text
 
 
 def test_swapped_feet_are_told():
@@ -38,8 +40,8 @@ def test_swapped_feet_are_told():
             message = replace(message, frame_id=frame)
         return stream, message
 
-    (line,) = warnings_of(swapped)
-    assert "swapped" in line
+    (warning,) = warnings_of(swapped)
+    assert warning.kind is WarningKind.SWAPPED and "swapped" in warning.text
 
 
 @pytest.mark.parametrize("share", [0.03, 0.06, 0.2])
@@ -51,6 +53,32 @@ def test_a_foot_in_the_air_that_never_reads_unloaded_is_told(share):
             message = replace(message, force=message.force + np.array([0.0, 0.0, share * robot().mass * 9.81]))
         return stream, message
 
-    lines = warnings_of(biased)
-    assert len(lines) == (share > 0.04)
-    assert all(line.startswith(RIGHT) and "lift-offs are missed" in line for line in lines)
+    warnings = warnings_of(biased)
+    assert [(each.kind, each.stream) for each in warnings] == [(WarningKind.BIAS, RIGHT)] * (share > 0.04)
+    assert all("lift-offs are missed" in each.text for each in warnings)
+
+
+def test_a_threshold_that_changes_counts_from_then_on():
+    """A foot that reads 3 % of the weight in the air lifts at the usual threshold of 4 %, not at one of 2 %."""
+    pipeline = Pipeline(robot(), Config())
+    for stream, message in walk(6.0):
+        if stream == RIGHT:
+            message = replace(message, force=message.force + np.array([0.0, 0.0, 0.03 * robot().mass * 9.81]))
+        pipeline.feed(stream, message, lambda message: message)
+    assert pipeline.status().warnings == ()
+    lower = Config().replaced({"support.contact_off": 0.02})
+    pipeline.reconfigure(lower)
+    assert pipeline.config is pipeline.predictor.config is lower and pipeline.predictor.support.config is lower.support
+    (warning,) = pipeline.status().warnings
+    assert (warning.kind, warning.stream) == (WarningKind.BIAS, RIGHT)
+
+
+def test_what_is_missing_prevents_predictions():
+    pipeline = Pipeline(robot(), Config())
+    (nothing,) = pipeline.status().warnings
+    assert nothing.kind is WarningKind.MISSING and nothing.prevents_prediction
+    for stream, message in walk(0.5):
+        if stream != LEFT:
+            pipeline.feed(stream, message, lambda message: message)
+    (missing,) = pipeline.status().warnings
+    assert (missing.kind, missing.stream) == (WarningKind.MISSING, LEFT) and missing.prevents_prediction

@@ -8,15 +8,11 @@ import copy
 import numpy as np
 import pytest
 
-from coman_reduced_model.bag.decode import decoder
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.offline import find_robot, input_streams
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
-from coman_reduced_model.topics import TopicNames
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -28,12 +24,8 @@ def walk(request, tmp_path_factory):
     exact = request.param == "exact"
     sensors = (SensorOptions.exact if exact else SensorOptions)(rate_hz=1000.0)
     record("test1", path, sensors=sensors, duration_s=5.0)
-    with Bag(path) as bag:
-        robot, streams = find_robot(config, bag, TopicNames()), input_streams(bag, config, TopicNames())
-        pipeline = Pipeline(robot, config)
-        decoders = {topic: decoder(stream) for topic, stream in streams.items()}
-        samples = [s for topic, _, raw in bag.raw(streams) for s in pipeline.take(streams[topic], raw, decoders[topic])]
-    return robot, samples, exact
+    with Session(path, config) as session:
+        return session.robot, list(session.samples()), exact
 
 
 @pytest.mark.parametrize("every", [0, 1])

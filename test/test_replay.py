@@ -16,22 +16,19 @@ from sensor_msgs.msg import JointState
 from synthetic import T0, walk, write_bag
 
 from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.messages import prediction_to, ros_types
-from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.ros import qos
 from coman_reduced_model.ros.replay import Replay
-from coman_reduced_model.topics import TopicNames
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 
 
 def watched(path, config):
     """A pipeline that has seen a bag, and its predictions."""
-    with Bag(path) as bag:
-        pipeline = Pipeline(find_robot(config, bag, TopicNames()), config)
-        return pipeline, list(predictions(bag, pipeline, input_streams(bag, config, TopicNames())))
+    with Session(path, config) as session:
+        return session.pipeline, list(session.predictions())
 
 
 def offline(path, config):

@@ -4,14 +4,11 @@
 import numpy as np
 import pytest
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import REFERENCE
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.stride import _STEP, Memory, find_lag, mismatch, replanned
-from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import bag_path
-from coman_reduced_model.topics import TopicNames
 
 
 def memory(stamp, **columns):
@@ -64,14 +61,12 @@ def test_the_stride_is_found_within_a_millisecond(period):
 @pytest.mark.parametrize(("name", "plan"), [("test1", True), ("test2", True), ("test2", False)])
 def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_known(name, plan):
     settings = Config().replaced({"effects.active": ["standard"], "prediction.horizons": [0.1, 0.2, 0.4]})
-    with Bag(bag_path(name)) as bag:
-        streams = input_streams(bag, settings, TopicNames())
-        if not plan:
-            streams = {topic: stream for topic, stream in streams.items() if stream != REFERENCE}
-        pipeline = Pipeline(find_robot(settings, bag, TopicNames()), settings)
-        for _ in predictions(bag, pipeline, streams):
-            pass
-    rmse = pipeline.predictor.judge.rmse()
+    with Session(bag_path(name), settings) as session:
+        for stream, _, raw in session.messages():
+            if plan or stream != REFERENCE:
+                session.pipeline.feed(stream, raw, session.decoders[stream])
+        session.pipeline.flush()
+    rmse = session.pipeline.judge.rmse()
     for h in ("0.1", "0.2"):
         assert rmse[h]["model"][0] < (0.7 if plan else 0.9) * min(
             rmse[h][other][0] for other in ("rigid", "lipm", "persistence")

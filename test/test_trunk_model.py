@@ -5,18 +5,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.contact import Linear, Sole, State, contacts, impulses, switch_support
-from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.core.trunk import trunk_twist
 from coman_reduced_model.core.types import Flags, Sample
 from coman_reduced_model.errors import ConfigError
-from coman_reduced_model.offline import find_robot, input_streams, predictions
 from coman_reduced_model.resources import bag_path, config_path
-from coman_reduced_model.topics import TopicNames
 
 WHOLE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 BENT = [-0.4, 0.0, 0.0, 0.8, -0.4, 0.0] * 2
@@ -151,10 +148,8 @@ def test_a_state_told_by_the_other_sole_and_back_is_the_same():
 
 def walk(name: str, *effects: str) -> dict[str, np.ndarray]:
     settings = config(*effects)
-    with Bag(bag_path(name)) as bag:
-        machine = find_robot(settings, bag, TopicNames())
-        streams = input_streams(bag, settings, TopicNames())
-        results = list(predictions(bag, Pipeline(machine, settings), streams))[400:-400]
+    with Session(bag_path(name), settings) as session:
+        results = list(session.predictions())[400:-400]
 
     def rms(values: list) -> np.ndarray:
         return np.sqrt(np.mean(np.square(np.array(values)), axis=0))

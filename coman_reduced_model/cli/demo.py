@@ -28,8 +28,8 @@ def demo(
     """Play a recorded walk to the real nodes, show how well they predict it, write a report page."""
     from ..core.config import load_config
     from ..errors import ComanError
-    from ..offline import CONFIG_FILE, SUMMARY_FILE, to_json
-    from ..output import OutputFolder
+    from ..offline import CONFIG_FILE, SUMMARY_FILE
+    from ..output import OutputFolder, to_json
     from ..resources import bag_path, config_path
     from ..ros.processes import NodeFailed, confine, why_not
     from ..ros.spin import Stop

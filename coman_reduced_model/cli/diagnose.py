@@ -47,16 +47,15 @@ def diagnose(
 ) -> None:
     """Find the effect that the model or the sensors lack, and show that the gap shrinks on bags it has not seen."""
     settings = read_config(config, changes)
-    from ..diagnose.workflow import diagnose as run
-    from ..diagnose.workflow import write
+    from ..diagnose import diagnose as run
     from ..output import OutputFolder
     from ..topics import TopicNames
 
     OutputFolder(out, force)  # refuses now what it would refuse in a minute
     names = TopicNames(namespace, remap or ())
     with progress("diagnosing") as report:
-        diagnosis = run(bags, holdout or [], settings, urdf=urdf, names=names, assume=assume or (), progress=report)
-    write(diagnosis, out, force)
+        diagnosis = run(bags, holdout or (), settings, assume=assume or (), urdf=urdf, names=names, progress=report)
+    diagnosis.write(out, force)
     warn(diagnosis.result["not_checked"])
     if json:
         print_json(diagnosis.result)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json as json_module
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -64,8 +64,7 @@ def validate(
     from ..bag.reader import Bag
     from ..errors import ConfigError
     from ..judge.seeds import describe, fresh_range
-    from ..offline import to_json
-    from ..output import OutputFolder
+    from ..output import OutputFolder, to_json
     from ..report.validation import validation_page
     from ..tuning import validate as validation
 
@@ -109,7 +108,7 @@ def validate(
                 lambda f, w: report(0.95 * f, w),
             )
             report(0.95, "drawing")
-            result = {
+            result: dict[str, Any] = {
                 "seed": first,
                 "elapsed_s": time.perf_counter() - began,
                 "summary": validation.summarise(done.scores),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -18,7 +19,9 @@ from typing import Any
 
 import yaml
 
-from ..errors import ConfigError
+from ..errors import ConfigError, OutputError
+from ..output import check_file
+from ..resources import config_path
 from .effects import CATALOGUE
 from .parameter import Parameter, Value, par
 
@@ -431,15 +434,27 @@ def _check_consistency(config: Config, source: str) -> None:
         )
 
 
-def load_config(path: str | Path, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
+def load_config(path: str | Path | None = None, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
     """Read a ROS 2 parameter file: the sections `/**` and then that of the node, if any.
 
-    Keys that `ignored` names are not looked at, nor are those that every ROS 2 node has.
+    Args:
+        path: of the file; default: the shipped coman.yaml.
+        node: whose section counts.
+        ignored: keys that are not looked at, nor are those that every ROS 2 node has.
 
     Raises:
         ConfigError: the file cannot be read or a value in it is not allowed.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> config = coman.load_config(coman.config_path("coman_paper")).replaced({"prediction.horizons": [0.2]})
+        >>> config.prediction.horizons, config.active
+        ((0.2,), ())
+        >>> path = coman.save_config(config, "mine.yaml")
+        >>> coman.load_config(path).flat() == config.flat()
+        True
     """
-    path = Path(path)
+    path = Path(config_path() if path is None else path)
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -501,3 +516,28 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
         unit = f" [{parameter.unit}]" if parameter.unit not in ("", "1") else ""
         lines.append(f"    {key}: {text}  # {parameter.description}{unit}")
     return "\n".join(lines) + "\n"
+
+
+def save_config(config: Config, path: str | Path, comment: str = "", force: bool = False) -> Path:
+    """Write a configuration as a parameter file, whole or not at all; a URDF that it names is found from there as well.
+
+    Args:
+        config: to be written.
+        path: of the file.
+        comment: its first lines.
+        force: replace a file that exists.
+
+    Raises:
+        OutputError: it exists (without `force`), or cannot be written.
+    """
+    path = check_file(path, force)
+    if config.robot.urdf:
+        config = config.replaced({"robot.urdf": os.path.relpath(config.directory / config.robot.urdf, path.parent)})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.part")
+        partial.write_text(config_to_yaml(config, comment), encoding="utf-8")
+        os.replace(partial, path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path

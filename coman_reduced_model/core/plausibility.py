@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .config import Config
+from .input_warning import InputWarning, WarningKind
 from .joiner import WRENCHES
 from .types import Foot, Sample
 
@@ -29,9 +30,13 @@ class Plausibility:
     def __init__(self, robot: Robot, config: Config) -> None:
         self._robot = robot
         self._weight = config.support.weight or robot.mass * config.robot.gravity
-        self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more never lifts
         self._posture = robot.posture()
+        self.reconfigure(config)
         self.reset()
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over the thresholds of the support phase."""
+        self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more never lifts
 
     def reset(self) -> None:
         """Forget the past."""
@@ -77,29 +82,31 @@ class Plausibility:
         counts["wrenches/swapped"] = self._higher_carries
         return {name: count for name, count in counts.items() if count}
 
-    def warnings(self) -> list[str]:
-        """What looks wrong, a line each."""
-        lines = []
+    def warnings(self) -> list[InputWarning]:
+        """What looks wrong."""
+        found = []
         if self._looks >= _ENOUGH:
             for foot, name in WRENCHES.items():
                 mean = self._force[foot] / self._looks
                 if mean < -_NEGATIVE * self._weight:
-                    lines.append(
+                    text = (
                         f"{name}: the mean vertical force is {mean:.0f} N: wrong sign? wanted is what the ground "
                         "exerts on the foot (positive while it stands)"
                     )
+                    found.append(InputWarning(WarningKind.SIGN, name, text))
         looks = self._lower_carries + self._higher_carries
         if looks >= _ENOUGH // 2 and self._higher_carries > 0.8 * looks:
-            lines.append(
+            text = (
                 f"wrenches: in {self._higher_carries} of {looks} looks at single support the foot in the air by "
                 "the joints carries the robot by the wrenches: left and right swapped?"
             )
-            return lines
+            return [*found, InputWarning(WarningKind.SWAPPED, "", text)]
         for foot, name in WRENCHES.items():
             mean = self._air_force[foot] / max(self._air[foot], 1)
             if self._air[foot] >= _ENOUGH // 2 and self._lifts < mean < _STANDS * self._weight:
-                lines.append(
+                text = (
                     f"{name}: reads {mean:.0f} N on average while the foot is in the air by the joints: a bias? above "
                     f"{self._lifts:.0f} N (support.contact_off) lift-offs are missed"
                 )
-        return lines
+                found.append(InputWarning(WarningKind.BIAS, name, text))
+        return found

@@ -34,6 +34,17 @@ class Predictor:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> with coman.Session(coman.bag_path("test1")) as session:
+        ...     predictor = coman.Predictor(session.robot, session.config)
+        ...     for sample in session.samples():
+        ...         prediction = predictor.update(sample)
+        ...         if prediction.support.phase == coman.Phase.LEFT:
+        ...             break
+        >>> [ahead.h for ahead in prediction.horizons]  # seconds ahead
+        [0.1, 0.2, 0.4]
     """
 
     DIVERGED = 0.5
@@ -72,6 +83,11 @@ class Predictor:
         self._stance = Foot.NONE  # the foot of the last single support
         self._steps = 0
         self._T_odom_sole = np.full((4, 4), np.nan)
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over parameters that may change while it runs: those of the support phase."""
+        self.config = config
+        self.support.config = config.support
 
     def update(self, sample: Sample) -> Prediction:
         """Take one sample.

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..bag.reader import Bag
+from ..bag.session import Session
 from ..core.config import Config, EffectConfig
 from ..core.effects import CATALOGUE, Effect, loaded
-from ..core.pipeline import Pipeline
 from ..core.robot import Robot
 from ..core.statistics import AXES, by_axis
 from ..core.types import Array, Flags, Foot, Phase
-from ..offline import find_robot, input_streams, predictions
 from ..topics import TopicNames
 
 CONFIDENCE = 0.95
@@ -107,21 +105,21 @@ def free_run(
     path: str | Path, config: Config, urdf: str | Path | None = None, names: TopicNames | None = None
 ) -> FreeRun:
     """Predict a bag. A prediction that diverged is not known, the error until then counts."""
-    names = names or TopicNames()
     quick = dataclasses.replace(
         config,
         prediction=dataclasses.replace(config.prediction, horizons=()),
         monitor=dataclasses.replace(config.monitor, enabled=False),
     )
-    with Bag(path) as bag:
-        robot = find_robot(quick, bag, names, urdf)
-        pipeline = Pipeline(robot, quick)
-        positions: list[Array] = []
-        pipeline.on_sample = lambda sample: positions.append(sample.q)  # corrected in place afterwards
-        rows = [
-            (p.stamp_ns, p.support.support_foot, p.support.phase, p.flags, *p.measured_com, *p.predicted_com)
-            for p in predictions(bag, pipeline, input_streams(bag, quick, names))
-        ]
+    rows: list[tuple[float, ...]] = []
+    positions: list[Array] = []
+    with Session(path, quick, urdf=urdf, names=names) as session:
+        robot, pipeline = session.robot, session.pipeline
+        for batch in session.batches():
+            positions += [sample.q.copy() for sample in batch]  # effects correct them in place
+            for p in pipeline.predict(batch):
+                support = p.support
+                row = (p.stamp_ns, support.support_foot, support.phase, p.flags, *p.measured_com, *p.predicted_com)
+                rows.append(row)
     stamps = np.array([row[0] for row in rows], dtype=np.int64)
     rising = np.diff(np.maximum.accumulate(stamps), prepend=-1) > 0
     values = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 9)[rising]

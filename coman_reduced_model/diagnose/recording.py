@@ -7,7 +7,6 @@ only takes at its nearest message, is interpolated here: a few milliseconds matt
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,18 +14,16 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
-from ..bag.decode import decoder
-from ..bag.reader import Bag
+from ..bag.session import Session
 from ..core.config import Config
 from ..core.effects import active_effects
 from ..core.joiner import IMU
 from ..core.odometry import FootOdometry
-from ..core.pipeline import Pipeline
 from ..core.robot import Robot
 from ..core.support import SupportDetector
 from ..core.types import Array, Foot, Phase, Sample
 from ..errors import BagError
-from ..offline import find_robot, input_streams
+from ..progress import Progress
 from ..topics import TopicNames
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
@@ -90,43 +87,38 @@ def load(
     config: Config,
     urdf: str | Path | None = None,
     names: TopicNames | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Recording, Robot]:
     """Read a bag; the robot has the loads, and the recording the corrections, of effects that are configured already.
 
     Raises:
         ComanError: the bag, the robot or the configuration cannot be used, or it is too short to say anything.
     """
-    names = names or TopicNames()
-    with Bag(path) as bag:
-        streams = input_streams(bag, config, names)
-        robot = find_robot(config, bag, names, urdf)
-        pipeline = Pipeline(robot, config)
-        decoders = {topic: decoder(stream, bag.typestore) for topic, stream in streams.items()}
+    with Session(path, config, urdf=urdf, names=names) as session:
+        bag, pipeline = session.bag, session.pipeline
         samples: list[Sample] = []
         imu: list[tuple[int, Array]] = []
         imu_frame = ""
         span = max(bag.end_ns - bag.start_ns, 1)
-        for count, (topic, log_time, raw) in enumerate(bag.raw(streams)):
-            if streams[topic] == IMU:
+        for count, (stream, log_time, raw) in enumerate(session.messages()):
+            if stream == IMU:
                 try:
-                    message = decoders[topic](raw)
+                    message = session.decoders[IMU](raw)
                 except Exception:  # counted by the pipeline on the way that predicts
                     continue
                 if message.orientation is not None and np.isfinite(message.orientation).all():
                     imu.append((message.stamp_ns, message.orientation))
                     imu_frame = message.frame_id.lstrip("/")
             else:
-                samples += pipeline.take(streams[topic], raw, decoders[topic])
+                samples += pipeline.take(stream, raw, session.decoders[stream])
             if progress and count % 2000 == 0:
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
         for effect in active_effects(config.effects, pipeline.robot):
             for sample in samples:
                 effect.correct(sample)
-        warnings = tuple([*bag.warnings, *pipeline.status().warnings])
     robot = pipeline.robot
-    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, warnings), robot
+    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, session.warnings), robot
 
 
 def _grid(

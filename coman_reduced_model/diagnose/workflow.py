@@ -71,6 +71,24 @@ class Diagnosis:
     recordings: list[Recording]
     com: Errors
 
+    @property
+    def verdict(self) -> str:
+        """`effect`, `none`, `unknown` (something is missing, but nothing explains it) or `not_excited`."""
+        return str(self.result["verdict"])
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        return str(self.result["sentence"])
+
+    def write(self, out: str | Path, force: bool = False) -> None:
+        """Write diagnosis.json, model.yaml and report.html into a folder.
+
+        Raises:
+            OutputError: it exists (without `force`), or cannot be written.
+        """
+        write(self, out, force)
+
 
 def diagnose(
     train: Sequence[str | Path],

@@ -89,7 +89,7 @@ def white_bic(f: Features) -> dict[str, Any]:
         left = f.y - A @ x
         bic = n * np.log(float(left @ left) / n) + len(x) * np.log(n)
         if bic < best:
-            best, winner, values = bic, term, x
+            best, winner, values = bic, term, np.asarray(x, dtype=float)
     return _verdict(winner, values)
 
 

@@ -21,7 +21,7 @@ import yaml
 from ..core.gait import GaitParameters
 from ..errors import ConfigError
 from ..output import OutputFolder
-from ..sim.disturbances import Scatter, make
+from ..sim.disturbances import Disturbance, Scatter, make
 from ..sim.record import plan_recording, record, robot_gait
 from ..sim.robot_table import ROBOTS, RobotTable
 from ..sim.sensors import SensorOptions
@@ -151,7 +151,7 @@ def write_case(case: Case, folder: str | Path, force: bool = False) -> dict[str,
     Returns:
         The answer; None: the robot fell, and nothing was written.
     """
-    hidden = [Scatter(seed=case.seed + 100_000 * case.attempt)]
+    hidden: list[Disturbance] = [Scatter(seed=case.seed + 100_000 * case.attempt)]
     hidden += [
         make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})}) for e in case.effects
     ]

@@ -297,7 +297,8 @@ def seal(folder: RunFolder, names: Sequence[str]) -> str:
         digest = hashlib.sha256(b"".join(part.read_bytes() for part in parts if part.is_file())).hexdigest()
         lines.append(f"{digest}  {name}")
     path = folder.hashes
-    known = dict(reversed(line.split()) for line in path.read_text().splitlines()) if path.is_file() else {}
+    written = [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
+    known = {name: digest for digest, name in written}
     for line in lines:
         digest, name = line.split()
         if known.setdefault(name, digest) != digest:

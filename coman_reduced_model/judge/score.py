@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,8 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     true = {class_of(effect["name"]): effect for effect in answer["effects"] if answer["kind"] != "unknown"}
     classes = {class_of(name) for name in named}
     result = "wrong" if classes - set(true) else "right" if classes == set(true) else "partly"
-    places, errors = [], {}
+    places: list[bool] = []
+    errors: dict[str, Any] = {}
     for effect in verdict["effects"]:
         real = true.get(class_of(effect["name"]))
         if real is None:
@@ -112,10 +114,9 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "lowered": sum(row["attempt"] >= ATTEMPTS for row in rows),
         },
         "workflow": _figures(rows, lambda row: row["result"]),
-        "baselines": {m: _figures(rows, lambda row, m=m: row["baselines"].get(m, "failed")) for m in methods},
+        "baselines": {m: _figures(rows, partial(_by_baseline, m)) for m in methods},
         "by_level": {
-            level: rate(*_count(rows, lambda r, v=level: r["kind"] == "single" and r["levels"][0] == v, "right"))
-            for level in ("weak", "medium", "strong")
+            level: rate(*_count(rows, partial(_of_level, level), "right")) for level in ("weak", "medium", "strong")
         },
         "right_place": rate(sum(sum(row["place"]) for row in rows), sum(len(row["place"]) for row in rows)),
         "parameter_error": _medians(rows),
@@ -162,6 +163,14 @@ def _seeds(seeds: Sequence[int]) -> dict[str, Any]:
             {"seeds": f"{e.seeds.start}:{e.seeds.stop}", "purpose": e.purpose, "commit": e.commit} for e in entries
         ],
     }
+
+
+def _by_baseline(method: str, row: Any) -> str:
+    return str(row["baselines"].get(method, "failed"))
+
+
+def _of_level(level: str, row: Any) -> bool:
+    return bool(row["kind"] == "single" and row["levels"][0] == level)
 
 
 def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple[int, int]:

@@ -6,20 +6,20 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..core.config import parameter_table
 from ..core.statistics import AXES
 from ..errors import BagError, OutputError
+from ..progress import Progress
 from . import figures
 from .draw import PHASE_NAMES
 from .page import Notice, Part, Section, Table, Text, page, picture
 from .run import Run, load_run
 from .verdict import millimetres, percent, sentence
 
-Progress = Callable[[float, str], None]  # fraction done, what is being done
 REPORT_FILE, PLOTS_FOLDER = "report.html", "plots"
 _SUMMARY_FILE, _PREDICTIONS_BAG = "summary.json", "predictions"
 _PREDICTORS = {"model": "this model", "rigid": "rigid robot", "persistence": "persistence", "lipm": "LIPM"}

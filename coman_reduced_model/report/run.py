@@ -155,13 +155,16 @@ def _run(rows: Iterable[tuple[Any, ...]]) -> Run:
         used = np.flatnonzero(foot == side)
         if len(used):
             frames[side] = columns[1][used[0]]
+    measured, predicted, reference = (np.array(columns[i], dtype=float).reshape(-1, 3) for i in (6, 7, 8))
     return Run(
         (stamps - stamps[0]) * 1e-9 if len(stamps) else np.empty(0),
         phase,
         foot,
         np.array(columns[4], dtype=float),
         flags,
-        *(np.array(columns[i], dtype=float).reshape(-1, 3) for i in (6, 7, 8)),
+        measured,
+        predicted,
+        reference,
         np.array(columns[9], dtype=float).reshape(-1, 4, 4),
         frames,
     )

@@ -24,10 +24,11 @@ from ..bag.writer import BagWriter
 from ..core.config import Config
 from ..core.gait import GAITS, plan_walk
 from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.statistics import RunStatistics, by_axis
+from ..core.statistics import RunStatistics
 from ..errors import BagError, ConfigError
 from ..messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ..topics import PREDICTION
+from .diagnostic_report import Level
 from .listener import Listener
 from .processes import NodeFailed, Nodes
 from .replay import Progress, Replay
@@ -102,9 +103,13 @@ def run_demo(
         store, robot_name = typestore(), config.robot.name
 
         def on_prediction(raw: bytes) -> None:
-            message = store.deserialize_cdr(raw, COM_PREDICTION)
+            message: Any = store.deserialize_cdr(raw, COM_PREDICTION)
             statistics.add(prediction_from(message))
             writer.write_raw(f"/{PREDICTION}", stamp_of(message.header), raw)
+
+        def all_run() -> bool:
+            nodes.check()
+            return True
 
         nodes = stack.enter_context(Nodes(config_file))
         listener = stack.enter_context(Listener("demo", on_prediction))
@@ -117,18 +122,20 @@ def run_demo(
             gait = {key: value for key, value in planned.flat().items() if key.startswith("gait.") and value != -1}
             nodes.start("trajectory", {**gait, "use_sim_time": True})
         tell(0.0, "starting the nodes")
-        replay.wait_for_subscribers(needed, _START_S, lambda: nodes.check() is None)
+        replay.wait_for_subscribers(needed, _START_S, all_run)
         if planned:
             _wait(lambda: listener.node.count_publishers(REFERENCE) > 0, nodes, f"{REFERENCE} is published")
         started_s = time.monotonic() - began
 
-        latency = ["not reported"]  # the last report of /diagnostics while messages came
+        latency = "not reported"  # the last report of /diagnostics while messages came
 
         def keep_going(progress: Progress) -> bool:
+            nonlocal latency
             if progress.messages % 100 == 0:
                 nodes.check()
-                level, message, _ = listener.statuses.get("predictor: latency", (3, "", {}))
-                latency[0] = message if level < 3 else latency[0]
+                report = listener.reports.get("predictor: latency")
+                if report is not None and report.level != Level.STALE:
+                    latency = report.message
                 tell(progress.messages / progress.total, f"{statistics.samples} predictions")
             return True
 
@@ -146,7 +153,7 @@ def run_demo(
             "version": __version__,
             "robot": {"name": robot_name},
             **statistics.summary(),
-            **_reported(listener),
+            **_reported(listener, config),
             "warnings": [*replay.bag.warnings],
             "config": config.flat(),
         }
@@ -156,10 +163,10 @@ def run_demo(
         "max_lag_s": played.max_lag_s,
         "start_s": started_s,
         "trajectory_node": planned is not None,
-        "latency": latency[0],
+        "latency": latency,
     }
     if summary["samples"] < _COMPLETE * asked or not summary["judged_samples"]:
-        _, why, _ = listener.statuses.get("predictor: input", (0, "no /diagnostics came", {}))
+        why = listener.report("predictor: input").message or "no /diagnostics came"
         raise DemoFailed(
             f"{summary['samples']} predictions for {asked} joint states, {summary['judged_samples']} of them with a "
             f"free run; predictor: {why}"
@@ -185,17 +192,11 @@ def _wait(condition: Callable[[], bool], nodes: Nodes, what: str, timeout_s: flo
         time.sleep(0.05)
 
 
-def _reported(listener: Listener) -> dict[str, Any]:
+def _reported(listener: Listener, config: Config) -> dict[str, Any]:
     """What only the node itself knows, from its last /diagnostics."""
-    skill = {}
-    for key, text in listener.values("predictor: prediction").items():
-        if key.startswith("skill at "):
-            skill[key.split()[2]] = by_axis(np.array([float(word) for word in text.split(",")]))
-    values = listener.values("predictor: input")
-    rejected = {
-        key.removeprefix("rejected: "): int(value)
-        for key, value in values.items()
-        if key.startswith("rejected: ") and not key.endswith(": last")
+    prediction = listener.report("predictor: prediction")
+    return {
+        "skill": prediction.skill(tuple(f"{h:g}" for h in sorted(config.prediction.horizons))),
+        "rejected": listener.report("predictor: input").rejected(),
+        "restarts": prediction.restarts(),
     }
-    restarts = listener.values("predictor: prediction").get("restarts", "0")
-    return {"skill": skill, "rejected": rejected, "restarts": int(restarts)}

@@ -13,13 +13,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
 from ..core.joiner import JOINTS
+from ..core.monitor import Monitor
+from ..core.pipeline import Status
 from ..core.types import Array, Flags, Prediction
 from . import qos
+from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
 
 if TYPE_CHECKING:
     from .predictor_node import PredictorNode
 
-OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 _WINDOW = 5  # reports that errors and shares are told over
 _SILENT = 1.0  # [s] without joint states: stale
 _CAPACITY = 8192  # latencies kept
@@ -36,15 +38,11 @@ class _Interval:
 
 
 class Diagnostics:
-    """Collects while predictions run and publishes at `output.diagnostics_rate`.
-
-    Attributes:
-        arrived: by stream, when its last message came (time.perf_counter) [s].
-    """
+    """Collects while predictions run and publishes at `output.diagnostics_rate`."""
 
     def __init__(self, node: PredictorNode) -> None:
         self._node = node
-        self.arrived: dict[str, float] = {}
+        self._arrived: dict[str, float] = {}  # by stream, when its last message came (time.perf_counter) [s]
         self._failures: Counter[str] = Counter()
         self._last_failure = ""
         self._now = _Interval()
@@ -59,6 +57,10 @@ class Diagnostics:
         node.create_timer(
             1.0 / node.config.output.diagnostics_rate, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
+
+    def on_message(self, stream: str, arrived: float) -> None:
+        """A message of a stream has been taken, which came at `arrived` (time.perf_counter) [s]."""
+        self._arrived[stream] = arrived
 
     def on_prediction(self, prediction: Prediction, started: float) -> None:
         """A prediction was published; the message that completed it was taken at `started` [s]."""
@@ -87,56 +89,57 @@ class Diagnostics:
         seconds, self._last_report = max(now - self._last_report, 1e-3), now
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
-        if self._node.pipeline is None:
+        pipeline = self._node.pipeline
+        if pipeline is None:
             array.status = [self._status("input", *self._preparing(), {})]
         else:
             self._past.append(self._now)
             self._now = _Interval()
-            status = self._node.pipeline.status()
+            status = pipeline.status()
             array.status = [
                 self._status("input", *self._input(status, now, seconds)),
-                self._status("prediction", *self._prediction(status)),
-                self._status("mismatch", *self._mismatch(status)),
+                self._status("prediction", *self._prediction(status, pipeline.judge.skill())),
+                self._status("mismatch", *self._mismatch(status, pipeline.monitor)),
                 self._status("latency", *self._latency(seconds)),
             ]
             self._counted = self._count
         self._publisher.publish(array)
 
-    def _status(self, part: str, level: bytes, message: str, values: dict[str, Any]) -> DiagnosticStatus:
+    def _status(self, part: str, level: Level, message: str, values: dict[str, Any]) -> DiagnosticStatus:
         return DiagnosticStatus(
-            level=level,
+            level=bytes([level]),
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {part}",
             message=message,
             hardware_id=self._node.config.robot.name,
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
         )
 
-    def _preparing(self) -> tuple[bytes, str]:
+    def _preparing(self) -> tuple[Level, str]:
         if self._node.description.waiting:
-            return WARN, f"waiting for the URDF on {self._node.description.topic}"
-        return WARN, "warming up"
+            return Level.WARN, f"waiting for the URDF on {self._node.description.topic}"
+        return Level.WARN, "warming up"
 
-    def _input(self, status: Any, now: float, seconds: float) -> tuple[bytes, str, dict[str, Any]]:
+    def _input(self, status: Status, now: float, seconds: float) -> tuple[Level, str, dict[str, Any]]:
         values: dict[str, Any] = {}
         for name, stream in status.streams.items():
             count = stream.received - self._received.get(name, 0)
             self._received[name] = stream.received
             if not stream.received and not stream.expected:
                 continue
-            values[f"{name}: rate [Hz]"] = count / seconds
-            values[f"{name}: age [s]"] = now - self.arrived[name] if name in self.arrived else math.nan
+            values |= rate_value(name, count / seconds)
+            values[f"{name}: age [s]"] = now - self._arrived[name] if name in self._arrived else math.nan
             values[f"{name}: received"] = stream.received
             values[f"{name}: accepted"] = stream.accepted
             if stream.expected:
                 values[f"{name}: missing in samples"] = stream.incomplete
         values["samples"] = status.samples
         values["waiting"] = status.waiting
-        new = []
-        for reason, count in status.rejected.items():
-            values[f"rejected: {reason}"] = count
-            values[f"rejected: {reason}: last"] = status.last_rejection[reason]
-            if count > self._rejected.get(reason, 0):
-                new.append(status.last_rejection[reason])
+        values |= rejected_values(status.rejected, status.last_rejection)
+        new = [
+            status.last_rejection[reason]
+            for reason, count in status.rejected.items()
+            if count > self._rejected.get(reason, 0)
+        ]
         self._rejected = status.rejected
         for reason, count in self._failures.items():
             values[f"internal error: {reason}"] = count
@@ -144,25 +147,25 @@ class Diagnostics:
             values["joints that the URDF lacks (ignored)"] = ", ".join(status.extra_joints)
         if status.unlisted_joints:
             values["joints that no message lists (held at zero)"] = ", ".join(status.unlisted_joints)
-        for index, line in enumerate(status.warnings):
-            values[f"warning {index + 1}"] = line
+        for index, warning in enumerate(status.warnings):
+            values[f"warning {index + 1}"] = warning.text
         return *self._input_verdict(status, now, new), values
 
-    def _input_verdict(self, status: Any, now: float, new: list[str]) -> tuple[bytes, str]:
+    def _input_verdict(self, status: Status, now: float, new: list[str]) -> tuple[Level, str]:
         if self._failures:
-            return ERROR, f"internal error, please report: {self._last_failure}"
-        joints = self.arrived.get(JOINTS)
+            return Level.ERROR, f"internal error, please report: {self._last_failure}"
+        joints = self._arrived.get(JOINTS)
         if joints is None or now - joints > _SILENT:
             since = "yet" if joints is None else f"for {now - joints:.1f} s"
-            return STALE, f"no message on {self._node.resolve_topic_name(JOINTS)} {since}"
+            return Level.STALE, f"no message on {self._node.resolve_topic_name(JOINTS)} {since}"
         if status.warnings:
-            missing = any("needs" in line or "usable" in line for line in status.warnings)
-            return ERROR if missing else WARN, "; ".join((*status.warnings, *new))
+            missing = any(warning.prevents_prediction for warning in status.warnings)
+            return Level.ERROR if missing else Level.WARN, "; ".join((*map(str, status.warnings), *new))
         if new:
-            return WARN, "; ".join(new)
-        return OK, "all streams are there"
+            return Level.WARN, "; ".join(new)
+        return Level.OK, "all streams are there"
 
-    def _prediction(self, status: Any) -> tuple[bytes, str, dict[str, Any]]:
+    def _prediction(self, status: Status, skill: dict[str, Array]) -> tuple[Level, str, dict[str, Any]]:
         samples = sum(each.samples for each in self._past)
         predicted = sum(each.predicted for each in self._past)
         flags: Counter[int] = sum((each.flags for each in self._past), Counter())
@@ -170,56 +173,58 @@ class Diagnostics:
         if predicted:
             rms = np.sqrt(sum(each.squares for each in self._past) / predicted)
         values: dict[str, Any] = {f"error RMS {axis} [mm]": 1e3 * rms[i] for i, axis in enumerate("xyz")}
-        for h, skill in self._node.pipeline.judge.skill().items():
-            values[f"skill at {h} s (x, y, z)"] = _triple(skill)
+        values |= skill_values(skill)
         for flag in Flags:
             if flag:
                 count = sum(number for bits, number in flags.items() if bits & flag)
-                values[f"share {flag.name.lower()}"] = count / samples if samples else math.nan
-        values["restarts"] = status.restarts
+                values[f"share {str(flag.name).lower()}"] = count / samples if samples else math.nan
+        values |= restart_value(status.restarts)
         if not samples:
-            return STALE, "no predictions in the last reports", values
+            return Level.STALE, "no predictions in the last reports", values
         if not predicted:
-            return WARN, f"no free run: {_reasons(flags)}", values
+            return Level.WARN, f"no free run: {_reasons(flags)}", values
         message = f"error RMS x, y, z: {_triple(1e3 * rms)} mm"
         singular, lost = values["share near_singular"], values["share rejected_state"]
         if lost:
             return (
-                WARN,
+                Level.WARN,
                 f"{message}; the free run diverged and was restarted: check stiffness, damping and URDF",
                 values,
             )
         if singular > 0.5:
-            return WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
-        return OK, message, values
+            return Level.WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
+        return Level.OK, message, values
 
-    def _mismatch(self, status: Any) -> tuple[bytes, str, dict[str, Any]]:
-        monitor = self._node.pipeline.monitor
+    def _mismatch(self, status: Status, monitor: Monitor | None) -> tuple[Level, str, dict[str, Any]]:
         if monitor is None:
-            return OK, "not watched (monitor.enabled)", {}
+            return Level.OK, "not watched (monitor.enabled)", {}
         values: dict[str, Any] = {"support phases compared": monitor.phases}
         stamp = self._node.get_clock().now().nanoseconds
         lines = [f"{each}, for {max(0.0, (stamp - each.since_ns) * 1e-9):.1f} s" for each in status.mismatches]
         for each, line in zip(status.mismatches, lines, strict=True):
             values[each.channel] = line
         if lines:
-            return WARN, lines[0] + (f"; {len(lines) - 1} more" if len(lines) > 1 else ""), values
+            return Level.WARN, lines[0] + (f"; {len(lines) - 1} more" if len(lines) > 1 else ""), values
         if not monitor.phases:
-            return OK, "nothing to compare yet", values
-        return OK, "the robot is as it was, and as it is described", values
+            return Level.OK, "nothing to compare yet", values
+        return Level.OK, "the robot is as it was, and as it is described", values
 
-    def _latency(self, seconds: float) -> tuple[bytes, str, dict[str, Any]]:
+    def _latency(self, seconds: float) -> tuple[Level, str, dict[str, Any]]:
         count = min(self._count - self._counted, _CAPACITY)
         if not count:
-            return STALE, "no predictions", {}
+            return Level.STALE, "no predictions", {}
         recent = self._latencies[(np.arange(self._count - count, self._count)) % _CAPACITY] * 1e3
         p50, p99, worst = np.percentile(recent, 50), np.percentile(recent, 99), recent.max()
         busy = recent.sum() / (1e3 * seconds)
         values = {"p50 [ms]": p50, "p99 [ms]": p99, "max [ms]": worst, "share of time predicting": busy}
         message = f"p50 {p50:.3f} ms, p99 {p99:.3f} ms"
         if busy > 0.8:
-            return WARN, f"{message}; predicting takes {100 * busy:.0f} % of the time: too slow for this rate", values
-        return OK, message, values
+            return (
+                Level.WARN,
+                f"{message}; predicting takes {100 * busy:.0f} % of the time: too slow for this rate",
+                values,
+            )
+        return Level.OK, message, values
 
 
 def _text(value: Any) -> str:
@@ -234,4 +239,4 @@ def _reasons(flags: Counter[int]) -> str:
     union = Flags(0)
     for bits in flags:
         union |= Flags(bits)
-    return ", ".join(flag.name.lower() for flag in Flags if flag and flag in union) or "unknown"
+    return ", ".join(str(flag.name).lower() for flag in Flags if flag and flag in union) or "unknown"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hears what the nodes publish, in a thread of its own: com/prediction and /diagnostics."""
+"""Listens to what the nodes publish, in a thread of its own: com/prediction and /diagnostics."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..topics import PREDICTION
 from . import qos
+from .diagnostic_report import Report
 
 
 class Listener:
@@ -23,14 +24,14 @@ class Listener:
 
     Attributes:
         node: for publishers and clients of one's own.
-        statuses: by name, level, message and values of the last /diagnostics.
+        reports: by name, the last of each status on /diagnostics.
     """
 
     def __init__(self, name: str, on_prediction: Callable[[bytes], None]) -> None:
         """`on_prediction` is called with each serialised com/prediction, in the listener's thread."""
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name)
-        self.statuses: dict[str, tuple[int, str, dict[str, str]]] = {}
+        self.reports: dict[str, Report] = {}
         self.node.create_subscription(ComPrediction, PREDICTION, on_prediction, qos.prediction_output(), raw=True)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.display_output())
         self._executor: Any = EventsExecutor()
@@ -41,16 +42,15 @@ class Listener:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            values = {each.key: each.value for each in status.values}
-            self.statuses[status.name] = (ord(status.level), status.message, values)
+            self.reports[status.name] = Report.of(status)
 
     def _spin(self) -> None:
         while not self._ends.is_set():
             self._executor.spin_once(timeout_sec=0.05)
 
-    def values(self, status: str) -> dict[str, str]:
-        """Values of one status of the last /diagnostics; empty if there was none."""
-        return self.statuses.get(status, (0, "", {}))[2]
+    def report(self, status: str) -> Report:
+        """The last of one status; empty if there was none."""
+        return self.reports.get(status, Report())
 
     def __enter__(self) -> Listener:
         return self

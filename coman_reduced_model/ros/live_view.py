@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -12,11 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from ..core.types import Array, Phase, Prediction
+from .diagnostic_report import Level
 from .listener import Listener
 
 _SECONDS = 5.0
-_LEVELS = ("green", "yellow", "red", "magenta")
-_WORDS = ("ok", "warning", "ERROR", "stale")
+_SHOWN = {  # word and colour
+    Level.OK: ("ok", "green"),
+    Level.WARN: ("warning", "yellow"),
+    Level.ERROR: ("ERROR", "red"),
+    Level.STALE: ("stale", "magenta"),
+}
 
 
 class LiveView:
@@ -41,16 +47,17 @@ class LiveView:
         rows = [row for row in list(self._recent) if np.isfinite(row[1]).all() and np.isfinite(row[2]).all()]
         if not rows:
             return np.full(3, np.nan), np.full(3, np.nan)
-        model, rigid = (np.sqrt(np.mean([row[k] ** 2 for row in rows], axis=0)) * 1e3 for k in (1, 2))
-        return model, rigid
+        _, model, rigid = zip(*rows, strict=True)
+        return _rms_mm(model), _rms_mm(rigid)
 
     def line(self, listener: Listener) -> str:
         """One line, for terminals that can do no more and for logs."""
         p = self.last
         if p is None:
-            return "; ".join(f"{name}: {status[1]}" for name, status in sorted(listener.statuses.items())) or "starting"
+            reports = sorted(listener.reports.items())
+            return "; ".join(f"{name}: {report.message}" for name, report in reports) or "starting"
         model, rigid = self.rms_mm()
-        robot = listener.statuses.get("virtual_robot: simulation", (0, "", {}))[1]
+        robot = listener.report("virtual_robot: simulation").message
         return (
             f"{_phase(p):18s} measured {_mm(p.measured_com)} predicted {_mm(p.predicted_com)} mm, "
             f"RMS {_SECONDS:.0f} s: model {_triple(model)} rigid {_triple(rigid)} mm; robot: {robot}"
@@ -74,15 +81,15 @@ class LiveView:
             ):
                 com.add_row(name, *(f"{value:.2f}" if np.isfinite(value) else "-" for value in values))
         nodes = Table(box=SIMPLE_HEAD, show_header=False)
-        for name, (level, message, _) in sorted(listener.statuses.items()):
-            nodes.add_row(name, Text(_WORDS[level], _LEVELS[level]), message[:90])
-        rates = [
-            f"{key.split(':')[0]} {float(value):.0f} Hz"
-            for key, value in listener.values("predictor: input").items()
-            if key.endswith(": rate [Hz]")
-        ]
+        for name, report in sorted(listener.reports.items()):
+            nodes.add_row(name, Text(*_SHOWN[report.level]), report.message[:90])
+        rates = [f"{stream} {rate:.0f} Hz" for stream, rate in listener.report("predictor: input").rates().items()]
         phase = "waiting for predictions" if p is None else _phase(p)
         return Group(Text(phase, "bold"), com, nodes, Text(", ".join(rates), "dim"), Text("Ctrl-C stops", "dim"))
+
+
+def _rms_mm(errors: Sequence[Array]) -> Array:
+    return np.asarray(1e3 * np.sqrt(np.mean(np.square(errors), axis=0)))
 
 
 def _phase(p: Prediction) -> str:

@@ -7,6 +7,8 @@ import numpy as np
 from coman_reduced_model_msgs.msg import ComPrediction, SupportState
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from ..core.config import Config
@@ -22,7 +24,7 @@ class Outputs:
     """Publishes predictions. Rates are in the time of the stamps, so that a bag played faster looks the same."""
 
     def __init__(self, node: Node, config: Config, types: MessageTypes) -> None:
-        def publisher(kind: type, topic: str, profile):
+        def publisher(kind: type, topic: str, profile: QoSProfile) -> Publisher:
             return node.create_publisher(kind, topic, profile, qos_overriding_options=qos.overridable())
 
         self._types = types

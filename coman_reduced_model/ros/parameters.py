@@ -71,17 +71,16 @@ def declare(node: Node, on_change: Callable[[Config], None] | None = None) -> Co
         ConfigError: says key, value and what is allowed.
     """
     table = parameter_table()
+    all_given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))  # to parameters, whatever its annotation says
     given = {
-        name: parameter.value
-        for name, parameter in node.get_parameters_by_prefix("").items()
-        if name != DESCRIPTION and not is_ros_own(name)
+        name: parameter.value for name, parameter in all_given.items() if name != DESCRIPTION and not is_ros_own(name)
     }
     config = config_from_flat(given, "parameters", _directory(given.get("robot.urdf")))
     for name in given:
         node.undeclare_parameter(name)
     values = config.flat()
     for name, parameter in table.items():
-        value = values.get(name, parameter.nominal)
+        value: Any = values.get(name, parameter.nominal)
         if isinstance(value, tuple) and not value:  # no value from which ROS could infer the type
             value = [""] if parameter.kind == "strs" else None
         node.declare_parameter(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import importlib
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -35,7 +36,7 @@ class PredictorNode(Node):
         self.config = declare(self, self._on_config)
         self.types = ros_types()
         self.pipeline: Pipeline | None = None
-        self.todo = None
+        self.todo: Callable[[], None] | None = None
         self.outputs = Outputs(self, self.config, self.types)
         self.diagnostics = Diagnostics(self)
         self.description = Description(self, self.config, self._on_description)
@@ -49,7 +50,7 @@ class PredictorNode(Node):
         started = time.monotonic()
         self.get_logger().info("warming up (the first time on a machine, compiling takes up to a minute)")
         warm_up(robot, self.config, self.types)
-        self.pipeline = Pipeline(robot, self.config)
+        self.pipeline = pipeline = Pipeline(robot, self.config)
         gc.collect()
         gc.freeze()  # what lives until the end need not be looked at again: no pauses of 10 ms
         for stream, type_name in INPUT_TYPES.items():
@@ -59,7 +60,7 @@ class PredictorNode(Node):
                 kind,
                 INPUT_TOPICS[stream],
                 # Serialised, as they are in a bag: cheaper than message objects, and decoded by the same code.
-                partial(self._on_message, stream, decoder(stream)),
+                partial(self._on_message, pipeline, stream, decoder(stream)),
                 qos.sensor_input(),
                 qos_overriding_options=qos.overridable(),
                 raw=True,
@@ -69,22 +70,21 @@ class PredictorNode(Node):
             f"(warmed up in {time.monotonic() - started:.1f} s)"
         )
 
-    def _on_message(self, stream: str, decode: Any, message: bytes) -> None:
+    def _on_message(self, pipeline: Pipeline, stream: str, decode: Any, message: bytes) -> None:
         started = time.perf_counter()
         try:
-            for prediction in self.pipeline.feed(stream, message, decode):
+            for prediction in pipeline.feed(stream, message, decode):
                 self.outputs.publish(prediction)
                 self.diagnostics.on_prediction(prediction, started)
         except Exception as error:  # a bug of ours: said and counted, and the node goes on
             self.diagnostics.on_failure(stream, error)
-        self.diagnostics.arrived[stream] = started
+        self.diagnostics.on_message(stream, started)
 
     def _on_config(self, config: Config) -> None:
         """Parameters that may change at run time have changed: those of the support phase."""
         self.config = config
         if self.pipeline is not None:
-            self.pipeline.config = self.pipeline.predictor.config = config
-            self.pipeline.predictor.support.config = config.support
+            self.pipeline.reconfigure(config)
 
     def finish(self) -> None:
         """The end: joint states that still wait for other streams are predicted with what is there."""

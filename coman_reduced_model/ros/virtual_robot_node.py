@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -152,13 +153,14 @@ class VirtualRobotNode(Node):
 
     def _publish(self, readings: Readings) -> None:
         types = self.types
-        for publisher, message, convert in (
+        streams: tuple[tuple[Any, Any, Callable[..., Any]], ...] = (
             (self._wrenches[Foot.LEFT], readings.left_wrench, wrench_to),
             (self._wrenches[Foot.RIGHT], readings.right_wrench, wrench_to),
             (self._imu, readings.imu, imu_to),
             (self._motors, readings.motor_states, joint_to),
             (self._joints, readings.joint_states, joint_to),
-        ):
+        )
+        for publisher, message, convert in streams:
             if message is not None:
                 publisher.publish(convert(types, message))
 

@@ -10,7 +10,7 @@ import heapq
 import os
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import count
 from pathlib import Path
@@ -26,6 +26,7 @@ from ..core.types import Foot
 from ..errors import ConfigError, OutputError
 from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
 from ..output import OutputFolder
+from ..progress import Progress
 from ..topics import DESCRIPTION, INPUT_TOPICS
 from .describe import urdf
 from .disturbances import Disturbance
@@ -35,7 +36,6 @@ from .robot_table import COMAN, ROBOTS, RobotTable
 from .sensors import SensorOptions
 from .virtual_robot import Motion, Truth, VirtualRobot
 
-Progress = Callable[[float, str], None]  # fraction done, what is being done
 REFERENCE_RATE = 200.0  # [Hz] of com/reference at most
 PREVIEW_DT, PREVIEW_N = 0.02, 25  # half a second: farther than any horizon
 CONTACT_FORCE = 1.0  # [N] above which the truth says that a foot touches the floor

@@ -21,9 +21,10 @@ from ..core.config import NOTHING, STANDARD_EFFECTS, Config
 from ..core.predictor import Predictor
 from ..core.statistics import RunStatistics, by_axis
 from ..errors import BagError, ConfigError
+from ..progress import Progress
 from .free_run import compile_loop
 from .parameters import tune_parameters
-from .recording import Progress, Recording, read_recording
+from .recording import Recording, read_recording
 from .shares import measure_shares, with_shares
 from .tune import chosen, tune_coefficients
 
@@ -40,7 +41,7 @@ def _with(*effects: str) -> dict[str, Any]:
 
 
 # The ablation: what each changes in the configuration. None: the configuration as it is given.
-VARIANTS: dict[str, Mapping[str, Any]] = {
+VARIANTS: dict[str, dict[str, Any]] = {
     "paper": PAPER,
     "paper, stiffness condensed": PAPER | {"model.stiffness": "condensed"},
     "paper, both legs": PAPER | {"model.double_support": "both_legs"},
