@@ -28,8 +28,9 @@ _LOST = 0.5  # [m] a free run this far from the measurement has diverged
 class Predictor:
     """Predicts the COM of one robot, sample by sample.
 
-    *Free run*: initialised from the measurement at touchdown (every `prediction.reset_every_steps` steps) and then
-    driven by reference and phase alone. *Horizon*: from each measured state some tenths of a second ahead.
+    *Free run*: initialised from the measurement at touchdown (every `prediction.reset_every_steps` steps). Until the
+    next restart its inputs are plan or motors, support phase and switching times. *Horizon*: from each measured state
+    some tenths of a second ahead.
 
     Attributes:
         dynamics: the equation of motion that does both.
