@@ -196,7 +196,7 @@ def settled(settings: Config, seconds: float = 15.0, start: np.ndarray | None = 
     q = BENT if start is None else start
     for k in range(round(20 * seconds)):
         result = predictor.update(on_one_leg(10**9 + 50_000_000 * k, q, BENT))
-    assert np.abs(result.predicted_com_vel).max() < 5e-4
+    assert np.abs(result.predicted_com_vel).max() < 1e-3  # impulses are found to a thousandth: soft robots rock
     return result.predicted_com, result.predicted_tilt
 
 

@@ -17,7 +17,7 @@ from coman_reduced_model.topics import TopicNames
 def memory(stamp, **columns):
     n, foot = len(stamp), np.ones(len(stamp), dtype=np.int64)
     empty = {name: np.zeros((n, 1)) for name in Memory._fields}
-    wide = dict.fromkeys(("A", "AC", "W", "K", "D", "C", "J", "T_odom_sole"), np.zeros((n, 1, 1)))
+    wide = dict.fromkeys(("inverse", "by_impulse", "contact", "K", "D", "C", "J", "T_odom_sole"), np.zeros((n, 1, 1)))
     return Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1} | columns))
 
 

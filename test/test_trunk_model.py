@@ -7,7 +7,7 @@ import pytest
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.contact import by_other, contacts, impulses
+from coman_reduced_model.core.contact import Linear, Sole, State, contacts, impulses, switch_support
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
@@ -129,22 +129,24 @@ def test_a_state_told_by_the_other_sole_and_back_is_the_same():
     y, w = np.concatenate((BENT, np.zeros(6))), rng.normal(0.0, 0.1, 18)
     y[14:17] = 1e-3 * rng.standard_normal(3)
 
-    def terms(foot: int, joints: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        other = 3 - foot
-        q = joints if foot == 1 else np.roll(joints, 6)
-        posture.update(q, np.zeros(12))
-        V, V_o = (trunk_twist(posture.J, machine.leg_columns[f]) for f in (foot, other))
-        R, p = posture.R, posture.p
-        return contacts(V, R[foot], p[foot], V_o, R[other], p[other], SOLE, SOLE, s)[1:]
+    def linear(foot: int, y: np.ndarray) -> Linear:
+        posture.update(y[:12] if foot == 1 else np.roll(y[:12], 6), np.zeros(12))
+        support, other = (
+            Sole(posture.R[f], posture.p[f], trunk_twist(posture.J, machine.leg_columns[f]), SOLE)
+            for f in (foot, 3 - foot)
+        )
+        nothing = np.zeros((12, 12))
+        return Linear(y, nothing, nothing, np.zeros(18), *contacts(support, other, y[12:])[1:], 0.05)
 
-    C, height = terms(1, y[:12], y[12:])
-    there, faster, P = by_other(y, w, np.arange(14.0), C, height, y, SOLE)
-    C_o, height_o = terms(2, there[:12], there[12:])
-    np.testing.assert_allclose(height_o[:4], height[7:11], atol=1e-9)
-    np.testing.assert_allclose(height_o[7:11], height[:4], atol=3e-6)  # tilts are small
-    back, rates, P = by_other(there, faster, P, C_o, height_o, there, SOLE)
-    np.testing.assert_allclose(back, y, atol=1e-5)
-    np.testing.assert_array_equal(P, np.arange(14.0))
+    start = State(y, w, np.arange(14.0))
+    left = linear(1, y)
+    there = switch_support(start, left, SOLE)
+    right = linear(2, there.y)
+    np.testing.assert_allclose(right.height[:4], left.height[7:11], atol=1e-9)
+    np.testing.assert_allclose(right.height[7:11], left.height[:4], atol=3e-6)  # tilts are small
+    back = switch_support(there, right, SOLE)
+    np.testing.assert_allclose(back.y, y, atol=1e-5)
+    np.testing.assert_array_equal(back.P, start.P)
 
 
 def walk(name: str, *effects: str) -> dict[str, np.ndarray]:

@@ -16,7 +16,7 @@ from .config import Config
 from .effects import active_effects
 from .robot import Posture, Robot
 from .springs import Springs
-from .stiffness import spring_damper, topple
+from .stiffness import add_gravity_stiffness, spring_damper
 from .types import Array, Foot, Phase, SupportState
 
 XY = np.array([0, 1])
@@ -95,7 +95,7 @@ class Model:
         J, springs, torque = posture.leg_jacobian(foot), self.springs, None
         K_q, D_q = springs.matrices[foot]
         still = np.zeros(J.shape[1])
-        if not springs.plain:
+        if not springs.nominal:
             leg = springs.leg(
                 foot,
                 J,
@@ -106,9 +106,9 @@ class Model:
                 still if motor_rate is None else motor_rate,
             )
             K_q, D_q, torque = leg.K_q, leg.D_q, leg.torque
-        if springs.topples:
+        if springs.gravity_stiffness:
             K_q = K_q.copy()
-            topple(J, load, still, K_q, still)  # at no deflection it adds no torque
+            add_gravity_stiffness(J, load, still, K_q, still)  # at no deflection it adds no torque
         J, r = J[: self._rows], posture.com - posture.p[foot]
         K, D, singular = spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
         bias = _NOTHING

@@ -26,8 +26,8 @@ _PAST = 100  # samples: the longest that a change of phase may be known late, 0.
 class PointMass(Dynamics):
     """m p'' = K (p_r - p) + D (p_r' - p') + m g, with the motor side or the plan as p_r.
 
-    Between two restarts the free run takes of the measurement only the transform from foot to foot when the phase or
-    the support foot changes, and the load shares with `shares: measured`. Without motor states (`reference: topic`)
+    Between two restarts the free run takes of the measurement only the transform from foot to foot when the support
+    foot changes, and the load shares with `shares: measured`. Without motor states (`reference: topic`)
     the measured joints stand in for the motors where the Jacobian and the speed of the joints are taken.
     """
 
@@ -46,8 +46,6 @@ class PointMass(Dynamics):
         self._pull = (_NAN3, _NAN3)  # what K and D pull towards
         self._following = [axis for axis in range(3) if axis not in model.axes]
         self._state_ns = 0  # stamp of the state
-        # Phase and support foot at which this pose of the other sole in the support sole was measured:
-        self._feet: tuple[tuple[Phase, Foot], Array, Array] | None = None
         self._moment: Moment | None = None  # what drove it at the last sample, if in the same sole frame and phase
         # (stamp, state, terms, moment) of the free run since the phase began.
         self._past: deque[tuple[int, Array, Terms, Moment]] = deque(maxlen=_PAST)
@@ -64,27 +62,18 @@ class PointMass(Dynamics):
                 return False
             references = {foot: motor_com(posture, foot)}
             if self._both and support.phase == Phase.DOUBLE:
-                R, p = self._stance(now)
-                p_r, v_r = motor_com(posture, foot.other)
-                references[foot.other] = (R @ p_r + p, R @ v_r)
+                references[foot.other] = references[foot]  # by the motors, both soles see the COM at one place
         else:
             if sample.reference is None:
                 return False
             references = dict.fromkeys((foot, foot.other), planned_com(sample.reference, foot))
-        deflections = {} if self.model.springs.plain else self._deflections(now, posture, references)
+        deflections = {} if self.model.springs.nominal else self._deflections(now, posture, references)
         self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
         self._push(terms, now, posture)
         self._references = references
         self._pull = self.reference, self.reference_vel = references[foot]
         self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK
         return True
-
-    def _stance(self, now: Now) -> tuple[Array, Array]:
-        """Pose of the other sole in the support sole, as measured when the phase or the support foot last changed."""
-        key = (now.support.phase, now.foot)
-        if self._feet is None or self._feet[0] != key:
-            self._feet = (key, *now.link.sole_to_sole(now.foot, now.foot.other))
-        return self._feet[1:]
 
     def _deflections(
         self, now: Now, posture: Posture, references: References
@@ -113,7 +102,7 @@ class PointMass(Dynamics):
             terms.force += push.force + posture.R[now.foot].T @ push.trunk[:3]
 
     def stop(self) -> None:
-        self.state = self._moment = self._feet = self._offset = None
+        self.state = self._moment = self._offset = None
         self._past.clear()
 
     def switch(self, now: Now, T_odom_sole: Array) -> None:
@@ -168,7 +157,7 @@ class PointMass(Dynamics):
     def _take(self, now: Now, state: Array, moment: Moment) -> None:
         assert self._terms is not None
         self.state, self._state_ns, self._moment = state, now.sample.stamp_ns, moment
-        if not self.model.springs.plain:
+        if not self.model.springs.nominal:
             offsets = {side: (state[:3] - p_r, state[3:] - v_r) for side, (p_r, v_r) in self._references.items()}
             self._offset = now.foot, offsets
         self._past.append((now.sample.stamp_ns, state, self._terms, moment))

@@ -44,8 +44,8 @@ class Springs:
     Attributes:
         stiffness, damping: (n,) nominal of the joints of each leg [Nm/rad], [Nms/rad].
         matrices: the same as diagonal matrices (n, n).
-        plain: whether no effect acts on them.
-        topples: whether gravity changes the stiffness (`gravity_stiffness`): each model adds that to its own springs.
+        nominal: whether no effect acts on them.
+        gravity_stiffness: whether gravity changes the stiffness; each model adds that to its own springs.
     """
 
     def __init__(self, config: RobotConfig, effects: Sequence[Effect]) -> None:
@@ -53,8 +53,8 @@ class Springs:
         self._effects = [e for e in effects if type(e).springs is not Effect.springs]
         self.stiffness = {Foot.LEFT: np.array(config.left.stiffness), Foot.RIGHT: np.array(config.right.stiffness)}
         self.damping = {Foot.LEFT: np.array(config.left.damping), Foot.RIGHT: np.array(config.right.damping)}
-        self.plain = not self._effects
-        self.topples = any(effect.name == "gravity_stiffness" for effect in effects)
+        self.nominal = not self._effects
+        self.gravity_stiffness = any(effect.name == "gravity_stiffness" for effect in effects)
         self._joints = {Foot.LEFT: config.left.joints, Foot.RIGHT: config.right.joints}
         self.matrices = {
             foot: (np.diag(self.stiffness[foot]), np.diag(self.damping[foot])) for foot in (Foot.LEFT, Foot.RIGHT)

@@ -55,7 +55,7 @@ def height_hessian(J: Array) -> Array:
 
 
 @compiled
-def topple(J: Array, load: float, at: Array, K_q: Array, torque: Array) -> None:
+def add_gravity_stiffness(J: Array, load: float, at: Array, K_q: Array, torque: Array) -> None:
     """Add what a load [N] at the COM does to the joints of a leg, in place: `effects/gravity_stiffness.py`.
 
     Args:

@@ -10,18 +10,16 @@ no course, and `Stride.ahead` says so.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import apply, compiled, mul
-from .contact import ROWS, by_other, solve_step, step_soles
+from .contact import ROWS, Linear, Solver, State, make_solver, step_soles, switch_support
 from .dynamics import Now
+from .trunk import TrunkTerms
 from .types import Array, Phase
-
-if TYPE_CHECKING:
-    from .trunk_model import LegTerms
 
 _STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
 _EVERY = 0.0395  # [s] between two simulations: in between the last one is read further
@@ -34,7 +32,7 @@ _PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
 
 
 class Memory(NamedTuple):
-    """Samples of the past, oldest first; fields as in `LegTerms`, joints of the support leg first.
+    """Samples of the past, oldest first; fields as in `TrunkTerms`, joints of the support leg first.
 
     Rows of the other foot hold nothing of use where it did not stand, but for C and height.
     T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
@@ -47,9 +45,9 @@ class Memory(NamedTuple):
     y: Array
     com: Array
     J: Array
-    A: Array  # with AC and W from `solve_step`, for steps of _STEP
-    AC: Array
-    W: Array
+    inverse: Array  # with by_impulse and contact as in `Solver`, for steps of _STEP
+    by_impulse: Array
+    contact: Array
     K: Array
     D: Array
     f: Array
@@ -77,18 +75,22 @@ class Stride:
         self._course_ns = 0
         self._course: Array | None = None  # (k, 3) COM in odom [m] from _course_ns on, every _STEP
 
-    def add(self, now: Now, terms: LegTerms) -> None:
+    def add(self, now: Now, terms: TrunkTerms) -> None:
         """Remember a sample; at a change of phase, find out how long the stride is."""
         stamp, plan = now.sample.stamp_ns, now.sample.reference
-        if not np.isfinite(terms.f).all():  # of a free run that has diverged
+        if not np.isfinite(terms.linear.f).all():  # of a free run that has diverged
             return
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
-            row: dict[str, Any] = {"stamp": stamp, "T_odom_sole": now.T_odom_sole}
-            row["plan"] = np.nan if plan is None else plan.com
-            row["A"], row["AC"], row["W"] = solve_step(terms.M, terms.K, terms.D, terms.C, _STEP)
+            linear, g = terms.linear, terms.geometry
+            solver = make_solver(terms.M, linear.K, linear.D, linear.C, _STEP)
+            row: dict[str, Any] = {
+                **linear._asdict(), **solver._asdict(), "stamp": stamp, "foot": terms.foot, "double": terms.double,
+                "theta": terms.theta, "com": g.com, "J": g.J, "T_odom_sole": now.T_odom_sole,
+                "plan": np.nan if plan is None else plan.com,
+            }  # fmt: skip
             memory = self._room(terms)
             for name, column in zip(Memory._fields, memory, strict=True):
-                column[self._n] = row[name] if name in row else getattr(terms, name)
+                column[self._n] = row[name]
             self._n += 1
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
@@ -97,13 +99,13 @@ class Stride:
             if before is not None and before - _WINDOW * 1e9 > self._past.stamp[0] - _SEARCH[0] * 1e9:
                 self._lag_ns = find_lag(stamp, now.began_ns - before, self._past, self._n)
 
-    def ahead(self, now: Now, terms: LegTerms, state: Array, horizons: Array) -> Array | None:
+    def ahead(self, now: Now, terms: TrunkTerms, state: State, horizons: Array) -> Array | None:
         """COM (k, 3) [m] in the support sole at horizons (k,) ascending [s]; None: the robot does not repeat itself.
 
         Args:
             now: this sample.
             terms: the equations of motion at it.
-            state: (2, m + 6) measured joints, support leg's first, and its sole; their rates.
+            state: the filtered measurement.
             horizons: (k,) ascending [s].
         """
         if self._memory is None:
@@ -120,13 +122,13 @@ class Stride:
         assert self._memory is not None
         return self._memory
 
-    def _room(self, terms: LegTerms) -> Memory:
+    def _room(self, terms: TrunkTerms) -> Memory:
         if self._memory is None:
             m, r = len(terms.theta), 2 * ROWS
             shapes = {
-                "theta": (m,), "y": (m + 6,), "com": (3,), "J": (6, m), "A": (m + 6, m + 6), "AC": (m + 6, r),
-                "W": (r, r), "K": (m, m), "D": (m, m), "f": (m + 6,), "C": (r, m + 6), "height": (r,),
-                "T_odom_sole": (4, 4), "plan": (3,),
+                "theta": (m,), "y": (m + 6,), "com": (3,), "J": (6, m), "inverse": (m + 6, m + 6),
+                "by_impulse": (m + 6, r), "contact": (r, r), "K": (m, m), "D": (m, m), "f": (m + 6,),
+                "C": (r, m + 6), "height": (r,), "T_odom_sole": (4, 4), "plan": (3,),
             }  # fmt: skip
             types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
             self._memory = Memory(
@@ -135,14 +137,15 @@ class Stride:
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, 0, self._memory, 0)
             replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, 0, self._memory, 2)
-            self._follow(0, 0, 1, terms, np.zeros((2, m + 6)), np.eye(4))
+            zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(r))
+            self._follow(0, 0, 1, terms, zero, np.eye(4))
         if self._n == _CAPACITY:
             for column in self._memory:
                 column[:_KEPT] = column[-_KEPT:]
             self._n = _KEPT
         return self._memory
 
-    def _simulate(self, now: Now, terms: LegTerms, state: Array, span: float) -> Array | None:
+    def _simulate(self, now: Now, terms: TrunkTerms, state: State, span: float) -> Array | None:
         past, n, stamp = self._past, self._n, now.sample.stamp_ns
         then = stamp - self._lag_ns
         if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
@@ -157,11 +160,20 @@ class Stride:
         course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
         return course + moved if len(course) else None
 
-    def _follow(self, stamp: int, then: int, points: int, terms: LegTerms, state: Array, T_odom_sole: Array) -> Array:
-        return follow(
-            stamp, then, points, int(terms.foot), terms.theta, terms.C, terms.height, terms.y, state[0], state[1],
-            T_odom_sole, self._past, self._n, self._soles, self._friction, terms.reach,
-        )  # fmt: skip
+    def _follow(self, stamp: int, then: int, points: int, terms: TrunkTerms, state: State, T_odom_sole: Array) -> Array:
+        start = Start(stamp, terms.foot, terms.theta, terms.linear, state, T_odom_sole)
+        return follow(start, then, points, self._past, self._n, self._soles, self._friction)
+
+
+class Start(NamedTuple):
+    """From where a simulation ahead starts."""
+
+    stamp: int  # [ns]
+    foot: int  # support foot
+    theta: Array  # (m,) motor positions [rad], as in `TrunkTerms`
+    linear: Linear
+    state: State  # the filtered measurement
+    T_odom_sole: Array  # (4, 4) pose of the support sole
 
 
 @compiled
@@ -267,21 +279,16 @@ def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
 
 
 @compiled
-def follow(
-    stamp: int, then: int, points: int, foot: int, theta: Array, C: Array, height: Array, y_t: Array, y: Array,
-    w: Array, T_odom_sole: Array, past: Memory, n: int, soles: Array, friction: float, reach: float,
-) -> Array:  # fmt: skip
+def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Array, friction: float) -> Array:
     """The model from a measured state through the stride before.
 
     Args:
-        stamp, then: now and the same point of the stride before [ns].
+        start: now.
+        then: the same point of the stride before [ns].
         points: of the course, every _STEP.
-        foot, theta, C, height, y_t: `LegTerms` now.
-        y, w: (m + 6,) measured joints and displacement of the support sole; rates.
-        T_odom_sole: (4, 4) pose of the support sole now.
         past, n: the memory.
         soles: (2, 4) edges of the left and the right sole [m].
-        friction, reach: as in `contact.impulses`.
+        friction: coefficient.
 
     Returns:
         COM (points, 3) [m] in odom; empty where the last stride was another one.
@@ -289,48 +296,66 @@ def follow(
     nothing = np.empty((0, 3))
     if n < 2:
         return nothing
-    q = nearest(then, past.stamp, n, n - 1)
-    low, high = past.theta[q].copy(), past.theta[q].copy()
-    for i in range(q, n, 4):
-        there = past.theta[i] if past.foot[i] == past.foot[q] else swapped(past.theta[i])
-        low, high = np.minimum(low, there), np.maximum(high, there)
-    if not mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * (high - low).max():
+    q, foot = nearest(then, past.stamp, n, n - 1), start.foot
+    if not repeats(start.stamp, then, past, n, q):
         return nothing
-    # The stride before in odom of now: by the support sole, which then may have become it a little later or earlier.
-    same = q
-    for i in range(1, 40):
-        if past.foot[same] == foot:
-            break
-        if q + i < n and past.foot[q + i] == foot:
-            same = q + i
-        elif q - i >= 0 and past.foot[q - i] == foot:
-            same = q - i
+    same = same_support(past, n, q, foot)
     if past.foot[same] != foot:
         return nothing
+    # The stride before in odom of now.
     R_then = past.T_odom_sole[same, :3, :3]
-    R = mul(T_odom_sole[:3, :3].copy(), R_then.T.copy())
-    p = T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
+    R = mul(start.T_odom_sole[:3, :3].copy(), R_then.T.copy())
+    p = start.T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
 
-    m = theta.shape[0]
-    off = theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
-    out, P = np.empty((points, 3)), np.zeros(2 * ROWS)
+    m = start.theta.shape[0]
+    off = start.theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
+    state = State(start.state.y, start.state.w, np.zeros(2 * ROWS))
+    linear, out = start.linear, np.empty((points, 3))
     for k in range(points):
         t = then + int(k * _STEP * 1e9)
         if k > 0:
             q = nearest(t - int(0.5 * _STEP * 1e9), past.stamp, n, q)
             if past.foot[q] != foot:  # the support changes
                 foot = past.foot[q]
-                y, w, P = by_other(y, w, P, C, height, y_t, soles[foot - 1])
+                state = switch_support(state, linear, soles[foot - 1])
                 off = swapped(off)
-            C, height, y_t = past.C[q], past.height[q], past.y[q]
-            r = 2 * ROWS if past.double[q] else ROWS
+            linear, solver = remembered(past, q, start.linear.reach)
             before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
-            y, w = step_soles(
-                y, w, P, _STEP, 1, past.A[q], past.AC[q, :, :r].copy(), past.W[q, :r, :r].copy(), past.K[q], past.D[q],
-                past.f[q], before + off, after + off, C, height, y_t, friction, reach,
-            )  # fmt: skip
+            state = step_soles(state, linear, solver, before + off, after + off, 1, friction)
         q = nearest(t, past.stamp, n, q)
-        x = y[:m] if past.foot[q] == foot else swapped(y[:m])
+        x = state.y[:m] if past.foot[q] == foot else swapped(state.y[:m])
         sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x - past.y[q, :m])
         out[k] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
     return out
+
+
+@compiled
+def repeats(stamp: int, then: int, past: Memory, n: int, q: int) -> bool:
+    """Whether the motors do now what they did then, at sample q, within a share of their range since."""
+    low, high = past.theta[q].copy(), past.theta[q].copy()
+    for i in range(q, n, 4):
+        there = past.theta[i] if past.foot[i] == past.foot[q] else swapped(past.theta[i])
+        low, high = np.minimum(low, there), np.maximum(high, there)
+    return mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * (high - low).max()
+
+
+@compiled
+def same_support(past: Memory, n: int, q: int, foot: int) -> int:
+    """The sample near q at which `foot` was the support foot: it may have become it a little later or earlier."""
+    for i in range(40):
+        if q + i < n and past.foot[q + i] == foot:
+            return q + i
+        if q - i >= 0 and past.foot[q - i] == foot:
+            return q - i
+    return q
+
+
+@compiled
+def remembered(past: Memory, q: int, reach: float) -> tuple[Linear, Solver]:
+    """The equations of motion of a remembered sample, and their solver for steps of _STEP."""
+    r = 2 * ROWS if past.double[q] else ROWS
+    linear = Linear(past.y[q], past.K[q], past.D[q], past.f[q], past.C[q], past.height[q], reach)
+    solver = Solver(
+        _STEP, past.inverse[q], past.by_impulse[q, :, :r].copy(), past.contact[q, :r, :r].copy()
+    )  # fmt: skip
+    return linear, solver

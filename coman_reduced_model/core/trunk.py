@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of the trunk on its legs, with all six freedoms (`trunk_model` tells the physics)."""
+"""Kinematics and inertia of the trunk on its legs, with all six freedoms; `trunk_model` has the physics."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from .compiled import compiled, mul
-from .contact import contacts
-from .stiffness import topple
+from .contact import Linear, Sole, contacts
+from .stiffness import add_gravity_stiffness
 from .types import Array
 
 
@@ -52,45 +54,79 @@ def com_jacobian(V: Array, columns: Array, J_com: Array, com: Array, R: Array) -
     return J
 
 
+class Pose(NamedTuple):
+    """The robot at a posture, in base axes: the support leg and the other one."""
+
+    mass: float  # [kg]
+    com: Array  # (3,) in the base frame [m]
+    inertia: Array  # (nv, nv) joint-space inertia with a free base, upper triangle
+    J: Array  # (6, nv) of `Posture`
+    R: Array  # (3, 3) orientation of the support sole in the base frame
+    p: Array  # (3,) its position [m]
+    columns: Array  # (n,) of the support leg's joints in the velocities of the model
+    edges: Array  # (4,) of the support sole, as in `contact.Sole`
+    R_other: Array
+    p_other: Array
+    columns_other: Array
+    edges_other: Array
+
+
+class Geometry(NamedTuple):
+    """How trunk, COM and soles move with the m joints of both legs, the support leg's n first, and the support sole."""
+
+    V: Array  # (6, n) twist of the trunk by the joints of the support leg, base axes
+    A: Array  # (6, 6) the same by the displacement of the support sole
+    C: Array  # (14, m + 6) as in `contact.Linear`
+    height: Array  # (14,)
+    J: Array  # (6, m) velocity of the COM and angular velocity of the trunk, axes of the support sole
+    J_other: Array  # (6, m - n) the same by the joints of the other leg if its sole stands, in its axes
+    com: Array  # (3,) in the support sole [m]
+    down: Array  # (3,) downward direction in base axes
+
+
+class TrunkTerms(NamedTuple):
+    """The equation of motion at one sample: `linear` with the inertia M, the joints of the support leg first."""
+
+    foot: int  # the support foot
+    double: bool  # whether the other foot may touch the ground
+    theta: Array  # (m,) motor positions [rad]
+    M: Array  # (m + 6, m + 6)
+    linear: Linear
+    geometry: Geometry
+
+
 @compiled
-def geometry(
-    Y: Array, mass: float, com: Array, J_joints: Array, R_s: Array, p_s: Array, columns_s: Array, sole_s: Array,
-    R_o: Array, p_o: Array, columns_o: Array, sole_o: Array, y: Array, w: Array, V_before: Array, A_before: Array,
-    dt: float, v: Array, a: Array,
-) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
-    """How trunk, COM and soles move with the joints of the support leg (n) and the other one (k), m of them.
+def geometry(pose: Pose, s: Array) -> Geometry:
+    """The geometry at a posture, the support sole displaced by s (6,) from level ground [m], [rad]."""
+    n, k = pose.columns.shape[0], pose.columns_other.shape[0]
+    R, p = pose.R, pose.p
+    J_com = pose.inertia[:3] / pose.mass  # the base is the origin of the axes in which the momentum is expressed
+    V, V_o = trunk_twist(pose.J, pose.columns), trunk_twist(pose.J, pose.columns_other)
+    other = Sole(pose.R_other, pose.p_other, V_o, pose.edges_other)
+    A, C, height = contacts(Sole(R, p, V, pose.edges), other, s)
+    J = np.zeros((6, n + k))
+    J[:, :n] = com_jacobian(V, pose.columns, J_com, pose.com, R)
+    com, down = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        down[i] = s[4] * R[i, 0] - s[3] * R[i, 1] - R[i, 2]
+        for j in range(3):
+            com[i] += R[j, i] * (pose.com[j] - p[j])
+            for c in range(k):
+                J[i, n + c] += R[j, i] * J_com[j, pose.columns_other[c]]
+    J_other = com_jacobian(V_o, pose.columns_other, J_com, pose.com, pose.R_other)
+    return Geometry(V, A, C, height, J, J_other, com, down)
+
+
+@compiled
+def base_motion(V: Array, A: Array, V_before: Array, A_before: Array, w: Array, dt: float, v: Array, a: Array) -> None:
+    """Velocity and acceleration of the base into v and a (nv,), in place; the joints do not accelerate.
 
     Args:
-        Y: (nv, nv) joint-space inertia with a free base, upper triangle.
-        mass: [kg].
-        com: (3,) in the base frame [m].
-        J_joints: (6, nv) of `Posture`.
-        R_s, p_s, columns_s, sole_s: support leg: pose of the sole in the base frame, columns (n,), edges of the sole
-            (4,).
-        R_o, p_o, columns_o, sole_o: the same of the other leg.
-        y, w: (m + 6,) joints and displacement of the support sole, their rates.
-        V_before, A_before: V and A of the sample before, dt [s] ago; dt = 0: there is none.
-        v, a: velocity and acceleration (nv,) of the model; those of the base are written, the joints not accelerating.
-
-    Returns:
-        V (6, n) twist of the trunk by the support leg, in base axes; A, C, height from `contact.contacts`; J (6, m)
-        velocity of the COM and angular velocity of the trunk in the axes of the support sole, and J_o (6, k) the same
-        by the other leg in the axes of its sole; COM (3,) in the support sole; downward direction (3,) in base axes.
+        V, A: of `Geometry`; V_before, A_before: of the sample before.
+        w: (m + 6,) rates of joints and support sole.
+        dt: since the sample before [s]; 0: there is none.
     """
-    n, k = columns_s.shape[0], columns_o.shape[0]
-    m = n + k
-    J_com = Y[:3] / mass  # the base is the origin of the axes in which the momentum is told
-    V, V_o = trunk_twist(J_joints, columns_s), trunk_twist(J_joints, columns_o)
-    A, C, height = contacts(V, R_s, p_s, V_o, R_o, p_o, sole_s, sole_o, y[m:])
-    J = np.zeros((6, m))
-    J[:, :n] = com_jacobian(V, columns_s, J_com, com, R_s)
-    at, down = np.zeros(3), np.zeros(3)
-    for i in range(3):
-        down[i] = y[m + 4] * R_s[i, 0] - y[m + 3] * R_s[i, 1] - R_s[i, 2]
-        for j in range(3):
-            at[i] += R_s[j, i] * (com[j] - p_s[j])
-            for c in range(k):
-                J[i, n + c] += R_s[j, i] * J_com[j, columns_o[c]]
+    n, m = V.shape[1], w.shape[0] - 6
     for i in range(6):
         v[i] = a[i] = 0.0
         for j in range(n):
@@ -100,69 +136,65 @@ def geometry(
             v[i] += A[i, j] * w[m + j]
             a[i] += (A[i, j] - A_before[i, j]) * w[m + j]
         a[i] = a[i] / dt if dt > 0.0 else 0.0
-    return V, A, C, height, J, com_jacobian(V_o, columns_o, J_com, com, R_o), at, down
 
 
 @compiled
-def topple_both(J: Array, J_o: Array, load: float, load_o: float, at: Array, K: Array, f: Array) -> None:
-    """`stiffness.topple` of both legs: stiffness K (m, m) and forces f (m + 6,), in place.
+def add_gravity(J: Array, J_o: Array, load: float, load_o: float, at: Array, K: Array, f: Array) -> None:
+    """`stiffness.add_gravity_stiffness` of both legs: stiffness K (m, m) and forces f (m + 6,), in place.
 
     The forces hold gravity at the deflected posture. With both K and f changed, gravity follows the deflection; with f
     alone it is taken where the springs are not deflected.
 
     Args:
-        J, J_o: from `geometry`.
+        J, J_o: J and J_other of `Geometry`.
         load, load_o: weight on the support leg and on the other one [N].
         at: (m,) deflections [rad].
     """
     n, m = at.shape[0] - J_o.shape[1], at.shape[0]
     torque = np.zeros(m)
-    topple(J[:, :n], load, at[:n], K[:n, :n], torque[:n])
-    topple(J_o, load_o, at[n:], K[n:, n:], torque[n:])
+    add_gravity_stiffness(J[:, :n], load, at[:n], K[:n, :n], torque[:n])
+    add_gravity_stiffness(J_o, load_o, at[n:], K[n:, n:], torque[n:])
     for i in range(m):
         f[i] -= torque[i]
 
 
 @compiled
-def tell(com: Array, J: Array, y_t: Array, state: Array, R: Array) -> Array:
-    """COM and velocity, roll and pitch of the trunk (8,) of a state (2, m + 6), as seen from the posture y_t.
+def com_and_tilt(com: Array, J: Array, R: Array, off: Array, w: Array) -> Array:
+    """COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
 
     Args:
-        com, J, y_t: of `LegTerms`.
-        R: (3, 3) orientation of the sole in the base frame at that posture.
+        com, J: of `Geometry`.
+        R: (3, 3) orientation of the support sole in the base frame.
+        off: (m + 6,) coordinates less those of that posture.
+        w: (m + 6,) their rates.
     """
     out, m = np.zeros(8), J.shape[1]
     for i in range(3):
         out[i] = com[i]
         for j in range(m):
-            out[i] += J[i, j] * (state[0, j] - y_t[j])
-            out[3 + i] += J[i, j] * state[1, j]
+            out[i] += J[i, j] * off[j]
+            out[3 + i] += J[i, j] * w[j]
     out[6], out[7] = np.arctan2(R[1, 2], R[2, 2]), np.arcsin(max(-1.0, min(1.0, -R[0, 2])))
     for i in range(2):
         for j in range(m):
-            out[6 + i] += J[3 + i, j] * (state[0, j] - y_t[j])
+            out[6 + i] += J[3 + i, j] * off[j]
     return out
 
 
 @compiled
-def carried(Y: Array, tau: Array, down: Array, V: Array, columns: Array, other: Array, A: Array) -> tuple[Array, Array]:
-    """Inertia (m + 6, m + 6) that the joints of both legs and the support sole feel, and the forces (m + 6,) on them.
-
-    The support leg's n joints come first, then the other leg's; m of them; then the motion of the support sole.
+def project_dynamics(
+    inertia: Array, tau: Array, down: Array, V: Array, A: Array, columns: Array, columns_other: Array
+) -> tuple[Array, Array]:
+    """Inertia (m + 6, m + 6) of the coordinates, and the forces (m + 6,) of weight and motion on them.
 
     Args:
-        Y: (nv, nv) joint-space inertia with a free base, upper triangle.
-        tau: (nv,) generalised forces of the reference motion without gravity.
+        inertia: (nv, nv) joint-space inertia with a free base, upper triangle.
+        tau: (nv,) generalised forces of the motion without gravity.
         down: (3,) gravity in base axes [m/s^2].
-        V: (6, n) twist of the trunk by the joints of the support leg.
-        columns: (n,) of the support leg in Y.
-        other: of the other leg.
-        A: (6, 6) twist of the trunk by that of the support sole.
-
-    Returns:
-        M, and the forces of weight and motion.
+        V, A: of `Geometry`.
+        columns, columns_other: (n,), (m - n,) of the support leg and of the other one.
     """
-    n, k = columns.shape[0], other.shape[0]
+    n, k = columns.shape[0], columns_other.shape[0]
     m = n + k
     index = np.empty(6 + m, dtype=np.int64)
     for i in range(6):
@@ -170,7 +202,7 @@ def carried(Y: Array, tau: Array, down: Array, V: Array, columns: Array, other: 
     for i in range(n):
         index[6 + i] = columns[i]
     for i in range(k):
-        index[6 + n + i] = other[i]
+        index[6 + n + i] = columns_other[i]
     base = np.zeros((6, m + 6))  # twist of the trunk by all coordinates
     for i in range(6):
         for j in range(n):
@@ -181,7 +213,7 @@ def carried(Y: Array, tau: Array, down: Array, V: Array, columns: Array, other: 
     for i in range(6 + m):
         for j in range(6 + m):
             a, b = index[i], index[j]
-            S[i, j] = Y[a, b] if a <= b else Y[b, a]
+            S[i, j] = inertia[a, b] if a <= b else inertia[b, a]
     for i in range(m):
         f[i] = -tau[index[6 + i]]
         for j in range(3):

@@ -20,14 +20,13 @@ nothing that is measured. A joint without a motor stream has its link position f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import asin, atan2
 
 import numpy as np
 import pinocchio as pin
 
 from .config import Config
-from .contact import ROWS, by_other, support_share, track
+from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect
 from .model import Model
@@ -35,7 +34,16 @@ from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead
 from .robot import Robot
 from .stride import Stride, swapped
-from .trunk import carried, geometry, tell, topple_both
+from .trunk import (
+    Geometry,
+    Pose,
+    TrunkTerms,
+    add_gravity,
+    base_motion,
+    com_and_tilt,
+    geometry,
+    project_dynamics,
+)
 from .types import Array, Foot, Phase, Sample
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
@@ -43,28 +51,7 @@ from .types import Array, Foot, Phase, Sample
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
 _FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
-_FADES = 0.1  # [s] time constant of a horizontal deflection whose future nothing tells
-
-
-@dataclass(slots=True)
-class LegTerms:
-    """M x'' + D (x' - theta') + K (x - theta) = f for the joints x (m,) of both legs, the support leg's n first."""
-
-    foot: Foot
-    double: bool
-    y: Array  # (m + 6,) joints [rad], displacement of the support sole [m], [rad] at which all this was taken
-    theta: Array  # (m,) motor positions [rad]
-    M: Array  # (m + 6, m + 6)
-    K: Array  # (m, m)
-    D: Array
-    f: Array  # (m + 6,)
-    J: Array  # (6, m) COM velocity and angular velocity of the trunk in sole axes
-    V: Array  # (6, n) twist of the trunk in its own axes
-    A: Array  # (6, 6) the same by that of the support sole
-    C: Array  # (14, m + 6) from `contacts`
-    height: Array  # (14,)
-    reach: float  # [m] lever at which friction resists twisting the other sole
-    com: Array  # (3,) in the support sole [m]
+_FADES = 0.1  # [s] time constant of a horizontal deflection whose future is not known
 
 
 class TrunkModel(Dynamics):
@@ -76,7 +63,8 @@ class TrunkModel(Dynamics):
         self.robot = robot
         self.model = model
         self.motor, self._posture = robot.posture(), robot.posture()
-        self._friction = next(e.values["friction"] for e in model.effects if e.name == "trunk_rotation")
+        friction = next(e.values["friction"] for e in model.effects if e.name == "trunk_rotation")
+        self._options = Options(friction, _LONGEST, _FILTER)
         self._swing = any(e.name == "swing_momentum" for e in model.effects)
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         self._following = [axis for axis in range(3) if axis not in model.axes]
@@ -93,7 +81,7 @@ class TrunkModel(Dynamics):
         self._v, self._a = np.zeros((2, robot.model.nv))
         self._no_torque = np.zeros(robot.model.nv)
         self._still = np.zeros(len(robot.joint_names))
-        self._stride = Stride(self._friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
+        self._stride = Stride(friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
         self.reset()
 
     def reset(self) -> None:
@@ -105,13 +93,10 @@ class TrunkModel(Dynamics):
         """End the free run and the filter: an input is missing. The last stride is kept."""
         self.state = None
         self._foot = Foot.NONE
-        # (2, m + 6) joints of both legs and displacement of the support sole, and their rates:
-        self._free: Array | None = None  # free run
-        self._next: Array | None = None  # the same at this sample
-        self._filtered: Array | None = None  # the measurement
-        self._P = np.zeros((2, 2 * ROWS))  # impulses of the ground in the last step of filter and free run
-        self._terms: LegTerms | None = None
-        self._theta = np.empty(0)  # (m,) motor positions at the beginning of the step that ends at this sample
+        self._free: State | None = None  # free run at the last sample
+        self._next: State | None = None  # the same at this sample
+        self._filtered: State | None = None  # the measurement
+        self._terms: TrunkTerms | None = None
         self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
 
     def prepare(self, now: Now) -> bool:
@@ -124,56 +109,55 @@ class TrunkModel(Dynamics):
         self.reference, self.reference_vel = motor_com(self.motor, now.foot)
         if now.foot != self._foot:
             self._change_leg(now.foot)
-        order = self._order[now.foot]
-        if first := self._filtered is None:
+        before, first = self._terms, self._filtered is None
+        if self._filtered is None:
             self._filtered = self._measured(sample)
-        assert self._filtered is not None
-        self._terms, before = self._assemble(now), self._terms
-        self._theta = self._terms.theta
-        if before is not None:
-            self._theta = before.theta if before.foot == now.foot else swapped(before.theta)
+        self._terms = self._assemble(now)
         if not first:
-            t = self._terms
-            free = self._filtered if self._free is None else self._free
-            self._filtered, self._next = track(
-                self._filtered, free, self._P, sample.q[order], now.dt, _LONGEST, _FILTER, t.double,
-                t.M, t.K, t.D, t.f, self._theta, t.theta, t.C, t.height, t.y, self._friction, t.reach,
-            )  # fmt: skip
-            if not np.isfinite(self._filtered).all():  # with the free run, at whose posture all terms are taken
-                self._filtered = self._measured(sample)
-                self._P[:] = 0.0
+            self._step(now, before)
         return True
 
-    def _measured(self, sample: Sample) -> Array:
-        """The state (2, m + 6) by the encoders alone, the support sole level on the ground."""
+    def _step(self, now: Now, before: TrunkTerms | None) -> None:
+        """Filter and free run to this sample, by its own terms and the motors since the sample before."""
+        terms, filtered = self._terms, self._filtered
+        assert terms is not None and filtered is not None
+        theta = terms.theta
+        if before is not None:
+            theta = before.theta if before.foot == terms.foot else swapped(before.theta)
+        self._next = copied(filtered if self._free is None else self._free)
+        finite = track(
+            filtered, self._next, terms.linear, terms.M, terms.double, theta, terms.theta,
+            now.sample.q[self._order[now.foot]], now.dt, self._options,
+        )  # fmt: skip
+        if not finite:  # with the free run, at whose posture all terms are taken
+            self._filtered = self._measured(now.sample)
+
+    def _measured(self, sample: Sample) -> State:
+        """The state by the encoders alone, the support sole level on the ground."""
         order = self._order[self._foot]
-        state = np.zeros((2, len(order) + 6))
-        state[:, : len(order)] = sample.q[order], sample.qd[order]
-        return state
+        y, w = np.zeros((2, len(order) + 6))
+        y[: len(order)], w[: len(order)] = sample.q[order], sample.qd[order]
+        return State(y, w, np.zeros(2 * ROWS))
 
     def switch(self, now: Now, T_odom_sole: Array) -> None:
-        """`prepare` has told the free run by the new support leg: the joints stay as they are."""
+        """`prepare` has expressed the free run by the new support leg: the joints stay as they are."""
 
     def restart(self, now: Now) -> None:
         """From the filtered measurement."""
         assert self._filtered is not None
-        self._free = self._filtered.copy()
-        self._P[1] = self._P[0]
+        self._free = copied(self._filtered)
         self._R_odom_sole = now.T_odom_sole[:3, :3]
-        self._tell()
-        if (
-            self.state is None or not np.isfinite(self.state).all()
-        ):  # the terms are those of a free run that has left all bounds
+        self._publish()
+        if self.state is None or not np.isfinite(self.state).all():
+            # The terms are those of a free run that has left all bounds.
             self.state, self.tilt = np.concatenate((now.com, now.com_vel)), tilt(now.link.R[now.foot])
 
     def advance(self, now: Now) -> None:
         """To where `prepare` has already brought it."""
         self._free = self._next
-        self._tell()
+        self._publish()
         assert self._free is not None and self.state is not None
-        if (
-            not np.abs(self._free[0, -6:]).max() < _FALLEN
-        ):  # over an edge of its sole, in whose frame it stays where it is
+        if not np.abs(self._free.y[-6:]).max() < _FALLEN:  # over an edge of its sole, in whose frame it stays
             self.state = np.full(6, np.nan)
 
     def ahead(self, now: Now, horizons: Array) -> Array:
@@ -193,12 +177,13 @@ class TrunkModel(Dynamics):
         moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
         return self.reference + moved + left * (now.com - self.reference)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         """The free run as COM and tilt."""
         t, free = self._terms, self._free
         assert t is not None and free is not None
-        told = tell(t.com, t.J, t.y, free, self._posture.R[t.foot])
-        self.state, self.tilt = told[:6], told[6:]
+        g, R = t.geometry, self._posture.R[Foot(t.foot)]
+        values = com_and_tilt(g.com, g.J, R, free.y - t.linear.y, free.w)
+        self.state, self.tilt = values[:6], values[6:]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
 
@@ -206,71 +191,106 @@ class TrunkModel(Dynamics):
         self._foot, t = foot, self._terms
         if t is None:
             return
-        R, p = self._posture.sole_to_sole(t.foot, foot)
-        self._R_odom_sole = self._R_odom_sole @ flat(R, p)[0]
-        for k, state in enumerate((self._filtered, self._free)):
-            if state is not None:
-                state[0], state[1], self._P[k] = by_other(
-                    state[0], state[1], self._P[k], t.C, t.height, t.y, self.robot.soles[foot]
-                )
+        self._R_odom_sole = self._R_odom_sole @ flat(*self._posture.sole_to_sole(Foot(t.foot), foot))[0]
+        edges = self.robot.soles[foot]
+        if self._filtered is not None:
+            self._filtered = switch_support(self._filtered, t.linear, edges)
+        if self._free is not None:
+            self._free = switch_support(self._free, t.linear, edges)
 
-    def _assemble(self, now: Now) -> LegTerms:
-        robot, posture, sample, soles = self.robot, self._posture, now.sample, self.robot.soles
-        foot, other = self._foot, self._foot.other
-        columns, order = robot.leg_columns, self._order[self._foot]
-        state, P = (self._filtered, self._P[0]) if self._free is None else (self._free, self._P[1])
+    def _assemble(self, now: Now) -> TrunkTerms:
+        """The equation of motion at the posture of the free run, or of the filter while there is none."""
+        sample, foot, order = now.sample, self._foot, self._order[self._foot]
+        state = self._filtered if self._free is None else self._free
         assert state is not None and sample.motor_q is not None and sample.motor_qd is not None
+        m, theta, columns = len(order), sample.motor_q[order], self.robot.leg_columns
         double = now.support.phase == Phase.DOUBLE
-        share = support_share(P) if double else 1.0
-        m, n = len(order), len(columns[foot])
-        y, w = state
-        q, qd, theta, turning = (
-            sample.motor_q.copy(),
-            sample.motor_qd.copy(),
-            sample.motor_q[order],
-            sample.motor_qd[order],
-        )
-        q[order], qd[order] = y[:m], w[:m]
-        posture.update(q, self._still)
-        robot.scatter(q, self._q)
-        self._v[robot.idx_v] = qd
-        before, R, p = self._terms, posture.R, posture.p
-        if before is None or before.foot != foot:
-            before = None
-        Y = pin.crba(self._pin, self._data, self._q)
-        V, A, C, height, J, J_o, com, down = geometry(
-            Y, self.model.mass, posture.com, posture.J, R[foot], p[foot], columns[foot], soles[foot],
-            R[other], p[other], columns[other], soles[other], y, w,
-            *((np.zeros((6, n)), np.zeros((6, 6)), 0.0) if before is None else (before.V, before.A, now.dt)),
-            self._v, self._a,
-        )  # fmt: skip
+        self._pose(sample.motor_q, sample.motor_qd, state)
+        inertia = pin.crba(self._pin, self._data, self._q)
+        g = self._geometry(inertia, state)
+        self._move_base(g, state.w, now.dt)
         # How the moving masses resist, the joints not accelerating.
         tau = pin.rnea(self._pin, self._data, self._q, self._v, self._a) if self._swing else self._no_torque
-        M, f = carried(Y, tau, self.model.gravity * down, V, columns[foot], columns[other], A)
+        weight_down = self.model.gravity * g.down
+        M, f = project_dynamics(inertia, tau, weight_down, g.V, g.A, columns[foot], columns[foot.other])
         if not self._swing:  # the legs move without reaction
+            n = len(columns[foot])
             M[:n, n:m] = M[n:m, :n] = M[m:, n:m] = M[n:m, m:] = 0.0
-        if self._pushing:
-            push = Push(posture, self._R_odom_sole if self._free is not None else now.T_odom_sole[:3, :3])
-            for effect in self._pushing:
-                effect.push(push, now)
-            f[:m] += push.force @ J[:3] + push.moment @ J[3:]
-            f[:n] += push.trunk @ V
-        weight, e = self.model.mass * self.model.gravity, y[:m] - theta
+        self._add_push(f, g, now)
+        share = support_share(state.P) if double else 1.0
+        K, D = self._springs(f, g, share, state.y[:m] - theta, state.w[:m], sample.motor_qd[order])
+        edges = self.robot.soles[foot.other]
+        reach = 0.5 * float(min(edges[1] - edges[0], edges[3] - edges[2]))
+        linear = Linear(state.y.copy(), K, D, f, g.C, g.height, reach)
+        return TrunkTerms(int(foot), double, theta, M, linear, g)
+
+    def _pose(self, motor_q: Array, motor_qd: Array, state: State) -> None:
+        """Set posture, configuration and velocity of the model: legs by the state, other joints by their motors."""
+        order = self._order[self._foot]
+        q, qd = motor_q.copy(), motor_qd.copy()
+        q[order], qd[order] = state.y[: len(order)], state.w[: len(order)]
+        self._posture.update(q, self._still)
+        self.robot.scatter(q, self._q)
+        self._v[self.robot.idx_v] = qd
+
+    def _geometry(self, inertia: Array, state: State) -> Geometry:
+        posture, robot, foot, other = self._posture, self.robot, self._foot, self._foot.other
+        pose = Pose(
+            self.model.mass, posture.com, inertia, posture.J,
+            posture.R[foot], posture.p[foot], robot.leg_columns[foot], robot.soles[foot],
+            posture.R[other], posture.p[other], robot.leg_columns[other], robot.soles[other],
+        )  # fmt: skip
+        return geometry(pose, state.y[-6:])
+
+    def _move_base(self, g: Geometry, w: Array, dt: float) -> None:
+        before = self._terms
+        if before is None or before.foot != self._foot:
+            base_motion(g.V, g.A, g.V, g.A, w, 0.0, self._v, self._a)
+        else:
+            base_motion(g.V, g.A, before.geometry.V, before.geometry.A, w, dt, self._v, self._a)
+
+    def _add_push(self, f: Array, g: Geometry, now: Now) -> None:
+        """Add what effects push the robot with to the forces f (m + 6,), in place."""
+        if not self._pushing:
+            return
+        R_odom_sole = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
+        push = Push(self._posture, R_odom_sole)
+        for effect in self._pushing:
+            effect.push(push, now)
+        f[: g.J.shape[1]] += push.force @ g.J[:3] + push.moment @ g.J[3:]
+        f[: g.V.shape[1]] += push.trunk @ g.V
+
+    def _springs(
+        self, f: Array, g: Geometry, share: float, deflection: Array, rate: Array, motor_rate: Array
+    ) -> tuple[Array, Array]:
+        """Stiffness and damping (m, m) of both legs; what their springs pull besides goes into f (m + 6,), in place.
+
+        Args:
+            f: the forces.
+            g: the geometry.
+            share: of the weight on the support leg.
+            deflection, rate, motor_rate: (m,) link minus motor [rad], speed of the links and of the motors [rad/s].
+        """
+        foot, springs, weight = self._foot, self.model.springs, self.model.mass * self.model.gravity
         loads = (share * weight, (1.0 - share) * weight)
-        K, D = self._K[foot].copy(), self._D[foot]
-        if not self.model.springs.plain:
-            D, rate = D.copy(), w[:m] - turning
-            com_o = R[other].T @ (posture.com - p[other])
-            for side, part, J_leg, at, load in zip(
-                (foot, other), (slice(0, n), slice(n, m)), (J[:, :n], J_o), (com, com_o), loads, strict=True
+        K, D, n = self._K[foot].copy(), self._D[foot], g.V.shape[1]
+        if not springs.nominal:
+            D, posture = D.copy(), self._posture
+            other_com = posture.R[foot.other].T @ (posture.com - posture.p[foot.other])
+            for side, part, J, com, load in (
+                (foot, slice(0, n), g.J[:, :n], g.com, loads[0]),
+                (foot.other, slice(n, None), g.J_other, other_com, loads[1]),
             ):
-                leg = self.model.springs.leg(side, J_leg, at, load, e[part], rate[part], turning[part])
+                leg = springs.leg(side, J, com, load, deflection[part], rate[part] - motor_rate[part], motor_rate[part])
                 K[part, part], D[part, part] = leg.K_q, leg.D_q
-                f[part] -= leg.torque
-        topple_both(J, J_o, *loads, e, K if self.model.springs.topples else K.copy(), f)
-        sole = soles[other]
-        reach = 0.5 * float(min(sole[1] - sole[0], sole[3] - sole[2]))
-        return LegTerms(foot, double, y.copy(), theta, M, K, D, f, J, V, A, C, height, reach, com)
+                f[: len(rate)][part] -= leg.torque
+        add_gravity(g.J, g.J_other, *loads, deflection, K if springs.gravity_stiffness else K.copy(), f)
+        return K, D
+
+
+def copied(state: State) -> State:
+    """A state of its own."""
+    return State(state.y.copy(), state.w.copy(), state.P.copy())
 
 
 def tilt(R_base_sole: Array) -> Array:

@@ -15,7 +15,7 @@ class GravityStiffness(Effect):
     H_z the Hessian of the COM height (n, n). This is the term that equation (11) leaves out (the conservative
     congruence transformation of Chen and Kao, 2000). Horizontally it softens by about m g / z_c, the toppling of
     an inverted pendulum. Without it gravity acts as in the posture in which the springs are not deflected. The models
-    do it themselves (`Springs.topples`, `stiffness.topple`).
+    do it themselves (`Springs.gravity_stiffness`, `stiffness.add_gravity_stiffness`).
     """
 
     name: ClassVar[str] = "gravity_stiffness"
