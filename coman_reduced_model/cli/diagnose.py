@@ -31,7 +31,12 @@ def diagnose(
     ],
     holdout: Annotated[
         list[Path] | None,
-        typer.Option("--holdout", metavar="BAG", help="A walk that only confirms; better of another gait. Repeatable."),
+        typer.Option(
+            "--holdout",
+            metavar="BAG",
+            help="Another walk, better of another gait: its evidence counts in the choice of effects, its residuals "
+            "do not set their values. Repeatable.",
+        ),
     ] = None,
     assume: Annotated[
         list[str] | None,
@@ -45,7 +50,7 @@ def diagnose(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find the effect that the model or the sensors lack, and show that the gap shrinks on bags it has not seen."""
+    """Find the effect that the model or the sensors lack, and show by how much the gap shrinks on other bags."""
     settings = read_config(config, changes)
     from ..diagnose import diagnose as run
     from ..output import OutputFolder

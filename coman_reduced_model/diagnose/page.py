@@ -113,8 +113,9 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
             for key, parameter in effect["parameters"].items()
         ]  # fmt: skip
         caption = (
-            "Values with their 95 % intervals. Evidence: log ratio of the probabilities of the data with the "
-            "effect and with no "
+            "Values with 1.96 standard deviations of the linearised posterior. Model error is not in them, so that "
+            "they contain the truth in fewer than 95 % of cases. Evidence: log ratio of the probabilities of the data "
+            "with the effect and with no "
             f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
             f"(with none held out {ALONE:g}; of an effect of no more than {FEW} ways {FEWER:g} less; beside another "
             f"effect more by {INHERITED:.0%} of that one's, up to {FURTHER:g}), and {AGREES:g} on the held-out ones."
@@ -160,7 +161,7 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
     finding, result = diagnosis.finding, diagnosis.result
     changed = bool(finding.chosen)
     pair = (hold or train)[0]
-    seen = "a held-out recording, from which nothing was fitted" if hold else "a training recording"
+    seen = "a held-out recording, to which no value of an effect was fitted" if hold else "a training recording"
     parts: list[Part] = []
     for number, effect in enumerate(finding.chosen):
         name, where = effect.option.effect, effect.option.where
@@ -293,11 +294,16 @@ def _gap(result: dict[str, Any]) -> list[Part]:
         value, other, floor = (factor * which.get(name, np.nan) for which in (before, after, level))
         change = f"{100.0 * (other / value - 1.0):+.0f} %" if value > 0.0 and np.isfinite(other) else "–"
         rows.append([f"{channel(name)} [{unit}]", f"{value:.3g}", f"{other:.3g}", f"{floor:.3g}", change])
-    which = "held-out recordings, from which nothing was fitted" if held else "training recordings: none was held out"
+    which = "held-out recordings" if held else "training recordings: none was held out"
     caption = (
         f"RMS over the {which}. COM: error of the free run, after: with the effects that do not make it worse. The "
-        "others: residuals, healthy scatter taken off."
+        "others: residuals, less healthy scatter as it fits each recording best."
     )
+    if held:
+        caption += (
+            " No value of an effect was fitted to the held-out recordings, but their evidence counted in the choice, "
+            "and their COM decides what goes into the model."
+        )
     parts: list[Part] = [Table(head, rows[:_ROWS], caption, strong=range(len(com)))]
     if rows[_ROWS:]:
         parts.append(Table(head, rows[_ROWS:], folded=f"{len(rows) - _ROWS} more channels"))

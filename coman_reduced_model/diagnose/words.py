@@ -65,7 +65,7 @@ def sentence(result: Mapping[str, Any]) -> str:
 
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:
-    """One effect with its values and their 95 % intervals."""
+    """One effect with its values and their intervals (1.96 standard deviations)."""
     name, parameters = effect["name"], effect["parameters"]
     at = place(effect["where"], name in _FEET)
     told = {key: figure(parameter) for key, parameter in parameters.items()}

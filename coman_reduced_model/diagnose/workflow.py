@@ -103,7 +103,7 @@ def diagnose(
     """Find the missing effects.
 
     Args:
-        train: bags to find them in; hold: bags to confirm them on only.
+        train: bags that the values are fitted to; hold: bags that take part in the choice of effects only.
         config: nominal robot and model.
         assume: effects that are told (`NAME` or `NAME:where=PLACE`): only their figures are fitted.
 
@@ -508,7 +508,7 @@ def _not_checked(prepared: Sequence[Prepared], held: bool) -> list[str]:
     if any(moving(recording.phase) and not where.slides for recording, _, where in prepared):
         lines.append("in a bag, the other foot leaves soon after each landing: a foot that slides does not show there")
     if not held:
-        lines.append("no held-out bag: nothing was confirmed on data that was not fitted")
+        lines.append("no held-out bag: every value and every choice comes from the same recordings")
     for recording in recordings:
         lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
     return lines

@@ -142,8 +142,8 @@ def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
             head,
             cells,
             "RMS of measured minus predicted COM, in the axes of the support sole. Predicted: the free run, started "
-            "from the measurement and then driven by reference and phase alone. Rigid: as if the COM were its "
-            "reference. A dash: not known.",
+            "from the measurement; until the next restart its inputs are plan or motors, support phase and switching "
+            "times. Rigid: as if the COM were its reference. A dash: not known.",
             strong=(0,),
             groups=[("", 2), *((f"{figures.DIRECTIONS[axis]} [mm]", 2) for axis in AXES)],
         )

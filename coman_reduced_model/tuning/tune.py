@@ -34,7 +34,7 @@ class Fitted:
     name: str
     before: float
     value: float
-    low: float  # interval of 95 %
+    low: float  # interval, nominally of 95 %
     high: float
     notes: tuple[str, ...] = ()  # at a bound, not identifiable, ...
 
