@@ -275,7 +275,10 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
             + " in single support, stumbles apart.",
         ),
         Table(
-            ["law", "mean", "RMS", "noise floor"], laws, folded="The plain laws: measured minus nominal, nothing fitted"
+            ["law", "mean", "RMS", "noise floor"],
+            laws,
+            "Force, moment and tilt are along the heading: x level and between the forward axes of both soles, z up.",
+            folded="The plain laws: measured minus nominal, nothing fitted",
         ),
     ]  # fmt: skip
 

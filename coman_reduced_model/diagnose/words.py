@@ -27,11 +27,11 @@ _SAID = {
     "wrench_scale": "the force sensor of {at} reads {scale} of the truth",
 }
 _LISTED = {
-    "com_offset": "the trunk's COM is not where the URDF says",
+    "com_offset": "the trunk's COM is not where the URDF says, along the axes of robot.base_frame",
     "ground_compliance": "the ground or the soles give way more than usual",
-    "ground_slope": "the floor is not level",
-    "external_force": "something pulls at the trunk",
-    "wrench_bias": "the force sensor of {at} has an offset",
+    "ground_slope": "the floor is not level, about the axes of odom",
+    "external_force": "something pulls at the trunk, along the axes of odom",
+    "wrench_bias": "the force sensor of {at} has an offset, along the axes of its sole",
 }
 _FEET = {"foot_slip", "wrench_delay", "wrench_scale", "wrench_bias"}
 CHANNELS = {
@@ -81,7 +81,8 @@ def effect_sentence(effect: Mapping[str, Any]) -> str:
         if "creep" in told:
             text += f" and creeps below {told['creep']}"
         if name == "payload" and len(told) > 1:
-            text += " (" + ", ".join(f"{key} {value}" for key, value in told.items() if key != "mass") + ")"
+            place_of = ", ".join(f"{key} {value}" for key, value in told.items() if key != "mass")
+            text += f" (in robot.base_frame at {place_of})"
     else:
         text = f"{_LISTED.get(name, spaced(name) + ' at {at}').format(at=at)} ({listed})"
     if effect.get("left_out"):
