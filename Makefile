@@ -33,8 +33,8 @@ live: setup  ## virtual robot, trajectory and predictor until Ctrl-C, with a vie
 	@$(BIN)/coman live
 
 test: lint  ## lint, types and all tests: what CI runs
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
 	$(BIN)/python -m pytest -m ros
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
 
 test-quick: setup  ## the tests that take seconds
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not ros"

@@ -42,6 +42,7 @@ def standing() -> tuple[Recording, World]:
     recording = Recording(
         "standing", t, q, tau, motor, wrench, np.tile([0.0, 0.0, 1.0], (n, 1)), None, None,
         np.full(n, Phase.DOUBLE), np.full(n, 0.5), np.ones(n, dtype=bool), np.zeros(nj),
+        {foot: np.zeros(n) for foot in FEET},
     )  # fmt: skip
     return recording, world
 

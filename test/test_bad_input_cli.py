@@ -16,8 +16,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from mutations import Mutation, clock_mutations, spoil, value_mutations
 from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, description, names, walk, write_bag
 
 from coman_reduced_model.bag.reader import Bag
@@ -364,6 +365,23 @@ def test_a_configuration_with_a_damaged_line(short, predict, tmp_path, data):
 
 
 # --- bags ---
+
+
+@few
+@given(
+    st.lists(st.one_of(clock_mutations, value_mutations), min_size=1, max_size=4),
+    st.sampled_from(["motor", "topic", "none"]),
+    st.booleans(),
+)
+@example([Mutation("jumps", frozenset({JOINTS}), 0.5, 1.0, -300_000_000)], "motor", False)
+def test_bags_of_messages_that_are_spoiled(predict, tmp_path, mutations, source, paper):
+    """No traceback (the fixture looks for it), and what is counted adds up."""
+    shutil.rmtree(tmp_path / "bag", ignore_errors=True)
+    bag = write_bag(tmp_path / "bag", spoil(walk(0.5, 100.0, reference=True), mutations))
+    model = ["--set", "effects.active=[none]"] if paper or source == "topic" else []
+    code, summary, _ = predict(bag, "--set", f"prediction.reference={source}", *model)
+    if code == 0:
+        assert summary["samples"] == summary["streams"][JOINTS]["accepted"]
 
 
 def test_bags_that_are_truncated(tmp_path, predict):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from conftest import recording
 
 from coman_reduced_model.core.config import STANDARD_EFFECTS, Config, load_config, parameter_table
 from coman_reduced_model.core.robot import Robot
@@ -16,7 +17,6 @@ from coman_reduced_model.sim.robot_table import COMAN
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted((ROOT / "config").glob("*.yaml"))
-ICUB_BAG = ROOT.parent / "shared" / "real" / "icub_walk"
 
 
 def keys(tree: dict, prefix: str = "") -> list[str]:
@@ -57,11 +57,10 @@ def test_coman_yaml_fits_the_virtual_robot() -> None:
         assert dict(zip(leg.joints, zip(leg.stiffness, leg.damping, strict=True), strict=True)) == springs
 
 
-@pytest.mark.skipif(not ICUB_BAG.exists(), reason="the recording is not part of the project")
 def test_icub_yaml_fits_the_recorded_robot() -> None:
     from coman_reduced_model.bag.session import Session
 
     config = load_config(config_path("icub"))
     assert config.prediction.reference == "none"
-    with Session(ICUB_BAG, config) as session:
+    with Session(recording("real/icub_walk"), config) as session:
         assert session.robot.mass == pytest.approx(33.08, abs=0.05)

@@ -104,6 +104,17 @@ def shrinks(result: dict, channel: str) -> None:
     assert gap["after"][channel] < 0.7 * gap["before"][channel], (channel, gap)
 
 
+def com_is_shown(result: dict) -> None:
+    """Before and after, of the whole and of each effect, also where a clock was put right."""
+    for which in ("before", "after"):
+        assert all(0.0 < result["gap"]["holdout"][which][f"com/{axis}"] < 0.05 for axis in "xyz")
+    for effect in result["effects"]:
+        com = effect["com"]
+        assert all(0.0 < com[which][axis] < 0.05 for which in ("before", "after") for axis in "xyz")
+        assert com["steps"] > 4 and all(low < high for low, high in com["change"].values())
+        assert effect["in_model"] or any(low > 0.0 for low, _ in com["change"].values())
+
+
 @pytest.mark.slow
 def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tmp_path, capsys):
     train, held = bags("backlash")
@@ -117,7 +128,7 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
     assert {"verdict", "effects", "ranking", "localisation", "gap", "undetectable_below", "model", "seconds"} <= set(
         result
     )
-    assert {"name", "class", "where", "parameters", "evidence"} <= set(result["effects"][0])
+    assert {"name", "class", "where", "parameters", "evidence", "in_model", "com"} <= set(result["effects"][0])
     assert all({"name", "evidence", "holdout_gain"} <= set(entry) for entry in result["ranking"])
     ranked = [entry["evidence"] for entry in result["ranking"]]
     assert ranked == sorted(ranked, reverse=True) and result["ranking"][0]["name"] == "backlash"
@@ -156,6 +167,7 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
     assert parameters[key]["value"] == pytest.approx(value, rel=0.3)
     if channel:
         shrinks(result, channel)
+    com_is_shown(result)
     if channel in ONE_A_STEP:
         assert (channel, "double") in {(entry["channel"], entry["phase"]) for entry in result["localisation"]}
     if case == "payload":
@@ -189,6 +201,21 @@ def test_what_no_effect_explains_is_unknown(bags, diagnose):
     train, held = bags("twisted_sensor")
     result, _ = diagnose(train, "--holdout", held)
     assert result["verdict"] == "unknown" and result["effects"] == [] and result["too_much"], result["sentence"]
+
+
+@pytest.mark.slow
+def test_an_effect_that_spoils_the_predicted_com_is_not_in_the_model(tmp_path, diagnose):
+    """Foot sensors that are 4 Nm off, of which it is assumed that the trunk's COM is elsewhere."""
+    for seed, gait in enumerate(("test1", "test2")):
+        hidden = [make("wrench_bias", {"ty": 4.0})]
+        record(gait, tmp_path / gait, disturbances=hidden, seed=seed, duration_s=SECONDS)
+    result, out = diagnose(tmp_path / "test1", "--holdout", tmp_path / "test2", "--assume", "com_offset")
+    (effect,) = result["effects"]
+    assert effect["name"] == "com_offset" and abs(effect["parameters"]["x"]["value"]) > 0.005
+    assert [each.name for each in load_config(out / result["model"]).effects] == list(STANDARD_EFFECTS)
+    assert not effect["in_model"] and effect["com"]["after"]["x"] > 2.0 * effect["com"]["before"]["x"]
+    assert "makes the predicted COM of held-out walks worse" in result["sentence"]
+    com_is_shown(result)
 
 
 def test_standing_still_excites_nothing(diagnose, tmp_path):

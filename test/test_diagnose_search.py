@@ -124,9 +124,9 @@ def test_what_measured_motor_states_tell_is_named_but_needs_no_change_of_the_mod
     for option in against_plan:
         finding = Finding(known, np.zeros(len(known)), chosen=[Effect(option, 9.0, 9.0)], fit=fit)
         (entry,) = workflow._effects(finding, config)
-        added = option.effect in {effect.name for effect in workflow.with_effects(config, finding).effects}
+        added = option.effect in {effect.name for effect in workflow.with_effects(config, [entry]).effects}
         assert entry["in_model"] == added == (reference == "topic")
-        assert ("motor states tell it" in effect_sentence(entry)) == (reference == "motor")
+        assert ("the motor states show it" in effect_sentence(entry)) == (reference == "motor")
 
 
 @pytest.mark.parametrize(("where", "apart"), [("spring/knee|single", False), ("force/x|single", True)])

@@ -14,15 +14,16 @@ import pytest
 from conftest import ROOT
 from robots import robot_of
 
-from coman_reduced_model.core.config import load_config
+from coman_reduced_model.core.config import Config, load_config
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Array, Foot
-from coman_reduced_model.diagnose import workflow
+from coman_reduced_model.core.types import Array, Foot, Phase
+from coman_reduced_model.diagnose import predicted_com, workflow
 from coman_reduced_model.diagnose.case import Case
 from coman_reduced_model.diagnose.evidence import Noise, Problem, scores, weighed
 from coman_reduced_model.diagnose.finding import Effect, Finding
 from coman_reduced_model.diagnose.hypotheses import Figure, candidates
 from coman_reduced_model.diagnose.page import diagnosis_page
+from coman_reduced_model.diagnose.predicted_com import FreeRun
 from coman_reduced_model.diagnose.recording import Recording
 from coman_reduced_model.diagnose.signals import Smoothed
 from coman_reduced_model.diagnose.words import effect_sentence, place
@@ -54,6 +55,7 @@ def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool =
     recording = Recording(
         name, t, q, tau if efforts else None, q, wrench, None, None, None, phase,
         np.full(len(t), 0.5), np.ones(len(t), dtype=bool), np.zeros(tau.shape[1]),
+        {foot: np.zeros(len(t)) for foot in wrench},
     )  # fmt: skip
     ticks = np.arange(10, len(t) - 10, 8)
     jump, noise = 0.5 * np.sign(tau[ticks, left]), FLOOR * np.random.default_rng(1).standard_normal((2, len(ticks)))
@@ -87,10 +89,27 @@ def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool =
     return Case(recording, where, state, problem, evidence, noises, dict.fromkeys(problem.rows, FLOOR))
 
 
+def free_run(config: Config, made_worse: bool) -> FreeRun:
+    """Ten steps; 2 mm off without the play in the model, with it 1 mm, or 3 mm where it makes that worse."""
+    n = 1600
+    size = 0.002 if all(each.name != "backlash" for each in config.effects) else 0.003 if made_worse else 0.001
+    predicted = size * (1.0 + 0.1 * np.sin(np.outer(np.arange(n), (0.1, 0.2, 0.3))))
+    phase = np.where(np.arange(n) % 160 < 40, Phase.DOUBLE, Phase.LEFT)
+    return FreeRun(
+        np.arange(n) * 5_000_000, np.full(n, Foot.LEFT), phase, np.arange(n) // 160, np.zeros((n, 3)), predicted,
+        np.zeros((n, 12)), coman(), (),
+    )  # fmt: skip
+
+
 def diagnosis(
-    monkeypatch: pytest.MonkeyPatch, width: float = WIDTH, found: bool = True, hold: int = 1, **recording: Any
+    monkeypatch: pytest.MonkeyPatch,
+    width: float = WIDTH,
+    found: bool = True,
+    hold: int = 1,
+    made_worse: bool = False,
+    **recording: Any,
 ) -> workflow.Diagnosis:
-    """The workflow's own result, with the recordings made up."""
+    """The workflow's own result, with the recordings made up; the play makes the predicted COM better or worse."""
     nothing, options = np.zeros(len(KNOWN)), candidates(KNOWN)
     before = [case(name, width, nothing, **recording) for name in ("train", "hold")[: 1 + hold]]
     finding = Finding(KNOWN, nothing, before=(before[:1], before[1:]), train=before[:1], hold=before[1:])
@@ -102,14 +121,12 @@ def diagnosis(
         finding.train, finding.hold = after[:1], after[1:]
         finding.refused = [(next(o for o in options if o.effect == "encoder_bias"), "held-out bags speak against it")]
     finding.fit = finding.train[0].evidence.fit(finding.released)
-    stamps = np.arange(1600) * 5_000_000
-    error = 0.002 * np.sin(np.outer(stamps * 1e-9, (1.0, 2.0, 3.0)))
     monkeypatch.setattr(workflow, "load", lambda *_: (before[0].recording, before[0].state.world.robot))
     where = SimpleNamespace(slides=())
     monkeypatch.setattr(workflow, "prepare", lambda *_: (before[0].recording, before[0].state.world, where))
     monkeypatch.setattr(workflow, "Looked", lambda *_: None)
     monkeypatch.setattr(workflow, "search", lambda *_, **__: finding)
-    monkeypatch.setattr(workflow, "com_errors", lambda *_: (stamps, error))
+    monkeypatch.setattr(predicted_com, "free_run", lambda path, config, *_: free_run(config, made_worse))
     monkeypatch.setattr(workflow, "ProcessPoolExecutor", lambda count, context: ThreadPoolExecutor(count))
     return workflow.diagnose(["bags/train"], ["bags/hold"][:hold], load_config(ROOT / "config/coman.yaml"))
 
@@ -143,6 +160,38 @@ def test_each_verdict_has_a_page(monkeypatch, verdict, told, hold):
     assert told in html
     assert html.count("<svg") >= 3
     assert ("no held-out bag" in html.lower()) == (not hold)
+
+
+@pytest.mark.parametrize("made_worse", [False, True])
+@pytest.mark.parametrize("hold", [0, 1])
+def test_an_effect_that_makes_the_predicted_com_worse_is_named_but_not_in_the_model(monkeypatch, hold, made_worse):
+    made = diagnosis(monkeypatch, hold=hold, made_worse=made_worse)
+    (effect,) = made.result["effects"]
+    assert made.result["verdict"] == "effect" and effect["name"] == "backlash"
+    assert effect["in_model"] == ("backlash" in [each.name for each in made.model.effects]) == (not made_worse)
+    com = effect["com"]
+    for axis in "xyz":
+        assert com["after"][axis] == pytest.approx(com["before"][axis] * (1.5 if made_worse else 0.5))
+        low, high = com["change"][axis]
+        assert low > 0.0 if made_worse else high < 0.0
+    # What is written is what model.yaml does.
+    gap = made.result["gap"]["holdout" if hold else "train"]
+    for axis in "xyz":
+        assert gap["after"][f"com/{axis}"] == pytest.approx(gap["before"][f"com/{axis}"] * (1.0 if made_worse else 0.5))
+    walks = "held-out walks" if hold else "training walks"
+    assert (f"it makes the predicted COM of {walks} worse, x 2.007 to 3.011" in made.result["sentence"]) == made_worse
+
+
+@pytest.mark.parametrize("made_worse", [False, True])
+def test_the_page_shows_the_com_before_and_after_each_effect(monkeypatch, made_worse):
+    html = diagnosis_page(diagnosis(monkeypatch, made_worse=made_worse))
+    table = html.partition("with it [mm]")[2].partition("</table>")[0]
+    rows = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr.*?</tr>", table, re.S)]
+    rows = [row for row in rows if row and row[0] == "backlash"]
+    assert [row[2] for row in rows] == ["x", "y", "z"]
+    assert {(row[3][:3], row[4][:3]) for row in rows} == {("2.0", "3.0" if made_worse else "1.0")}
+    assert {row[-1] for row in rows} == {"no" if made_worse else "yes"}
+    assert ("worse, x" in html) == made_worse
 
 
 def test_a_recording_without_torques_has_a_page_that_says_so(monkeypatch):

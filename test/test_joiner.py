@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mutations import clock_mutations, spoil
 from synthetic import LEFT, RIGHT, T0, description, loads, names, posture, robot, robot_with_arm, walk
 
 from coman_reduced_model.core.config import Config
@@ -345,6 +346,35 @@ def test_one_stream_whose_clock_is_set_back_and_again_forth_recovers():
     samples, _ = joined(moved, NO_MOTOR)
     missing = [(sample.stamp_ns - T0) / MS for sample in samples if sample.left_wrench is None]
     assert len(samples) == 100 and missing and min(missing) > 200 and max(missing) < 310
+
+
+@pytest.mark.parametrize(("wrenches_go_back_ms", "lead_s"), [(10_000.0, 0.0), (0.0, 10.0)])
+def test_joint_states_that_go_back_while_the_wrenches_go_on(wrenches_go_back_ms, lead_s):
+    """A wrench of the run before is no clock of the new one; those that come after it are."""
+    times = range(200, 300, 5)
+    back = [(joint(t - 10_000.0), *both(t - wrenches_go_back_ms)) for t in times]
+    between = both(200)  # after the last joint state of the old run, before the first of the new one
+    samples, joiner = joined([*steady(40), *between, *(item for items in back for item in items)], NO_MOTOR)
+    assert [(sample.stamp_ns - T0) / MS for sample in samples[40:]] == [t - 10_000.0 for t in times]
+    lead = joiner.clock_lead_s
+    assert [lead[stream] for stream in (LEFT, RIGHT)] == pytest.approx([lead_s] * 2, abs=0.006)
+
+
+mutated_walk = walk(0.5, 100.0, reference=True)
+
+
+@given(st.lists(clock_mutations, min_size=1, max_size=4), st.sampled_from(["motor", "topic", "none"]))
+def test_whatever_clocks_do_every_message_is_used_or_counted(mutations, source):
+    pipeline = Pipeline(robot(), config(prediction__reference=source))
+    predictions = []
+    for stream, message in spoil(mutated_walk, mutations):
+        predictions += pipeline.feed(stream, message, lambda message: message)
+    predictions += pipeline.flush()
+    status = pipeline.status()
+    assert len(predictions) == status.samples == status.streams[JOINTS].accepted
+    for name, stream in status.streams.items():
+        rejected = sum(count for key, count in status.rejected.items() if key.rpartition("/")[0] == name)
+        assert stream.received == stream.accepted + rejected, name
 
 
 # --- joints ---

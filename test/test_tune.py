@@ -11,6 +11,8 @@ import pytest
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import load_config
+from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.types import Flags
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.tuning.free_run import COEFFICIENTS, collect
@@ -65,6 +67,22 @@ def test_the_cheap_free_run_is_the_predictors_own(walk, changes):
         cheap = free.run(values)
         assert np.isfinite(own).sum() > 5000
         np.testing.assert_allclose(cheap, own, rtol=0.0, atol=1e-9, equal_nan=True)
+
+
+@pytest.mark.parametrize("limit_m", [Predictor.DIVERGED, 0.03])
+def test_the_cheap_free_run_restarts_where_the_predictor_does(walk, monkeypatch, limit_m):
+    """Springs that push away, each by the other's deflection; one limit of divergence serves both."""
+    monkeypatch.setattr(Predictor, "DIVERGED", limit_m)
+    values = np.array([1.0, 1.0, 8.0, 1.0, 1.0, 1.0, 8.0, 1.0])
+    changes = {f"model.{n}": float(v) for n, v in zip(COEFFICIENTS, values, strict=True)}
+    config = CONFIG.replaced({"prediction.reset_every_steps": 0, **changes})
+    said = walk.predict(config)
+    own = np.array([np.concatenate((p.predicted_com, p.predicted_com_vel)) for p in said])
+    off = np.array([np.linalg.norm(p.residual) for p in said])
+    assert sum(Flags.REJECTED_STATE in p.flags for p in said) >= 3
+    assert 0.5 * limit_m < np.nanmax(off) < limit_m
+    cheap = collect(walk.samples, walk.robot, config).run(values)
+    np.testing.assert_allclose(cheap, own, rtol=0.0, atol=1e-9, equal_nan=True)
 
 
 def test_a_given_coordinate_is_taken_from_the_data(walk):

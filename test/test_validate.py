@@ -13,7 +13,7 @@ from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config, load_config
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.robot_table import ROBOTS
-from coman_reduced_model.tuning.validate import PAPER, VARIANTS, Score, rows, summarise, virtual_case
+from coman_reduced_model.tuning.validate import VARIANTS, Score, rows, summarise, virtual_case
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
 
@@ -22,7 +22,12 @@ def test_every_variant_is_a_configuration():
     for changes in VARIANTS.values():
         Config().replaced(changes)
     assert len({str(sorted(changes.items())) for changes in VARIANTS.values()}) == len(VARIANTS)
-    assert VARIANTS["paper"] == PAPER
+
+
+@pytest.mark.parametrize(("variant", "shipped"), [("paper", "coman_paper"), ("all effects", "coman")])
+def test_variants_are_the_shipped_configurations(variant, shipped):
+    made, file = load_config(config_path()).replaced(VARIANTS[variant]), load_config(config_path(shipped))
+    assert made.flat() == file.flat()
 
 
 def test_a_virtual_robot_is_judged_with_its_own_data_sheet():

@@ -3,7 +3,8 @@
 
 import numpy as np
 import pytest
-from robots import RECORDED, config_of, urdf_of
+from conftest import recording
+from robots import config_of
 
 from coman_reduced_model.core.odometry import pose
 from coman_reduced_model.core.predictor import Predictor
@@ -50,10 +51,9 @@ def test_a_gap_starts_anew_and_nothing_is_kept_after_a_reset():
 
 @pytest.mark.slow
 def test_on_the_half_of_a_real_walk_that_no_constant_has_seen_it_beats_both_baselines():
-    urdf_of("icub")  # skips without the recording
-    recording = read_recording(RECORDED["icub"], config_of("icub"))
-    predictor = Predictor(recording.robot, config_of("icub"))
-    samples = list(recording.copies())
+    walk = read_recording(recording("real/icub_walk"), config_of("icub"))
+    predictor = Predictor(walk.robot, config_of("icub"))
+    samples = list(walk.copies())
     for sample in samples[len(samples) // 2 :]:
         predictor.update(sample)
     for h, skill in predictor.judge.skill().items():

@@ -66,16 +66,13 @@ def diagnose(
 def _show(result: dict[str, Any], out: Path) -> None:
     print(f"verdict: {result['verdict']}: {result['sentence']}")
     held = result["gap"]["holdout"] or result["gap"]["train"]
+    before, after, floor = held["before"], held["after"], held["floor"]
+    shrinks = sorted(before, key=lambda c: -(before[c] - after[c]) / max(floor.get(c, 0), 1e-9))
+    com = [channel for channel in before if channel.startswith("com/")]
+    others = [channel for channel in shrinks if channel not in com]
     rows = [
-        [
-            channel,
-            f"{held['before'][channel]:.3g}",
-            f"{held['after'][channel]:.3g}",
-            f"{held['floor'].get(channel, 0):.3g}",
-        ]
-        for channel in sorted(
-            held["before"], key=lambda c: -(held["before"][c] - held["after"][c]) / max(held["floor"].get(c, 0), 1e-9)
-        )[:8]
+        [channel, f"{before[channel]:.3g}", f"{after[channel]:.3g}", f"{floor.get(channel, 0):.3g}"]
+        for channel in [*com, *others[:8]]
     ]
     which = "held-out" if result["gap"]["holdout"] else "training"
     print_table(f"Gap on the {which} bags, RMS in SI units", ["channel", "before", "after", "noise floor"], rows)

@@ -46,7 +46,7 @@ class RobotConfig:
 
     name: str = par("coman", "", "name for titles and reports")
     urdf: str = par("", "", "URDF file, relative to this file; empty: the robot_description of bag or topic")
-    base_frame: str = par("base_link", "", "URDF frame of the trunk that both legs hang on")
+    base_frame: str = par("base_link", "", "URDF frame of the trunk that both legs hang on, in which loads on it are")
     left: LegConfig = field(
         default_factory=lambda: LegConfig(
             "l_sole",

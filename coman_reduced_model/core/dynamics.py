@@ -44,8 +44,8 @@ class Push:
     R_odom_sole: Array  # (3, 3) orientation of the support sole, by the model
     force: Array = field(default_factory=lambda: np.zeros(3))  # at the COM of all links, support sole axes [N]
     moment: Array = field(default_factory=lambda: np.zeros(3))  # about the COM [Nm]; the point mass ignores it
-    trunk: Array = field(default_factory=lambda: np.zeros(6))  # force [N] on the trunk, moment [Nm] about the base
-    # frame's origin, in its axes
+    # Force [N] on the trunk, moment [Nm] about the origin of the URDF's root link, in its axes.
+    trunk: Array = field(default_factory=lambda: np.zeros(6))
 
 
 class Dynamics(ABC):

@@ -8,9 +8,12 @@ No term of the step size is dropped, so that the sample rate does not matter; K 
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from .compiled import compiled, inverse, mul, mul_into
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import apply, compiled, inverse, mul, mul_into
 from .types import Array
 
 
@@ -128,11 +131,18 @@ def select(A: Array, axes: Array) -> Array:
     return B
 
 
-Moment = tuple[Array, Array, Array, Array, Array]
+class Forcing(NamedTuple):
+    """What drives M x'' = f + K (p - x) + D (p' - x') at one instant, in d coordinates."""
+
+    K: Array  # (d, d)
+    D: Array  # (d, d)
+    force: Array  # (d,) f + K p + D p'
+    p: Array  # (d,) what pulls
+    v: Array  # (d,) its velocity
 
 
 @compiled
-def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: float) -> Array:
+def step(state: Array, M: Array, axes: Array, start: Forcing, end: Forcing, dt: float) -> Array:
     """One step over dt [s] of M x'' = f + K (p - x) + D (p' - x'), where f, K, D, p and p' go from start to end.
 
     Exact where K and D stay and p' is constant. Changing K and D count with their mean, which is of second order in dt.
@@ -143,7 +153,7 @@ def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: fl
         state: (2d,) all coordinates and their velocities; those not in `axes` are returned as they are.
         M: (d, d).
         axes: (n,) indices of the integrated coordinates.
-        start, end: K (d, d), D (d, d), force f + K p + D p' (d,), what pulls p (d,) and its velocity p' (d,).
+        start, end: what drives it at the beginning and the end.
         dt: [s].
 
     Returns:
@@ -182,7 +192,51 @@ def step(state: Array, M: Array, axes: Array, start: Moment, end: Moment, dt: fl
     return out
 
 
-def going_on(moment: Moment, dt: float) -> Moment:
-    """The moment dt [s] later (or earlier), if the reference goes on at its velocity and all else stays."""
-    K, D, force, p, v = moment
-    return K, D, force + K @ (v * dt), p + v * dt, v
+@compiled
+def extrapolate(forcing: Forcing, dt: float) -> Forcing:
+    """The forcing dt [s] later (or earlier), if the reference goes on at its velocity and all else stays."""
+    way = forcing.v * dt
+    return Forcing(forcing.K, forcing.D, forcing.force + apply(forcing.K, way), forcing.p + way, forcing.v)
+
+
+@compiled
+def free_run_step(
+    state: Array, M: Array, axes: Array, following: NDArray[np.int64], start: Forcing, end: Forcing, dt: float
+) -> Array:
+    """One step of the free run of the point mass.
+
+    Arguments and result as in `step`, with d = 3; the coordinates `following` (k,) are those of the reference.
+    """
+    out = step(state, M, axes, start, end, dt)
+    for axis in following:
+        out[axis], out[3 + axis] = end.p[axis], end.v[axis]
+    return out
+
+
+@compiled
+def free_run_switch(
+    state: Array,
+    M: Array,
+    axes: Array,
+    following: NDArray[np.int64],
+    forcing: Forcing,
+    dt: float,
+    R: Array,
+    moved: Array,
+) -> Array:
+    """The state (6,) of the free run when the support changes, in the frame of the new sole.
+
+    Args:
+        state, forcing: of the last sample before the change, in the frame of the old sole.
+        M, axes, following: as in `free_run_step`.
+        dt: from that sample to the change [s].
+        R, moved: pose (3, 3), (3,) [m] of the old sole in the new one.
+    """
+    state = free_run_step(state, M, axes, following, forcing, extrapolate(forcing, dt), dt)
+    out = np.empty(6)
+    for i in range(3):
+        out[i], out[3 + i] = moved[i], 0.0
+        for j in range(3):
+            out[i] += R[i, j] * state[j]
+            out[3 + i] += R[i, j] * state[3 + j]
+    return out

@@ -246,9 +246,12 @@ class Joiner:
     # --- clocks that differ or go back ---
 
     def _watch_clocks(self) -> None:
-        """Compare clocks at a joint state, with the streams that came since the last: one that stopped is no clock."""
+        """Compare clocks at a joint state, with the streams that came since the last: one that stopped is no clock.
+
+        Nor is one that a restart has emptied (`last` is None): what came before belongs to the run before.
+        """
         for stream in self._expected:
-            if stream.accepted != self._seen[stream.name]:
+            if stream.last is not None and stream.accepted != self._seen[stream.name]:
                 self._seen[stream.name] = stream.accepted
                 # What the clocks say, whatever is known of them: a configured delay is no news.
                 lead = (stream.last + stream.late - self._joints.last - self._joints.late) * 1e-9  # type: ignore[operator]

@@ -11,10 +11,10 @@ white. Channels are named as in diagnose/balance.py:
 `drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
 `late/FOOT`       by how much the foot's sensor is behind the joints' torques, less where these hardly change [s]
 `force/AXIS`      foot forces against weight and the COM's motion (core/forces.py), level, along the support sole [N]
-`moment/AXIS`     foot forces about the COM [Nm]
+`moment/AXIS`     foot forces about the COM, along the support sole [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
 `feet/slide_x, slide_y`  by how much that changes in a double support [m]
-`tilt/roll, pitch`  trunk by the IMU against the support sole, taken as level [rad]
+`tilt/roll, pitch`  about the axes of the support sole, taken as level: by the IMU against kinematics [rad]
 `landing/z`       by how much the force of a foot's first touch goes beyond what it then bears: a blow's impulse [Ns]
 `unloaded/FOOT/..`  what the sensor of a foot in the air reads [N, Nm]
 `plan/x, y`       where the motors carry the COM against where com/reference plans it (`reference: motor`) [m]
@@ -78,7 +78,7 @@ _LOCAL = ("spring", "stiffness")  # laws of one spring, which another gait does 
 _GAP_S = 0.05  # between looks, after which a spring's past is not known
 _NAN3 = np.full(3, np.nan)
 _NAN4 = np.full(4, np.nan)
-_IDENTITY = np.eye(3)
+_NOT_THERE = np.full((3, 3), np.nan)
 _LONGEST_NS = 2_000_000_000  # of a phase, over which forces are weighed
 _NO_POSE = np.eye(4)
 
@@ -156,7 +156,7 @@ class Laws:
         rows = len(laws) + 2 * nl  # then how far torques bend springs, and where the joints are
         self._now, self._sums, self._ends = np.zeros(rows), np.zeros(rows), np.zeros((2, rows))
         self._none = np.full(len(robot.joint_names), np.nan)
-        self._imu = ("", _IDENTITY)
+        self._imu: tuple[str, int | None] = ("", robot.base_id)  # its frame: name and index
         self.begin()
 
     def begin(self) -> None:
@@ -179,9 +179,8 @@ class Laws:
         if sample.imu is not None and sample.imu.orientation is not None:
             imu, frame = sample.imu.orientation, sample.imu.frame_id
         if frame != self._imu[0]:
-            rotation = robot.sensor_rotation(frame.lstrip("/"))
-            self._imu = frame, np.full((3, 3), np.nan) if rotation is None else rotation
-        turned = _turned(imu, self._imu[1])
+            self._imu = frame, robot.sensor_frame(frame.lstrip("/"))
+        turned = _NOT_THERE if self._imu[1] is None else _turned(imu, link.orientation(self._imu[1]))
         self.forces.look(sample.stamp_ns, foot, link, left, right, turned)
         dt, before, self._looked = (sample.stamp_ns - self._looked) * 1e-9, self._dt, sample.stamp_ns
         self._first = self._first if self.looks else sample.stamp_ns
@@ -364,7 +363,7 @@ def _look(
     x[m + 6], x[m + 7], x[m + 8] = gap[2], np.arctan2(r[1], r[2]), -np.arcsin(min(1.0, max(-1.0, r[0])))
     for k in range(2):
         x[m + 9 + k], end[m + 9 + k] = 0.0, gap[k]
-    x[m + 11], x[m + 12] = up[1] * R[2, 2] - up[2] * R[1, 2], up[2] * R[0, 2] - up[0] * R[2, 2]
+    x[m + 11], x[m + 12] = (R[:, 1] * up).sum(), -(R[:, 0] * up).sum()
     for k in range(6):
         x[m + 13 + k], x[m + 19 + k] = left[k], right[k]
     for k in range(2):

@@ -11,7 +11,7 @@ from .config import Config
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect
 from .horizon import predict_horizons
-from .integrator import Moment, going_on, step
+from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from .model import Model, Terms
 from .reference import motor_com, plan_ahead, planned_com
 from .robot import Posture, Robot
@@ -44,11 +44,11 @@ class PointMass(Dynamics):
         # Support foot of the last sample, and by leg how far COM and velocity were from the reference, in its axes:
         self._offset: tuple[Foot, References] | None = None
         self._pull = (_NAN3, _NAN3)  # what K and D pull towards
-        self._following = [axis for axis in range(3) if axis not in model.axes]
+        self._following = np.array([axis for axis in range(3) if axis not in model.axes], dtype=np.int64)
         self._state_ns = 0  # stamp of the state
-        self._moment: Moment | None = None  # what drove it at the last sample, if in the same sole frame and phase
-        # (stamp, state, terms, moment) of the free run since the phase began.
-        self._past: deque[tuple[int, Array, Terms, Moment]] = deque(maxlen=_PAST)
+        self._forcing: Forcing | None = None  # at the last sample, if in the same sole frame and phase
+        # (stamp, state, terms, forcing) of the free run since the phase began.
+        self._past: deque[tuple[int, Array, Terms, Forcing]] = deque(maxlen=_PAST)
 
     def prepare(self, now: Now) -> bool:
         sample, support, foot = now.sample, now.support, now.foot
@@ -102,11 +102,11 @@ class PointMass(Dynamics):
             terms.force += push.force + posture.R[now.foot].T @ push.trunk[:3]
 
     def stop(self) -> None:
-        self.state = self._moment = self._offset = None
+        self.state = self._forcing = self._offset = None
         self._past.clear()
 
     def switch(self, now: Now, T_odom_sole: Array) -> None:
-        """Take the free run to where the phase began, by the terms until then, and tell it in the new support sole.
+        """Take the free run to where the phase began, by the terms until then, and express it in the new sole.
 
         A phase begins between two samples and is known only when its dwell has passed; counted from the sample that
         reports it, the trajectory would depend on the sample rate.
@@ -115,32 +115,30 @@ class PointMass(Dynamics):
         began_ns = now.began_ns
         while len(self._past) > 1 and self._past[-1][0] > began_ns:
             self._past.pop()
-        if self._past:
-            self._state_ns, state, terms, start = self._past[-1]
-            dt = max(0, began_ns - self._state_ns) * 1e-9
-            self._state_ns = max(self._state_ns, began_ns)
-            end = going_on(start, dt)
-            self.state = step(state, terms.M, terms.axes, start, end, dt)
-            self._follow(self.state, end[3], end[4])
         new = now.T_odom_sole
         R = new[:3, :3].T @ T_odom_sole[:3, :3]
         moved = new[:3, :3].T @ (T_odom_sole[:3, 3] - new[:3, 3])
-        self.state = np.concatenate((R @ self.state[:3] + moved, R @ self.state[3:]))
-        self._moment = None
+        if self._past:
+            stamp_ns, state, terms, forcing = self._past[-1]
+            dt = max(0, began_ns - stamp_ns) * 1e-9
+            self._state_ns = max(stamp_ns, began_ns)
+            self.state = free_run_switch(state, terms.M, terms.axes, self._following, forcing, dt, R, moved)
+        else:
+            self.state = np.concatenate((R @ self.state[:3] + moved, R @ self.state[3:]))
+        self._forcing = None
         self._past.clear()
 
     def restart(self, now: Now) -> None:
         self._past.clear()
-        self._take(now, np.concatenate((now.com, now.com_vel)), self._now_pulling())
+        self._take(now, np.concatenate((now.com, now.com_vel)), self._current_forcing())
 
     def advance(self, now: Now) -> None:
-        terms, moment = self._terms, self._now_pulling()
+        terms, forcing = self._terms, self._current_forcing()
         assert terms is not None and self.state is not None
         dt = (now.sample.stamp_ns - self._state_ns) * 1e-9
-        start = self._moment or going_on(moment, -dt)
-        state = step(self.state, terms.M, terms.axes, start, moment, dt)
-        self._follow(state, *self._pull)
-        self._take(now, state, moment)
+        start = self._forcing or extrapolate(forcing, -dt)
+        state = free_run_step(self.state, terms.M, terms.axes, self._following, start, forcing, dt)
+        self._take(now, state, forcing)
 
     def ahead(self, now: Now, horizons: Array) -> Array:
         terms = self._terms
@@ -150,22 +148,17 @@ class PointMass(Dynamics):
             self.reference, self.reference_vel, *plan_ahead(now.sample, now.foot),
         )  # fmt: skip
 
-    def _now_pulling(self) -> Moment:
+    def _current_forcing(self) -> Forcing:
         assert self._terms is not None
-        return (self._terms.K, self._terms.D, self._terms.force, *self._pull)
+        return Forcing(self._terms.K, self._terms.D, self._terms.force, *self._pull)
 
-    def _take(self, now: Now, state: Array, moment: Moment) -> None:
+    def _take(self, now: Now, state: Array, forcing: Forcing) -> None:
         assert self._terms is not None
-        self.state, self._state_ns, self._moment = state, now.sample.stamp_ns, moment
+        self.state, self._state_ns, self._forcing = state, now.sample.stamp_ns, forcing
         if not self.model.springs.nominal:
             offsets = {side: (state[:3] - p_r, state[3:] - v_r) for side, (p_r, v_r) in self._references.items()}
             self._offset = now.foot, offsets
-        self._past.append((now.sample.stamp_ns, state, self._terms, moment))
-
-    def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
-        """Let what is not integrated follow the reference, in place."""
-        for axis in self._following:
-            state[axis], state[3 + axis] = reference[axis], reference_vel[axis]
+        self._past.append((now.sample.stamp_ns, state, self._terms, forcing))
 
 
 class Pendulum(PointMass):
@@ -177,6 +170,7 @@ class Pendulum(PointMass):
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
         super().__init__(robot, config, model)
         self._filter = ZmpFilter()
+        self._following = np.array([], dtype=np.int64)  # the height stays
 
     def reset(self) -> None:
         super().reset()
@@ -193,6 +187,3 @@ class Pendulum(PointMass):
 
     def ahead(self, now: Now, horizons: Array) -> Array:
         return self._filter.ahead(now.com, horizons, self.model.gravity)
-
-    def _follow(self, state: Array, reference: Array, reference_vel: Array) -> None:
-        """There is nothing to follow."""

@@ -16,13 +16,12 @@ from .odometry import FootOdometry
 from .point_mass import Pendulum, PointMass
 from .robot import Robot
 from .support import SupportDetector
-from .trunk_model import TrunkModel, tilt
+from .trunk_model import TrunkModel
 from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)
 _IDENTITY = np.eye(4)
-_LOST = 0.5  # [m] a free run this far from the measurement has diverged
 
 
 class Predictor:
@@ -32,6 +31,7 @@ class Predictor:
     driven by reference and phase alone. *Horizon*: from each measured state some tenths of a second ahead.
 
     Attributes:
+        DIVERGED: [m] a free run that is this far from the measured COM has diverged.
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
 
@@ -46,6 +46,8 @@ class Predictor:
         >>> [ahead.h for ahead in prediction.horizons]  # seconds ahead
         [0.1, 0.2, 0.4]
     """
+
+    DIVERGED = 0.5
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.robot = robot = loaded(robot, config.effects)
@@ -146,7 +148,7 @@ class Predictor:
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
         if ready and self.model.turning:
-            prediction.measured_tilt, prediction.predicted_tilt = tilt(R[foot]), dynamics.tilt
+            prediction.measured_tilt, prediction.predicted_tilt = self.link.tilt(foot), dynamics.tilt
         return prediction
 
     def _free_run(self, now: Now) -> Flags:
@@ -158,7 +160,7 @@ class Predictor:
         if dynamics.state is not None and not touchdown:
             dynamics.advance(now)
             assert dynamics.state is not None
-            if hypot(*(dynamics.state[:3] - now.com)) < _LOST:  # a sum of squares could overflow
+            if hypot(*(dynamics.state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)

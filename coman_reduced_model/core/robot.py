@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Kinematics of the robot by Pinocchio: COM, soles and Jacobians, for any URDF with two legs.
 
-Everything is computed with the trunk at the origin and then told in the frame of a sole, which is assumed flat
-on the ground. Frames: `base` is the trunk (`robot.base_frame`), `sole` the named sole.
+Everything is computed with the root link of the URDF at the origin and then told in the frame of a sole, which is
+assumed flat on the ground. Frames: `base` is the root link, `sole` the named sole. `robot.base_frame` names the trunk,
+whose axes may be others: loads on it are in these, and its z is what leans.
 """
 
 from __future__ import annotations
@@ -125,13 +126,13 @@ class Robot:
         """Of all links [kg]."""
         return float(pin.computeTotalMass(self.model))
 
-    def sensor_rotation(self, frame: str) -> Array | None:
-        """Orientation (3, 3) of a frame in the root link: the identity if the URDF lacks it, None behind a joint."""
-        if not self.model.existFrame(frame, pin.FrameType.BODY):
-            return np.eye(3)
-        found = self.model.frames[self.model.getFrameId(frame, pin.FrameType.BODY)]
-        fixed = found.parentJoint == self.model.frames[self.base_id].parentJoint
-        return np.array(found.placement.rotation) if fixed else None
+    def sensor_frame(self, name: str) -> int | None:
+        """The frame of an IMU: `robot.base_frame` if the URDF lacks it; None if it is neither on the root nor trunk."""
+        if not self.model.existFrame(name, pin.FrameType.BODY):
+            return self.base_id
+        found = int(self.model.getFrameId(name, pin.FrameType.BODY))
+        bodies = (1, self.model.frames[self.base_id].parentJoint)
+        return found if self.model.frames[found].parentJoint in bodies else None
 
     def copy(self) -> Robot:
         """The same robot with a model of its own, whose inertias may be changed."""
@@ -192,6 +193,7 @@ class Posture:
     Attributes, all in the base frame (views into Pinocchio's data: copy what is to be kept):
         com: (3,) [m].
         R, p: by foot, rotation (3, 3) and position (3,) [m] of the sole.
+        up: (3,) z of the trunk (`robot.base_frame`).
         J: (6, nv) velocity [linear; angular] of the point at the base origin that moves with what a joint carries.
         J_com: (3, nv) velocity of the COM.
     """
@@ -207,6 +209,7 @@ class Posture:
         self._soles = {foot: self.data.oMf[index] for foot, index in robot.sole_ids.items()}
         self.R = {foot: placement.rotation for foot, placement in self._soles.items()}
         self.p = {foot: placement.translation for foot, placement in self._soles.items()}
+        self.up = self.orientation(robot.base_id)[:, 2]
 
     def update(self, q: Array, qd: Array) -> None:
         """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
@@ -215,6 +218,15 @@ class Posture:
         self._v[robot.idx_v] = qd
         pin.jacobianCenterOfMass(robot.model, self.data, self._q, False)  # COM, J_com, J, and where the joints are
         pin.updateFramePlacements(robot.model, self.data)
+
+    def tilt(self, foot: Foot) -> Array:
+        """Roll and pitch (2,) [rad] of the trunk about x, y of a sole that lies flat."""
+        return np.array(tilt(self.R[foot], self.up))
+
+    def orientation(self, frame: int) -> Array:
+        """Rotation (3, 3) of any frame of the model; a view."""
+        rotation: Array = self.data.oMf[frame].rotation
+        return rotation
 
     def leg_jacobian(self, foot: Foot) -> Array:
         """The Jacobian of (8), (6, n): see `stiffness.leg_jacobian`."""
@@ -253,6 +265,17 @@ def _com_in_sole(com: Array, J_com: Array, J: Array, columns: Array, v: Array, R
     for i in range(3):
         out[0, i] = R[0, i] * (com[0] - p[0]) + R[1, i] * (com[1] - p[1]) + R[2, i] * (com[2] - p[2])
         out[1, i] = R[0, i] * v0 + R[1, i] * v1 + R[2, i] * v2
+
+
+@compiled
+def tilt(R: Array, up: Array) -> tuple[float, float]:
+    """Roll and pitch [rad] of the trunk about x, y of a flat sole, whatever way the axes of root link and trunk point.
+
+    Args:
+        R, up: orientation (3, 3) of the sole and z (3,) of the trunk in the base frame.
+    """
+    x, y, z = (R[:, 0] * up).sum(), (R[:, 1] * up).sum(), (R[:, 2] * up).sum()
+    return -np.arcsin(max(-1.0, min(1.0, y))), np.arctan2(x, z)
 
 
 @compiled

@@ -9,6 +9,7 @@ import numpy as np
 
 from .compiled import compiled, mul
 from .contact import Linear, Sole, contacts
+from .robot import tilt
 from .stiffness import add_gravity_stiffness
 from .types import Array
 
@@ -159,12 +160,12 @@ def add_gravity(J: Array, J_o: Array, load: float, load_o: float, at: Array, K: 
 
 
 @compiled
-def com_and_tilt(com: Array, J: Array, R: Array, off: Array, w: Array) -> Array:
+def com_and_tilt(com: Array, J: Array, R: Array, up: Array, off: Array, w: Array) -> Array:
     """COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
 
     Args:
         com, J: of `Geometry`.
-        R: (3, 3) orientation of the support sole in the base frame.
+        R, up: orientation (3, 3) of the support sole and z (3,) of the trunk in the base frame.
         off: (m + 6,) coordinates less those of that posture.
         w: (m + 6,) their rates.
     """
@@ -174,7 +175,7 @@ def com_and_tilt(com: Array, J: Array, R: Array, off: Array, w: Array) -> Array:
         for j in range(m):
             out[i] += J[i, j] * off[j]
             out[3 + i] += J[i, j] * w[j]
-    out[6], out[7] = np.arctan2(R[1, 2], R[2, 2]), np.arcsin(max(-1.0, min(1.0, -R[0, 2])))
+    out[6], out[7] = tilt(R, up)
     for i in range(2):
         for j in range(m):
             out[6 + i] += J[3 + i, j] * off[j]

@@ -20,8 +20,6 @@ nothing that is measured. A joint without a motor stream has its link position f
 
 from __future__ import annotations
 
-from math import asin, atan2
-
 import numpy as np
 import pinocchio as pin
 
@@ -150,7 +148,7 @@ class TrunkModel(Dynamics):
         self._publish()
         if self.state is None or not np.isfinite(self.state).all():
             # The terms are those of a free run that has left all bounds.
-            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), tilt(now.link.R[now.foot])
+            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), now.link.tilt(now.foot)
 
     def advance(self, now: Now) -> None:
         """To where `prepare` has already brought it."""
@@ -182,7 +180,7 @@ class TrunkModel(Dynamics):
         t, free = self._terms, self._free
         assert t is not None and free is not None
         g, R = t.geometry, self._posture.R[Foot(t.foot)]
-        values = com_and_tilt(g.com, g.J, R, free.y - t.linear.y, free.w)
+        values = com_and_tilt(g.com, g.J, R, self._posture.up, free.y - t.linear.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
@@ -291,9 +289,3 @@ class TrunkModel(Dynamics):
 def copied(state: State) -> State:
     """A state of its own."""
     return State(state.y.copy(), state.w.copy(), state.P.copy())
-
-
-def tilt(R_base_sole: Array) -> Array:
-    """Roll and pitch (2,) [rad] of the trunk on a flat sole, from the sole's orientation (3, 3) in the base frame."""
-    R = R_base_sole  # its transpose is the trunk in the sole
-    return np.array([atan2(R[1, 2], R[2, 2]), asin(max(-1.0, min(1.0, -R[0, 2])))])

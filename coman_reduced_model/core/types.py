@@ -166,7 +166,7 @@ class Prediction:
     T_odom_sole: Array  # (4, 4) pose of the support sole in odom
     horizons: list[HorizonPrediction]
     flags: Flags
-    # (2,) roll, pitch of the trunk [rad]; NaN without trunk_rotation
+    # (2,) roll, pitch of the trunk about x, y of the support sole [rad]; NaN without trunk_rotation
     measured_tilt: Array = field(default_factory=lambda: _NAN2)
     predicted_tilt: Array = field(default_factory=lambda: _NAN2)
 

@@ -3,16 +3,20 @@
 
 `spring`    motor - link - torque / k - (d / k) rate: the spring law of a joint [rad]
 `torque`    measured torque of a joint against inverse dynamics from the ground up [Nm]
-`force`     sum of the foot forces against the rate of momentum and weight, heading-aligned axes [N]
+`force`     sum of the foot forces against the rate of momentum and weight [N]
 `moment`    the same about the COM: the centre of pressure against the motion [Nm]
 `feet`      one sole in the frame of the other while both stand: height, roll and pitch, which are zero on a flat
             floor, and y, yaw since touchdown, which do not change [m, rad]
 `slide`     how far a sole that has landed moves along its x axis while the other stands still [m]
-`tilt`      the trunk's roll and pitch by the IMU against kinematics from a flat sole [rad]
+`tilt`      roll and pitch of the robot by the IMU against kinematics from a flat sole [rad]
 `plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
 `landing`   by how much the force on a landing foot goes beyond what it bears before and after, and beyond the jolt of
             any landing: the impulse of a blow [Ns]
 `unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
+
+`force`, `moment` and `tilt` are along the heading: x level and between the forward axes of both soles, so that feet
+turned out cancel, z up. It owes nothing to the axes of the root link or of `robot.base_frame`, which point backwards on
+some robots. What stays where it is while the robot turns (pull, slope) is in `odom`, as in the predictor's effects.
 
 All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
 are taken at TICKS a second; but for `slide` and `landing`, one value for each landing, from the samples as they are.
@@ -48,6 +52,7 @@ class Motion:
     Attributes:
         q, qd, qdd: (m, nj).
         R, p: by foot (m, 3, 3), (m, 3) of the sole in the root link's frame.
+        trunk: (m, 3) COM of the trunk, where `external_force` pulls, in the root link's frame.
         twist, twist_rate: by foot (m, 6) of the root link, in its frame, if that sole stands still.
         J: by foot (m, 6, nv) of the sole, in its own frame.
         com: (m, 3) by the URDF, in the root link's frame, and com_J (m, 3, nv) by joints.
@@ -58,6 +63,7 @@ class Motion:
     qdd: Array
     R: dict[Foot, Array]
     p: dict[Foot, Array]
+    trunk: Array
     twist: dict[Foot, Array]
     twist_rate: dict[Foot, Array]
     J: dict[Foot, Array]
@@ -76,7 +82,7 @@ class State:
     free: list[tuple[Array, Array, Array]]  # m configurations, velocities and accelerations of the model
     inertial: Array  # (m, nv) generalised forces of motion and weight
     rest: Array  # (m, nv) of them that the ground does not give
-    R: Array  # (m, 3, 3) world, heading as the root's x axis <- root
+    R: Array  # (m, 3, 3) heading <- root
     balance: dict[str, Array]  # residuals of force and moment
     feet: dict[str, Array]  # residuals of the closed loop of the legs
     slid: Array  # (k,) along its x axis, by each foot that landed [m]
@@ -118,6 +124,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     same_q = before is not None and recording.q is before.recording.q
     slid = before.slid if before and same_q else slide_lengths(world, recording.q, where.slides)
     smoothed = Smoothed(before.smoothed if before else None)
+    yaw = {foot: recording.yaw[foot][ticks] for foot in FEET}
     motion = before.motion if before and same_q else _motion(world.robot, smoothed(recording.q), ticks)
     wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
@@ -128,7 +135,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     if before and same_q and same_ground and (same_forces or not (world.tilting or world.sinking)):
         up = before.up
     else:
-        up = {foot: _normal(world, motion.R[foot], wrench[foot]) for foot in FEET}
+        up = {foot: _normal(world, motion.R[foot], wrench[foot], yaw[foot]) for foot in FEET}
     if before and up is before.up:
         R, free = before.R, before.free
         inertial = before.inertial if world.model is before.world.model else before.inertial_of(world.model)
@@ -142,9 +149,9 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         # joints.
         rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
         if world.pull.any():
-            force = np.einsum("nji,nj->ni", R, np.append(world.pull, 0.0)[None].repeat(len(R), 0))
-            trunk = robot.model.frames[robot.base_id].placement.translation
-            rest = rest - np.hstack([force, np.cross(trunk, force), np.zeros((len(R), rest.shape[1] - 6))])
+            level = _seen_from(0.5 * (yaw[Foot.LEFT] + yaw[Foot.RIGHT]), world.pull)
+            force = np.einsum("nki,nk->ni", R[:, :2], level)
+            rest = rest - np.hstack([force, np.cross(motion.trunk, force), np.zeros((len(R), rest.shape[1] - 6))])
         moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
         balance = {}  # what the sensors say too much
         for name, value in (("force", rest[:, :3]), ("moment", moment)):
@@ -153,9 +160,8 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     torques = _torques(recording, ticks, needed, smoothed)
     out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
-        believed = _blend(up, where.share)
-        turn = np.cross(smoothed(recording.up)[ticks], believed / np.linalg.norm(believed, axis=1)[:, None])
-        out |= {"tilt/roll": turn[:, 0], "tilt/pitch": turn[:, 1]}
+        leaning = np.einsum("nij,nj->ni", R, smoothed(recording.up)[ticks])
+        out |= {"tilt/roll": leaning[:, 1], "tilt/pitch": -leaning[:, 0]}
     out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
     feet = before.feet if before and up is before.up else _feet(motion, where, world, wrench)
     out |= feet
@@ -201,13 +207,14 @@ def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
     configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
     R, p, J = ({foot: np.empty((m, *shape)) for foot in FEET} for shape in ((3, 3), (3,), (6, model.nv)))
     twist, twist_rate = ({foot: np.empty((m, 6)) for foot in FEET} for _ in range(2))
-    com, com_J = np.empty((m, 3)), np.empty((m, 3, model.nv))
+    com, com_J, trunk = np.empty((m, 3)), np.empty((m, 3, model.nv)), np.empty((m, 3))
+    body = model.frames[robot.base_id].parentJoint
     for i in range(m):
         robot.scatter(q[i], configuration)
         velocity[robot.idx_v], acceleration[robot.idx_v] = qd[i], qdd[i]
         pin.forwardKinematics(model, data, configuration, velocity, acceleration)
         com_J[i] = pin.jacobianCenterOfMass(model, data, False)
-        com[i] = data.com[0]
+        com[i], trunk[i] = data.com[0], data.oMi[body].act(model.inertias[body].lever)
         for foot, frame in robot.sole_ids.items():
             placement = pin.updateFramePlacement(model, data, frame)
             R[foot][i], p[foot][i] = placement.rotation, placement.translation
@@ -216,15 +223,23 @@ def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
             # term of Coriolis is between them.
             twist[foot][i] = -pin.getFrameVelocity(model, data, frame, pin.WORLD).vector
             twist_rate[foot][i] = -pin.getFrameAcceleration(model, data, frame, pin.WORLD).vector
-    return Motion(q, qd, qdd, R, p, twist, twist_rate, J, com, com_J)
+    return Motion(q, qd, qdd, R, p, trunk, twist, twist_rate, J, com, com_J)
 
 
-def _normal(world: World, R: Array, wrench: Array) -> Array:
-    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment."""
+def _seen_from(yaw: Array, v: Array) -> Array:
+    """A level vector (2,) of odom in axes (m, 2) that are turned by yaw (m,) [rad] there."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * v[0] + s * v[1], c * v[1] - s * v[0]])
+
+
+def _normal(world: World, R: Array, wrench: Array, yaw: Array) -> Array:
+    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment.
+
+    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom.
+    """
     roll, pitch = world.slope
-    turned = np.column_stack(
-        [-(pitch - world.tilting * wrench[:, 4]), roll - world.tilting * wrench[:, 3], np.ones(len(R))]
-    )
+    level = _seen_from(yaw, np.array([-pitch, roll])) + world.tilting * wrench[:, [4, 3]] * [1.0, -1.0]
+    turned = np.column_stack([level, np.ones(len(R))])
     return np.einsum("nij,nj->ni", R, turned / np.linalg.norm(turned, axis=1)[:, None])
 
 
@@ -252,13 +267,14 @@ def _free_motion(
     share: Array,
     yielding: tuple[dict[Foot, Array], dict[Foot, Array]] | None,
 ) -> tuple[Array, list[tuple[Array, Array, Array]]]:
-    """The rotation (m, 3, 3) world <- root, and m configurations, velocities and accelerations of the model."""
+    """The rotation (m, 3, 3) heading <- root, and m configurations, velocities and accelerations of the model."""
     robot, model = world.robot, world.robot.model
     against, twist, rate = (_blend(each, share) for each in (up, motion.twist, motion.twist_rate))
     if yielding is not None:
         twist, rate = twist + _blend(yielding[0], share), rate + _blend(yielding[1], share)
     z = against / np.linalg.norm(against, axis=1)[:, None]
-    x = np.array([1.0, 0.0, 0.0]) - z[:, :1] * z
+    x = motion.R[Foot.LEFT][:, :, 0] + motion.R[Foot.RIGHT][:, :, 0]
+    x -= np.einsum("ni,ni->n", x, z)[:, None] * z
     x /= np.linalg.norm(x, axis=1)[:, None]
     R = np.stack([x, np.cross(z, x), z], axis=1)
     m = len(R)

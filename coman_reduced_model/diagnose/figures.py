@@ -17,6 +17,7 @@ from ..report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend,
 from ..report.figures import NoData
 from .case import Case
 from .finding import Finding
+from .predicted_com import Errors
 from .recording import RATE
 from .words import channel, channel_unit
 
@@ -154,9 +155,9 @@ def _against(pair: Pair, what: str, joint: str) -> Array:
     return np.asarray(torque[case.where.ticks])
 
 
-def com_error(name: str, com: tuple[Array, Array, Array], changed: bool) -> Figure:
+def com_error(name: str, com: Errors, changed: bool) -> Figure:
     """Measured minus predicted COM of the free run over time, before and after."""
-    times, before, after = com
+    times, before, after = com.times, com.before, com.after
     if not len(times):
         raise NoData(f"{name}: the COM was not predicted.")
     span = _span(times)

@@ -195,9 +195,11 @@ def figures(recording: Recording, world: World) -> list[Figure]:
             add("motor_compliance", PLAN, "compliance", 0.0, 3e-4, "rad/Nm", _world("yielded"), **more)
         add("", "motors", "settling", SETTLING_SPREAD, SETTLING_SPREAD, "s", _world("settling"))
         add("", "motors", "rotor", ROTOR_SPREAD, ROTOR_SPREAD, "kg m^2", _world("rotor"))
+    trunk_frame = robot.model.frames[robot.base_id]
+    trunk_joint, trunk_axes = trunk_frame.parentJoint, trunk_frame.placement.rotation.copy()
     for k, key in enumerate(("mass", "x", "y", "z")):
         reach = (0.06 * robot.mass, 0.06, 0.04, 0.03)[k]  # first moments [kg m] until the mass is known
-        trunk = robot.model.inertias[robot.model.frames[robot.base_id].parentJoint].mass
+        trunk = robot.model.inertias[trunk_joint].mass
         lightest = -0.8 * trunk if k == 0 else -np.inf
         add("payload", "", key, 0.0, reach, "kg" if k == 0 else "kg m", _payload(k), step=0.1, low=lightest)
     for k, key in enumerate("xyz"):
@@ -209,15 +211,16 @@ def figures(recording: Recording, world: World) -> list[Figure]:
             0.0,
             HEIGHT_SPREAD if key == "z" else 0.03,
             "m",
-            _com_offset(world.robot.model.frames[robot.base_id].parentJoint, k),
+            _com_offset(trunk_joint, trunk_axes[:, k]),
             step=0.005,
         )
     for body in range(1, robot.model.njoints):
         if robot.model.inertias[body].mass > 1e-3:
             add("", robot.model.names[body], "mass", MASS_SPREAD, MASS_SPREAD, "1", _mass(body), step=0.05)
+            axes = trunk_axes if body == trunk_joint else np.eye(3)
             for k, key in enumerate("xyz"):
-                spread = COM_SPREAD if body > 1 or key != "z" else HEIGHT_SPREAD
-                add("", robot.model.names[body], f"com_{key}", spread, spread, "m", _com_offset(body, k), step=0.005)
+                spread, shift = COM_SPREAD if body > 1 or key != "z" else HEIGHT_SPREAD, _com_offset(body, axes[:, k])
+                add("", robot.model.names[body], f"com_{key}", spread, spread, "m", shift, step=0.005)
     for where, feet in (("left", FEET[:1]), ("right", FEET[1:]), ("", FEET)):
         single = len(feet) == 1
         add(
@@ -400,14 +403,14 @@ def _payload(k: int) -> Apply:
     return apply
 
 
-def _com_offset(body: int, k: int) -> Apply:
+def _com_offset(body: int, axis: Array) -> Apply:
+    """Along an axis (3,) in the frame of the body's joint."""
+
     def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
         model = w.model.copy()
         old = model.inertias[body]
-        lever = old.lever.copy()
-        lever[k] += x
         new = pin.Inertia(old)
-        new.lever = lever
+        new.lever = old.lever + x * axis
         model.inertias[body] = new
         return r, w.changed(model=model)
 

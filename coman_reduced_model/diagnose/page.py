@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.statistics import AXES
 from ..report.figures import heat_map
 from ..report.page import Notice, Part, Section, Table, Text, page, picture
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
@@ -34,6 +35,11 @@ _MEANING = {
     "most effects can show. "
     "Record a walk of ten seconds or more, better two of different gaits.",
 }
+_NOT_IN_MODEL = (
+    "What the laws show of an effect stands, also where the model does without it. If it makes the predicted COM "
+    "worse, its form in the model is not quite what happens on this robot, or it made up for something else that is "
+    "off, such as a spring."
+)
 # What would decide between an effect and those that look like it.
 _DECIDES = {
     "drive_delay": "references with quick parts (a chirp up to some Hz on one joint, standing): a delay shifts "
@@ -85,7 +91,7 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     count, held = len(result["bags"]["train"]), len(result["bags"]["holdout"])
     facts = [("verdict", spaced(result["verdict"])), ("robot", diagnosis.finding.train[0].state.world.robot.model.name)]
     facts.append(("recordings", f"{count} to find it in, {held} held out"))
-    if result["effects"]:
+    if any(effect["in_model"] for effect in result["effects"]):
         facts.append(("model with it", result["model"]))
     return [*facts, ("took", f"{result['seconds']:.0f} s")]
 
@@ -114,13 +120,40 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
             f"effect more by {INHERITED:.0%} of that one's, up to {FURTHER:g}), and {AGREES:g} on the held-out ones."
         )
         parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
+    if effects:
+        parts.append(_com(effects, bool(result["gap"]["holdout"])))
     if result["effects"]:
+        inside = [spaced(effect["name"]) for effect in effects if effect["in_model"]]
         parts.append(
             Text(
-                f"{result['model']} beside this page is the configuration with it: commands and nodes run it as it is."
+                f"{result['model']} beside this page is the configuration with "
+                f"{' and '.join(inside) or 'none of this'}: commands and nodes run it as it is."
             )
         )
+        if len(inside) < len(effects):
+            parts.append(Text(_NOT_IN_MODEL))
     return parts
+
+
+def _com(effects: list[dict[str, Any]], held: bool) -> Table:
+    """What each effect makes of the predicted COM."""
+    rows = []
+    for effect in effects:
+        com, inside = effect["com"], "yes" if effect["in_model"] else "no"
+        for axis in AXES:
+            sizes = [f"{1e3 * com[which][axis]:.3f}" for which in ("before", "after")]
+            low, high = (1e6 * value for value in com["change"][axis])
+            change = f"{low:+.4f} to {high:+.4f}" if np.isfinite(high) else "–"
+            rows.append([spaced(effect["name"]), effect["where"] or "–", axis, *sizes, change, inside])
+    which = "held-out recordings" if held else "training recordings: none was held out"
+    caption = (
+        "Error of the predicted COM without and with each effect, beside the others in the model: RMS over the "
+        f"{which}, both against the measurement as the effects correct it. The change of its square is a 95 % "
+        f"interval, paired over {effects[0]['com']['steps']} steps. An effect stays out of the model if one axis is "
+        "worse beyond chance."
+    )
+    head = ["effect", "where", "COM", "without [mm]", "with it [mm]", "change of square [mm²]", "in the model"]
+    return Table(head, rows, caption, words=3)
 
 
 def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Part]:
@@ -168,14 +201,13 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
                 "The largest of what is left: measured minus what the robot should do.",
             )
         )
-    at = len(train) if hold else 0
     parts.append(
         picture(
             "com",
-            lambda: com_error(pair.name, diagnosis.com[at], changed),
+            lambda: com_error(pair.name, diagnosis.com, changed),
             "Error of the predicted COM over time",
-            f"Measured minus predicted COM of the free run, {pair.name}"
-            + (", with the nominal model and with the effect in it." if changed else ", with the nominal model."),
+            f"Measured minus predicted COM of the free run, {pair.name}, with the nominal model"
+            + (" and with all that was found in it." if changed else "."),
         )
     )
     return parts
@@ -262,7 +294,10 @@ def _gap(result: dict[str, Any]) -> list[Part]:
         change = f"{100.0 * (other / value - 1.0):+.0f} %" if value > 0.0 and np.isfinite(other) else "–"
         rows.append([f"{channel(name)} [{unit}]", f"{value:.3g}", f"{other:.3g}", f"{floor:.3g}", change])
     which = "held-out recordings, from which nothing was fitted" if held else "training recordings: none was held out"
-    caption = f"RMS over the {which}. COM: error of the free run. The others: residuals, healthy scatter taken off."
+    caption = (
+        f"RMS over the {which}. COM: error of the free run, after: with the effects that do not make it worse. The "
+        "others: residuals, healthy scatter taken off."
+    )
     parts: list[Part] = [Table(head, rows[:_ROWS], caption, strong=range(len(com)))]
     if rows[_ROWS:]:
         parts.append(Table(head, rows[_ROWS:], folded=f"{len(rows) - _ROWS} more channels"))

@@ -18,6 +18,7 @@ from ..bag.session import Session
 from ..core.config import Config
 from ..core.effects import active_effects
 from ..core.joiner import IMU
+from ..core.odometry import FootOdometry
 from ..core.robot import Robot
 from ..core.support import SupportDetector
 from ..core.types import Array, Foot, Phase, Sample
@@ -48,6 +49,7 @@ class Recording:
         plan, moved: (n, 2) x, y of the COM in the frame of the stance sole, as com/reference plans it and as the motor
             side moved it [m]; None: not both are known.
         phase: (n,) of Phase; left_share: (n,).
+        yaw: by foot (n,) of its sole in odom [rad], which is the predictor's: it starts at the first support sole.
         valid: (n,) bool, no gap here.
         count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
         period: between samples [s], in the median.
@@ -66,6 +68,7 @@ class Recording:
     left_share: Array
     valid: Array
     count: Array
+    yaw: dict[Foot, Array]
     warnings: tuple[str, ...] = ()
     period: float = 1.0 / RATE
 
@@ -148,36 +151,42 @@ def _grid(
         return _resample(at, values, t)
 
     forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete])  # type: ignore[index]
-    phases, shares, noticed = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
+    phases, shares, supports, noticed = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
     left, right = array("left_wrench"), array("right_wrench")
     q = array("q")
     assert left is not None and right is not None and q is not None
+    later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it
+    every = np.array([s.stamp_ns for s in samples])
+    restarts = every[1:][np.diff(every) > 1e9 * config.streams.restart_gap]  # as the predictor does
+    begins = np.searchsorted(restarts, stamps[0] + 1e9 * t, side="right")
     return Recording(
         name, t, q, _efforts(array("tau")), array("motor_q"),
-        {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame),
+        {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame, q),
         *_plan(complete, phases, shares, robot, at, t),
-        phases[np.searchsorted(at, t).clip(0, len(at) - 1)],
+        phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < _REACH, _counts(np.array([s.q for s in complete])), (*warnings, *noticed), float(np.median(np.diff(at))),
+        away < _REACH, _counts(np.array([s.q for s in complete])), _yaws(robot, q, supports[later], begins),
+        (*warnings, *noticed), float(np.median(np.diff(at))),
     )  # fmt: skip
 
 
-def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Array, Array, list[str]]:
-    """Phase and load share (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed on the way.
+def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Array, Array, Array, list[str]]:
+    """Phase, load share, support foot (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed.
 
     A sensor that is off by more than the thresholds never tells that its foot is in the air. Where there are no steps
     because of that, the least that it reads is taken for its zero: while the other foot bears all of the weight.
     """
 
-    def detected(zeros: Array) -> tuple[Array, Array]:
+    def detected(zeros: Array) -> tuple[Array, Array, Array]:
         detector = SupportDetector(config.support, weight)
         pairs = zip(stamps.tolist(), (forces - zeros).tolist(), strict=True)
         states = [detector.update(stamp, left, right) for stamp, (left, right) in pairs]
-        return np.array([s.phase for s in states]), np.array([s.left_share for s in states])
+        phases, shares, feet = zip(*((s.phase, s.left_share, s.support_foot) for s in states), strict=True)
+        return np.array(phases), np.array(shares), np.array(feet)
 
-    phases, shares = detected(np.zeros(2))
-    if moving(phases):
-        return phases, shares, []
+    found = detected(np.zeros(2))
+    if moving(found[0]):
+        return *found, []
     zeros = np.percentile(forces, _LEAST_LOADED, axis=0)
     zeros[zeros < config.support.contact_off * weight] = 0.0
     for foot, zero in enumerate(zeros):
@@ -185,10 +194,10 @@ def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tupl
         if zero and np.median(forces[least, 1 - foot] - zeros[1 - foot]) < _ALL * weight:
             zeros[foot] = 0.0
     if not zeros.any():
-        return phases, shares, []
+        return *found, []
     again = detected(zeros)
     if not moving(again[0]):
-        return phases, shares, []
+        return *found, []
     told = [f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)]
     return *again, [f"{', '.join(told)}: taken for its zero, else there would be no steps"]
 
@@ -212,6 +221,26 @@ def _plan(
         rows[i, :2], rows[i, 2:] = (T[:3, :3].T @ (sample.reference.com - T[:3, 3]))[:2], com[:2]
     values = _resample(at, rows, t)
     return values[:, :2], values[:, 2:]
+
+
+def _yaws(robot: Robot, q: Array, supports: Array, begins: Array) -> dict[Foot, Array]:
+    """Yaw (n,) [rad] in odom of each sole, by joints q (n, nj) and support feet (n,).
+
+    Where the number `begins` (n,) changes, odom starts again.
+    """
+    posture, odometry, still = robot.posture(), FootOdometry(), np.zeros(q.shape[1])
+    out = {foot: np.zeros(len(q)) for foot in FEET}
+    for i, support in enumerate(map(Foot, supports.tolist())):
+        if i and begins[i] != begins[i - 1]:
+            odometry.reset()
+        if support == Foot.NONE:
+            continue
+        posture.update(q[i], still)
+        T = odometry.update(support, *(x for foot in FEET for x in (posture.R[foot], posture.p[foot])))
+        R, _ = posture.sole_to_sole(support, support.other)
+        out[support][i] = np.arctan2(T[1, 0], T[0, 0])
+        out[support.other][i] = out[support][i] + np.arctan2(R[1, 0], R[0, 0])
+    return out
 
 
 def _counts(q: Array) -> Array:
@@ -245,7 +274,7 @@ def _resample(at: Array, values: Array, t: Array) -> Array:
     return out
 
 
-def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, frame: str) -> Array | None:
+def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, frame: str, q: Array) -> Array | None:
     """(n, 3) the direction against gravity, in the root link's frame, at the grid's times."""
     if len(imu) < 10:
         return None
@@ -255,8 +284,14 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
         return None
     slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
     up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
-    rotation = robot.sensor_rotation(frame)
-    return None if rotation is None else np.asarray(up @ rotation.T)
+    sensor = robot.sensor_frame(frame)
+    if sensor is None:
+        return None
+    posture, still, R = robot.posture(), np.zeros(q.shape[1]), np.empty((len(t), 3, 3))
+    for i, each in enumerate(q):
+        posture.update(each, still)
+        R[i] = posture.orientation(sensor)
+    return np.asarray(np.einsum("nij,nj->ni", R, up))
 
 
 def moving(phase: Array) -> bool:

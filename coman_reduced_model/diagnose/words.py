@@ -84,8 +84,8 @@ def effect_sentence(effect: Mapping[str, Any]) -> str:
             text += " (" + ", ".join(f"{key} {value}" for key, value in told.items() if key != "mass") + ")"
     else:
         text = f"{_LISTED.get(name, spaced(name) + ' at {at}').format(at=at)} ({listed})"
-    if not effect.get("in_model", True):
-        text += " (the motor states tell it, so the model needs no change for it)"
+    if effect.get("left_out"):
+        text += f" (not in the model: {effect['left_out']})"
     if effect["class"]:
         text += f", or another effect of the class {spaced(effect['class'])}, which this data cannot tell from it"
     return text

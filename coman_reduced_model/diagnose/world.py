@@ -21,8 +21,8 @@ class World:
     Attributes:
         model: the URDF's model; bodies may be changed after `copy`.
         stiffness, damping: (nj,) of the series springs; NaN where the configuration names none.
-        slope: roll, pitch (2,) of the floor [rad].
-        pull: constant force at the trunk (2,), heading-aligned axes [N].
+        slope: roll, pitch (2,) of the floor about x, y of odom [rad].
+        pull: constant force (2,) at the trunk's COM, along x, y of odom [N].
         tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
         cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
         friction, creep: (nj,) at the link side, against its motion [Nm], and the speed below which it creeps [rad/s].

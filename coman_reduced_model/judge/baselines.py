@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What simpler methods say of the same bag, from the same residuals and features as the workflow.
+"""Simpler methods for comparison, on the same bag, residuals and features as the diagnosis.
 
     python -m coman_reduced_model.judge.baselines BAG --config ROBOT.yaml
 
 prints {"white_bic": verdict, "pysindy": verdict}, in the form of diagnosis.json as far as the scorer reads it:
 
-- white_bic: each effect alone by least squares, the noise taken as white, the least Bayesian information criterion wins
-  (no effect included).
+- white_bic: least squares for each effect alone, with white noise; the smallest Bayesian information criterion wins
+  (no effect is one of the candidates).
 - pysindy: sparse regression (STLSQ at its default threshold) of the residuals on all features, scaled so that
-  1 is a large effect; the term that explains most is named. Left out where pysindy is not installed
+  1 is a large effect; the term that explains most is named. Left out if pysindy is not installed
   (`pip install -r bench/requirements.txt`).
 
-Neither knows that healthy robots scatter.
+Neither has a prior for the variability of healthy robots.
 """
 
 from __future__ import annotations
@@ -115,8 +115,8 @@ def _verdict(term: Term | None, values: Array) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Prints the verdicts of a bag."""
-    from ..offline import to_json
+    """Print the verdicts of a bag as JSON."""
+    from ..output import to_json
 
     found = features(Path(arguments[0]), Path(arguments[2]) if len(arguments) == 3 else None)
     verdicts = {"white_bic": white_bic(found)}

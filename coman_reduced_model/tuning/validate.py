@@ -189,7 +189,7 @@ def validate(
     judge: Sequence[str],
     folder: Path,
     variants: Sequence[str],
-    seed: int = 1000,
+    seed: int = 0,
     duration_s: float | None = None,
     processes: int = 2,
     progress: Progress | None = None,

@@ -27,7 +27,7 @@ class FootSlip(Effect):
     name: ClassVar[str] = "foot_slip"
     place: ClassVar[str] = "foot"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("distance", "float", 0.0, "m", "that the foot slides backwards in each step", -0.2, 0.2),
+        Parameter("distance", "float", 0.0, "m", "that the foot slides in each step, against x of its sole", -0.2, 0.2),
     )
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:

@@ -32,7 +32,7 @@ class GroundCompliance(Effect):
     place: ClassVar[str] = "foot"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("vertical", "float", 0.0, "m/N", "of the ground under one foot", 0.0, 1e-3),
-        Parameter("rotational", "float", 0.0, "rad/Nm", "the same, about x and y", 0.0, 0.1),
+        Parameter("rotational", "float", 0.0, "rad/Nm", "the same, about x and y of the sole", 0.0, 0.1),
     )
 
     def bind(self, robot: Robot) -> None:

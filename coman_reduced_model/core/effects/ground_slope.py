@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class GroundSlope(Effect):
     """The floor is level ground turned by Ry(pitch) Rx(roll), so that gravity pulls aslant in the frame of the sole.
 
-    Downhill ahead for pitch > 0, to the right for roll > 0, along the axes of `odom`.
+    Downhill along x for pitch > 0, along -y for roll > 0, of `odom`: of the first support sole.
     """
 
     name: ClassVar[str] = "ground_slope"
