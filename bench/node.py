@@ -193,9 +193,11 @@ def main() -> None:
     parser.add_argument("--topics", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.collect:
-        return collect(options.collect)
+        collect(options.collect)
+        return
     if options.relay:
-        return relay(options.relay, options.topics.split(","))
+        relay(options.relay, options.topics.split(","))
+        return
     # The joint state last: it is what completes a sample.
     topics = ["left_foot/wrench", "right_foot/wrench", "joint_states"]
     if options.reference == "motor":

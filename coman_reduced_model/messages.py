@@ -49,7 +49,7 @@ POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
 INPUT_TYPES = {
     JOINTS: JOINT_STATE,
     MOTORS: JOINT_STATE,
-    **{name: WRENCH_STAMPED for name in WRENCHES.values()},
+    **dict.fromkeys(WRENCHES.values(), WRENCH_STAMPED),
     REFERENCE: COM_REFERENCE,
     IMU: IMU_TYPE,
 }
@@ -212,7 +212,7 @@ def prediction_from(message: Any) -> Prediction:
 FROM = {
     JOINTS: joint_from,
     MOTORS: joint_from,
-    **{name: wrench_from for name in WRENCHES.values()},
+    **dict.fromkeys(WRENCHES.values(), wrench_from),
     REFERENCE: reference_from,
     IMU: imu_from,
 }

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from . import __version__
-from .bag.decode import decoder
 from .bag.encode import encode_point, encode_prediction, encode_support
 from .bag.reader import Bag
-from .bag.session import Session, find_robot, input_streams  # noqa: F401
+from .bag.session import Session
 from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.config import Config, config_to_yaml
@@ -84,14 +83,6 @@ def _collecting_what_is_new() -> Iterator[None]:
         yield
     finally:
         gc.unfreeze()
-
-
-def predictions(bag: Bag, pipeline: Pipeline, streams: dict[str, str]) -> Iterator[Prediction]:
-    """Predictions of a pipeline over a bag, one after the other; `streams` as `input_streams` gives them."""
-    decoders = {topic: decoder(stream, bag.typestore) for topic, stream in streams.items()}
-    for topic, _, raw in bag.raw(streams):
-        yield from pipeline.feed(streams[topic], raw, decoders[topic])
-    yield from pipeline.flush()
 
 
 class _Output:

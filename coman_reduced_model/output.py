@@ -60,7 +60,7 @@ class OutputFolder:
                 target = self.path / entry.name
                 if target.is_dir() and not target.is_symlink():
                     shutil.rmtree(target)
-                os.replace(entry, target)
+                entry.replace(target)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
 

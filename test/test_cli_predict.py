@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -294,7 +295,7 @@ def test_record_predict_report(tmp_path, capsys):
     bag, out = str(tmp_path / "bag"), str(tmp_path / "out")
     assert run(["record", "--gait", "test1", "--duration", "4.0", "--seed", "7", "--out", bag, "--json"]) == 0
     recorded = json.loads(capsys.readouterr().out)
-    assert recorded["fallen_s"] is None and os.path.exists(recorded["truth"])
+    assert recorded["fallen_s"] is None and Path(recorded["truth"]).exists()
     assert run(["predict", bag, "--out", out, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["rmse_rigid_m"]["z"] > 1e-4 and summary["rejected"] == {}
@@ -304,7 +305,7 @@ def test_record_predict_report(tmp_path, capsys):
     assert run(["record", "--gait", "test1", "--out", bag]) == 2
     assert "exists" in capsys.readouterr().err
     assert run(["record", "--gait", "moonwalk", "--out", str(tmp_path / "b2")]) == 2
-    assert "moonwalk" in capsys.readouterr().err and "test1" not in os.listdir(tmp_path)
+    assert "moonwalk" in capsys.readouterr().err and not (tmp_path / "test1").exists()
 
 
 def test_velocities_that_are_missing_are_made(bag, done, tmp_path, capsys):

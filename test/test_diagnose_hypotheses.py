@@ -27,7 +27,7 @@ def test_figures_are_named_once_and_leave_their_input_alone():
     copies = recording.q.copy(), recording.tau.copy(), recording.motor_q.copy(), world.stiffness.copy()
     mass = robot().mass
     for each in known:
-        if recording.plan is not None or not each.where == "plan":
+        if recording.plan is not None or each.where != "plan":
             each.apply(recording, world, each.step)
     for kept, now in zip(copies, (recording.q, recording.tau, recording.motor_q, world.stiffness), strict=True):
         assert (kept == now).all()

@@ -138,7 +138,7 @@ def test_evidence_is_apart_where_the_chosen_effects_do_nothing(where, apart):
     columns[groups[0]][:, 0] = rng.standard_normal(n)
     columns[where][:, 2] = rng.standard_normal(n)
     x = np.array([2.0, 0.0, 1.0, 0.0])
-    pieces, times = ({key: value for key in groups} for value in (np.array([0]), np.arange(n)))
+    pieces, times = (dict.fromkeys(groups, value) for value in (np.array([0]), np.arange(n)))
     noise = {key: Noise(np.array([0.5, 0.0, 0.0, 0.0]), 0.0) for key in groups}
 
     def case() -> Case:

@@ -48,7 +48,7 @@ class Root:
         return Robot(self.urdf, replace(Config().robot, base_frame=self.base))
 
     @property
-    def R(self) -> np.ndarray:
+    def R(self) -> np.ndarray:  # noqa: N802
         """The trunk in the root link (3, 3)."""
         return Rotation.from_euler("xyz", [float(x) for x in self.rpy.split()]).as_matrix()
 

@@ -55,7 +55,7 @@ def test_follows_any_walk_on_level_ground_exactly(walk: list, base: tuple, foot:
         foot = foot.other
         arguments = seen(T_world_base, soles[Foot.LEFT], soles[Foot.RIGHT])
         T = odometry.update(foot, *arguments)
-        assert T == pytest.approx(inverse(origin) @ soles[foot], abs=1e-9)
+        assert pytest.approx(inverse(origin) @ soles[foot], abs=1e-9) == T
         R, p = arguments[:2] if foot == Foot.LEFT else arguments[2:]
         assert base_in_odom(T, R, p) == pytest.approx(inverse(origin) @ T_world_base, abs=1e-9)
 

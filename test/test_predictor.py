@@ -44,8 +44,8 @@ def sample(t: float, phase_time: float | None = None, **changes) -> Sample:
     left, right = (
         np.array([0.0, 0.0, share * WEIGHT, 0.0, 0.0, 0.0]) for share in loads(t if phase_time is None else phase_time)
     )
-    values = dict(q=q + sag, qd=qd - 0.03 * np.sin(np.arange(12) + 3.0 * t), motor_q=q, motor_qd=qd)
-    values.update(left_wrench=left, right_wrench=right)
+    values = {"q": q + sag, "qd": qd - 0.03 * np.sin(np.arange(12) + 3.0 * t), "motor_q": q, "motor_qd": qd}
+    values |= {"left_wrench": left, "right_wrench": right}
     return Sample(T0 + round(t * 1e9), **{**values, **changes})
 
 

@@ -19,7 +19,7 @@ from coman_reduced_model.core.statistics import AXES, RunStatistics
 from coman_reduced_model.core.types import Flags, Foot, Phase, Prediction, SupportState
 from coman_reduced_model.errors import BagError
 from coman_reduced_model.messages import COM_PREDICTION, prediction_to
-from coman_reduced_model.offline import to_json
+from coman_reduced_model.output import to_json
 from coman_reduced_model.report.draw import draw, thin
 from coman_reduced_model.report.figures import NoData, heat_map, overlay, three_steps
 from coman_reduced_model.report.prediction import prediction_page, write_report

@@ -254,7 +254,7 @@ class Config:
     virtual_robot: VirtualRobotConfig = field(default_factory=VirtualRobotConfig)
     effects: tuple[EffectConfig, ...] = field(default_factory=lambda: nominal_effects(STANDARD_EFFECTS))
     standard: bool = True  # the standard effects are among them if they can act: nobody named them one by one
-    directory: Path = Path(".")  # of the file it came from: relative paths in it start there
+    directory: Path = Path()  # of the file it came from: relative paths in it start there
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -340,7 +340,7 @@ def parameter_table() -> dict[str, Parameter]:
     return table
 
 
-def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = Path(".")) -> Config:
+def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = Path()) -> Config:
     """A validated configuration from dotted keys; keys not given are nominal.
 
     Raises:
@@ -537,7 +537,7 @@ def save_config(config: Config, path: str | Path, comment: str = "", force: bool
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.part")
         partial.write_text(config_to_yaml(config, comment), encoding="utf-8")
-        os.replace(partial, path)
+        partial.replace(path)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

@@ -62,7 +62,7 @@ class FootOdometry:
         Returns:
             T_odom_sole (4, 4) of the support sole; NaN before there has been a support foot.
         """
-        if support_foot == self._foot or support_foot == Foot.NONE:
+        if support_foot in (self._foot, Foot.NONE):
             return self._T_odom_sole
         if self._foot == Foot.NONE:
             self._T_odom_sole = np.eye(4)

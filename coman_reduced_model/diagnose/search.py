@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 
 from ..core.types import Array
+from ..progress import Progress
 from .case import Case, Prepared, examine
 from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed
 from .finding import Effect, Finding
@@ -44,7 +45,6 @@ CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
 }
 CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from afar one looks like another
 LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
-Progress = Callable[[float, str], None]
 _Conclusion = TypeVar("_Conclusion")
 
 

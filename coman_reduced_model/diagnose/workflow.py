@@ -19,8 +19,8 @@ from ..core.robot import Robot
 from ..core.statistics import by_axis
 from ..core.types import Array, Phase
 from ..errors import BagError, ConfigError
-from ..offline import to_json
-from ..output import OutputFolder
+from ..output import OutputFolder, to_json
+from ..progress import Progress
 from ..topics import TopicNames
 from .case import Case, Prepared, prepare
 from .evidence import ONE_A_STEP
@@ -33,7 +33,6 @@ from .search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .words import sentence
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
-Progress = Callable[[float, str], None]
 
 # How much of the noise floor healthy robots leave at most, in single support: the floor is the sensors' own noise, and
 # rigid bodies on flat soles explain the rest but for this. Chosen on seeds 1280 to 1479 of the judge, with the torques

@@ -116,7 +116,7 @@ def _verdict(term: Term | None, values: Array) -> dict[str, Any]:
 
 def main(arguments: Sequence[str]) -> None:
     """Print the verdicts of a bag as JSON."""
-    from ..offline import to_json
+    from ..output import to_json
 
     found = features(Path(arguments[0]), Path(arguments[2]) if len(arguments) == 3 else None)
     verdicts = {"white_bic": white_bic(found)}

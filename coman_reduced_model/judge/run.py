@@ -30,10 +30,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
+from ..progress import Progress
 from .cases import BAGS, BLOCK, draw_case, write_seed
 from .seeds import fresh_range, parse_range
 
-Progress = Callable[[float, str], None]
 DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
 BASELINES = (sys.executable, "-m", "coman_reduced_model.judge.baselines")
 FRESH = 200  # cases of a run by default

@@ -105,7 +105,7 @@ def _directory(urdf: Any) -> Path:
     for path in reversed(_files(sys.argv)):
         if urdf and (path.parent / str(urdf)).is_file():
             return path.parent
-    return Path(".")
+    return Path()
 
 
 class _Changes:

@@ -7,7 +7,6 @@ The truth is a file of its own next to the bag (`OUT.truth.npz`), which nothing 
 from __future__ import annotations
 
 import heapq
-import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -217,7 +216,7 @@ def _run(
         partial = temporary.with_name(f"{temporary.name}.truth.npz")
         try:
             save_truth(partial, truths, robot)
-            os.replace(partial, destination.truth)
+            partial.replace(destination.truth)
         except OSError as error:
             raise OutputError(f"{destination.truth}: cannot be written: {error.strerror or error}") from None
         finally:

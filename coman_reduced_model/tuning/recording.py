@@ -17,7 +17,7 @@ from ..core.predictor import Predictor
 from ..core.robot import Robot
 from ..core.types import Prediction, Sample
 from ..errors import ConfigError
-from ..progress import Progress
+from ..progress import Progress, part_of
 from ..topics import TopicNames
 
 
@@ -72,12 +72,8 @@ def read_all(
     """Several bags, one after the other."""
     found = []
     for number, path in enumerate(paths):
-
-        def report(fraction: float, words: str, number: int = number) -> None:
-            if progress is not None:
-                progress((number + fraction) / len(paths), f"reading {paths[number].name}: {words}")
-
-        found.append(read_recording(path, config, names, urdf, report))
+        part = None if progress is None else part_of(progress, number, len(paths), f"reading {path.name}")
+        found.append(read_recording(path, config, names, urdf, part))
     return found
 
 
