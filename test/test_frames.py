@@ -13,7 +13,7 @@ from effect_tools import PAPER, config, predicted, same, trunk_config
 from scipy.spatial.transform import Rotation
 from synthetic import LEFT, MOTORS, RIGHT, T0, robot, rooted, walk
 
-from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import loaded
 from coman_reduced_model.core.joiner import JOINTS
@@ -26,10 +26,8 @@ from coman_reduced_model.diagnose.masks import masks
 from coman_reduced_model.diagnose.recording import FEET, Recording, load
 from coman_reduced_model.diagnose.workflow import diagnose
 from coman_reduced_model.diagnose.world import World
-from coman_reduced_model.offline import input_streams, predictions
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
-from coman_reduced_model.topics import TopicNames
 
 
 @dataclass(frozen=True)
@@ -287,9 +285,8 @@ def test_a_recording_is_the_same_whatever_the_root_link(walks, tmp_path):
 def test_odom_of_the_diagnosis_is_that_of_the_predictor(walks):
     bag = walks("external_force", "turn")
     recording, _ = load(bag, Config())
-    with Bag(bag) as opened:
-        pipeline = Pipeline(robot(), Config().replaced({"prediction.horizons": []}))
-        run = list(predictions(opened, pipeline, input_streams(opened, Config(), TopicNames())))
+    with Session(bag, Config()) as session:
+        run = list(session.predictions())
     yaw = np.array([np.arctan2(p.T_odom_sole[1, 0], p.T_odom_sole[0, 0]) for p in run])
     at = 1e-9 * (np.array([p.stamp_ns for p in run]) - run[0].stamp_ns)
     feet = np.array([p.support.support_foot for p in run])
