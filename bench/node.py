@@ -35,7 +35,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from coman_reduced_model.core.types import JointMessage, WrenchMessage
+from coman_reduced_model.core.base.types import JointMessage, WrenchMessage
 from coman_reduced_model.messages import joint_to, ros_types, wrench_to
 from coman_reduced_model.ros import qos
 from coman_reduced_model.sim.describe import urdf

@@ -23,10 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Sample
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Sample
 from coman_reduced_model.resources import bag_path
 
 PAPER = {"effects.active": ["none"]}
@@ -104,7 +104,7 @@ def used(): return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Sample
+from coman_reduced_model.core.base.types import Sample
 import numpy as np
 from coman_reduced_model.resources import config_path
 robot = Robot(config_path("coman.urdf").read_text(), Config().robot)

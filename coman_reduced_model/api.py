@@ -9,11 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from .bag.reader import Bag
 from .bag.session import Session, find_robot, read_urdf
-from .core.config import Config, load_config, save_config
-from .core.pipeline import Pipeline
-from .core.predictor import Predictor
-from .core.robot import Robot
-from .core.types import (
+from .core.base.types import (
     Flags,
     Foot,
     ImuMessage,
@@ -24,6 +20,10 @@ from .core.types import (
     Sample,
     WrenchMessage,
 )
+from .core.config import Config, load_config, save_config
+from .core.pipeline import Pipeline
+from .core.predictor import Predictor
+from .core.robot import Robot
 from .errors import ComanError
 from .progress import Progress
 from .resources import bag_path, config_path

@@ -15,9 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from .core.streams import Refused
-from .core.types import (
+from .core.base.types import (
     Array,
     Flags,
     Foot,
@@ -30,6 +28,8 @@ from .core.types import (
     SupportState,
     WrenchMessage,
 )
+from .core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.streams import Refused
 
 ODOM = "odom"
 OWN = "coman_reduced_model_msgs"

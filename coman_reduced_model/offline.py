@@ -20,11 +20,11 @@ from .bag.reader import Bag
 from .bag.session import Session
 from .bag.types import bag_types
 from .bag.writer import BagWriter
+from .core.base.throttle import Throttle
+from .core.base.types import Array, Prediction, SupportState
 from .core.config import Config, config_to_yaml
 from .core.pipeline import Pipeline
 from .core.statistics import RunStatistics, by_axis
-from .core.throttle import Throttle
-from .core.types import Array, Prediction, SupportState
 from .output import OutputFolder, to_json
 from .progress import Progress
 from .topics import (

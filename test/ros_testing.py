@@ -25,10 +25,10 @@ from std_msgs.msg import String
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
+from coman_reduced_model.core.base.types import Foot, JointMessage, WrenchMessage
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.gait import plan_walk
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, JointMessage, WrenchMessage
 from coman_reduced_model.messages import (
     INPUT_TYPES,
     STRING,

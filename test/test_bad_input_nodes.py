@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ros_testing import NAMES, PERIOD_NS, WEIGHT, Peer, Q, Standing, stamp_of, vector
 
-from coman_reduced_model.core.types import Foot
+from coman_reduced_model.core.base.types import Foot
 
 pytestmark = pytest.mark.ros
 LEFT, RIGHT = Foot.LEFT, Foot.RIGHT

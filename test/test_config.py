@@ -124,8 +124,8 @@ def test_effects_are_checked():
 
 
 def test_parameters_of_effects_need_a_value_for_each_place(monkeypatch):
+    from coman_reduced_model.core.base.parameter import Parameter
     from coman_reduced_model.core.effects.base import Effect
-    from coman_reduced_model.core.parameter import Parameter
 
     class Springs(Effect):
         name, place = "springs", "side"

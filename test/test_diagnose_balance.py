@@ -9,7 +9,7 @@ import pytest
 from diagnose_tools import JOINT, index, residuals, rms, standing, stretched, t
 from synthetic import robot
 
-from coman_reduced_model.core.types import Foot, Phase
+from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.hypotheses import figures
 from coman_reduced_model.diagnose.masks import masks

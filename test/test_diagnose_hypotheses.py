@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import robot
 
-from coman_reduced_model.core.types import Foot, Phase
+from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.case import examine
 from coman_reduced_model.diagnose.hypotheses import candidates, figures, shifted

@@ -10,8 +10,8 @@ import pytest
 from diagnose_tools import index, rms, standing, t
 from synthetic import robot
 
+from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.core.effects.foot_slip import glide
-from coman_reduced_model.core.types import Foot, Phase
 from coman_reduced_model.diagnose.balance import JOLT, evaluate
 from coman_reduced_model.diagnose.hypotheses import figures
 from coman_reduced_model.diagnose.masks import masks

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnose_tools import standing, stretched, swaying, t
 
-from coman_reduced_model.core.types import Foot, Phase
+from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.masks import masks, on_flat_soles
 from coman_reduced_model.diagnose.recording import moving

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import LEFT, RIGHT, T0, names, robot, walk
 
+from coman_reduced_model.core.base.types import Flags, Foot
 from coman_reduced_model.core.joiner import JOINTS, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.types import Flags, Foot
 from coman_reduced_model.errors import ConfigError
 
 

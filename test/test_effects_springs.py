@@ -12,13 +12,13 @@ from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 from synthetic import robot
 
+from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import active_effects
 from coman_reduced_model.core.model import Model
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot import Robot
 from coman_reduced_model.core.springs import LegSprings, Springs
-from coman_reduced_model.core.types import Foot
 
 LEFT = Config().robot.left
 KNEE = LEFT.joints.index("LKneeSag")

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from synthetic import LEFT, MOTORS, RIGHT, T0, robot, rooted, walk
 
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Foot, ImuMessage, Phase
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import loaded
 from coman_reduced_model.core.joiner import JOINTS
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, ImuMessage, Phase
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.hypotheses import figures
 from coman_reduced_model.diagnose.masks import masks

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from mutations import clock_mutations, spoil
 from synthetic import LEFT, RIGHT, T0, description, loads, names, posture, robot, robot_with_arm, walk
 
+from coman_reduced_model.core.base.input_warning import WarningKind
+from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, JointMessage, Phase, Reference, WrenchMessage
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.input_warning import WarningKind
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Flags, Foot, ImuMessage, JointMessage, Phase, Reference, WrenchMessage
 
 MS = 1_000_000
 

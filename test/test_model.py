@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from robots import bent, config_of, robot_of
 
+from coman_reduced_model.core.base.types import Foot, Phase, SupportState
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.model import Model
-from coman_reduced_model.core.types import Foot, Phase, SupportState
 from coman_reduced_model.errors import ConfigError
 
 WEIGHT = 9.81 * robot_of("coman").mass

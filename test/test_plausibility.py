@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from synthetic import LEFT, RIGHT, robot, walk
 
+from coman_reduced_model.core.base.input_warning import WarningKind
 from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.input_warning import WarningKind
 from coman_reduced_model.core.pipeline import Pipeline
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from robots import bent, robot_of
 
+from coman_reduced_model.core.base.types import Flags, Foot, Phase, Reference, Sample
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.types import Flags, Foot, Phase, Reference, Sample
 
 ROBOT = robot_of("coman")
 WEIGHT = 9.81 * ROBOT.mass
@@ -96,7 +96,7 @@ def test_free_run_is_the_dense_integration_of_its_terms():
     """Standing on one leg with moving motors: m p'' = K (p_r - p) + D (p_r' - p') + m g."""
     from scipy.integrate import solve_ivp
 
-    from coman_reduced_model.core.types import SupportState
+    from coman_reduced_model.core.base.types import SupportState
 
     config = CONFIG.replaced({"prediction.horizons": []})
     still = [sample(i / 200.0, phase_time=0.4) for i in range(101)]

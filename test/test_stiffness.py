@@ -9,9 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from robots import bent, robot_of
 
-from coman_reduced_model.core.compiled import apply, inverse, mul
+from coman_reduced_model.core.base.compiled import apply, inverse, mul
+from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.stiffness import height_hessian, spring_damper
-from coman_reduced_model.core.types import Foot
 
 LIMIT = 0.02
 LENGTH = 0.5

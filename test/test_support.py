@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coman_reduced_model.core.base.types import Array, Foot, Phase, SupportState
 from coman_reduced_model.core.config import SupportConfig
 from coman_reduced_model.core.support import SupportDetector
-from coman_reduced_model.core.types import Array, Foot, Phase, SupportState
 
 WEIGHT = 170.0
 CONFIG = SupportConfig()

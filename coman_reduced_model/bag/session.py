@@ -8,11 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from ..core.base.types import Prediction, Sample
 from ..core.config import Config
 from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.pipeline import Pipeline
 from ..core.robot import Robot
-from ..core.types import Prediction, Sample
 from ..errors import BagError, ConfigError
 from ..messages import INPUT_TYPES, STRING
 from ..progress import Progress

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from ..errors import ComanError
-from .types import Array, Foot, Phase
+from .base.types import Array, Foot, Phase
 
 if TYPE_CHECKING:
     from .gait import GaitParameters

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .compiled import apply, compiled
-from .types import Array, Foot
+from .base.compiled import apply, compiled
+from .base.types import Array, Foot
 
 if TYPE_CHECKING:
     from .robot import Posture

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled, inverse, pick
+from .base.compiled import compiled, inverse, pick
+from .base.types import Array
 from .integrator import advance_into, select, transition
 from .reference import look
-from .types import Array
 
 Ints = NDArray[np.int64]
 

@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import RobotError
-from .compiled import compiled
+from .base.compiled import compiled
+from .base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from .config import Config
 from .differentiate import Differentiator
 from .effects import active_effects
@@ -45,7 +46,6 @@ from .streams import (
     fault,
     usable,
 )
-from .types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 
 if TYPE_CHECKING:
     from .robot import Robot

@@ -10,9 +10,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled
+from .base.compiled import compiled
+from .base.types import Array, JointMessage
 from .streams import LIMIT, Refused, fault, usable
-from .types import Array, JointMessage
 
 
 @dataclass(slots=True)

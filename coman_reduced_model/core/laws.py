@@ -27,11 +27,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from .compiled import apply, compiled
+from .base.compiled import apply, compiled
+from .base.types import Array, Foot, Prediction, Sample
 from .config import Config
 from .effects import Effect, active_effects
 from .forces import WINDOW_NS, Forces
-from .types import Array, Foot, Prediction, Sample
 
 if TYPE_CHECKING:
     from .robot import Posture, Robot

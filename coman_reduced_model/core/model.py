@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .compiled import compiled
+from .base.compiled import compiled
+from .base.types import Array, Foot, Phase, SupportState
 from .config import Config
 from .effects import active_effects
 from .robot import Posture, Robot
 from .springs import Springs
 from .stiffness import add_gravity_stiffness, spring_damper
-from .types import Array, Foot, Phase, SupportState
 
 XY = np.array([0, 1])
 _NOTHING = np.zeros(3)

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled
+from .base.compiled import compiled
+from .base.types import Array, Phase, Prediction, Sample
 from .config import Config
 from .forces import WINDOW_NS
 from .laws import BORNE_S, KINDS, Laws
-from .types import Array, Phase, Prediction, Sample
 from .unsteady import EVERY_NS, Unsteady
 
 if TYPE_CHECKING:

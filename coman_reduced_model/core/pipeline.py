@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from .base.input_warning import InputWarning, WarningKind
+from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config import Config, ModelConfig
-from .input_warning import InputWarning, WarningKind
 from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
 from .monitor import Mismatch, Monitor
 from .plausibility import Plausibility
 from .predictor import Predictor
 from .streams import Refused
-from .types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 
 if TYPE_CHECKING:
     from .horizon import HorizonJudge

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .base.input_warning import InputWarning, WarningKind
+from .base.types import Foot, Sample
 from .config import Config
-from .input_warning import InputWarning, WarningKind
 from .joiner import WRENCHES
-from .types import Foot, Sample
 
 if TYPE_CHECKING:
     from .robot import Robot

@@ -7,6 +7,7 @@ from collections import deque
 
 import numpy as np
 
+from .base.types import Array, Flags, Foot, Phase
 from .config import Config
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect
@@ -15,7 +16,6 @@ from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from .model import Model, Terms
 from .reference import motor_com, plan_ahead, planned_com
 from .robot import Posture, Robot
-from .types import Array, Flags, Foot, Phase
 from .zmp_filter import ZmpFilter
 
 References = dict[Foot, tuple[Array, Array]]  # COM and velocity (3,), (3,) by leg, in the support sole

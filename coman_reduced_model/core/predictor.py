@@ -7,6 +7,7 @@ from math import hypot
 
 import numpy as np
 
+from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config import Config
 from .dynamics import Dynamics, Now
 from .effects import Effect, loaded
@@ -17,7 +18,6 @@ from .point_mass import Pendulum, PointMass
 from .robot import Robot
 from .support import SupportDetector
 from .trunk_model import TrunkModel
-from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import compiled
+from .base.compiled import compiled
+from .base.types import Array, Foot, Reference, Sample
 from .robot import Posture
-from .types import Array, Foot, Reference, Sample
 
 _NOTHING = np.empty((0, 3))
 

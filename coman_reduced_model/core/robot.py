@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import RobotError
-from .compiled import compiled
+from .base.compiled import compiled
+from .base.types import Array, Foot
 from .config import LegConfig, RobotConfig
 from .stiffness import leg_jacobian
-from .types import Array, Foot
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .base.types import Array, Foot
 from .config import RobotConfig
 from .effects import Effect
-from .types import Array, Foot
 
 
 @dataclass(slots=True)

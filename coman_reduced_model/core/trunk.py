@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import compiled, mul
+from .base.compiled import compiled, mul
+from .base.types import Array
 from .contact import Linear, Sole, contacts
 from .robot import tilt
 from .stiffness import add_gravity_stiffness
-from .types import Array
 
 
 @compiled

@@ -23,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from .base.types import Array, Foot, Phase, Sample
 from .config import Config
 from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
 from .dynamics import Dynamics, Now, Push
@@ -42,7 +43,6 @@ from .trunk import (
     geometry,
     project_dynamics,
 )
-from .types import Array, Foot, Phase, Sample
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .base.types import Array
 from .forces import WINDOW_NS, about_vertical
-from .types import Array
 
 EVERY_NS = 200_000_000  # from one window to the next
 _NOW, _BEFORE, _USUAL = 10, 15, 100  # differences that are held against those before, against the last of these

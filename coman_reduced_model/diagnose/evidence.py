@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
-from ..core.compiled import compiled
-from ..core.types import Array
+from ..core.base.compiled import compiled
+from ..core.base.types import Array
 from .balance import State, evaluate
 from .floor import least
 from .hypotheses import Candidate, Figure

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ..core.types import Array, Phase
+from ..core.base.types import Array, Phase
 from ..report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
 from ..report.figures import NoData
 from .case import Case

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 from .case import Case
 from .evidence import Fit, Score
 from .hypotheses import Candidate, Figure

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 from .balance import State, evaluate
 from .masks import Masks
 from .signals import white, without_noise

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from ..core.base.types import Array, Foot
 from ..core.effects.joint_friction import CREEP
-from ..core.types import Array, Foot
 from .recording import FEET, RATE, WRENCH, Recording
 from .signals import lagged
 from .world import World

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import stats
 
 from ..bag.session import Session
+from ..core.base.types import Array, Flags, Foot, Phase
 from ..core.config import Config, EffectConfig
 from ..core.effects import CATALOGUE, Effect, loaded
 from ..core.robot import Robot
 from ..core.statistics import AXES, by_axis
-from ..core.types import Array, Flags, Foot, Phase
 from ..topics import TopicNames
 
 CONFIDENCE = 0.95

@@ -15,13 +15,13 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..bag.session import Session
+from ..core.base.types import Array, Foot, Phase, Sample
 from ..core.config import Config
 from ..core.effects import active_effects
 from ..core.joiner import IMU
 from ..core.odometry import FootOdometry
 from ..core.robot import Robot
 from ..core.support import SupportDetector
-from ..core.types import Array, Foot, Phase, Sample
 from ..errors import BagError
 from ..progress import Progress
 from ..topics import TopicNames

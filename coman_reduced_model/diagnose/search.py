@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 from ..progress import Progress
 from .case import Case, Prepared, examine
 from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed

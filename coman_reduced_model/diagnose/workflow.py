@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.base.types import Array, Phase
 from ..core.config import STANDARD_EFFECTS, Config, EffectConfig, config_to_yaml, nominal_effects, takes_standard
 from ..core.effects import CATALOGUE
 from ..core.robot import Robot
 from ..core.statistics import by_axis
-from ..core.types import Array, Phase
 from ..errors import BagError, ConfigError
 from ..output import OutputFolder, to_json
 from ..progress import Progress

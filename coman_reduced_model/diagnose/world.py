@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+from ..core.base.types import Array, Foot
 from ..core.config import Config
 from ..core.effects.joint_friction import CREEP
 from ..core.robot import Robot
-from ..core.types import Array, Foot
 
 
 @dataclass

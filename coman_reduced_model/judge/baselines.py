@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 
-from ..core.types import Array, Phase
+from ..core.base.types import Array, Phase
 from .run import Booleans, Run
 
 # Okabe and Ito's palette, safe for colour-blind readers; every series differs in its dashes or markers as well.

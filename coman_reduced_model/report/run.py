@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bag.reader import Bag
-from ..core.types import Array, Flags, Foot, Phase, Prediction
+from ..core.base.types import Array, Flags, Foot, Phase, Prediction
 from ..errors import BagError
 from ..messages import COM_PREDICTION, matrix_from, stamp_of
 

@@ -9,8 +9,8 @@ from enum import IntEnum
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from ..core.base.types import Array
 from ..core.statistics import AXES, by_axis
-from ..core.types import Array
 
 _RATE = ": rate [Hz]"
 _REJECTED, _LAST = "rejected: ", ": last"

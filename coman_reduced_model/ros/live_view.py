@@ -12,7 +12,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from ..core.types import Array, Phase, Prediction
+from ..core.base.types import Array, Phase, Prediction
 from .diagnostic_report import Level
 from .listener import Listener
 

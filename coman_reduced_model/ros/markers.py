@@ -8,8 +8,8 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ..core.base.types import Array, Foot, Prediction
 from ..core.config import Config
-from ..core.types import Array, Foot, Prediction
 from ..messages import ODOM, header_to, quaternion, ros_types
 
 _MEASURED = ColorRGBA(r=0.12, g=0.47, b=0.71, a=1.0)

@@ -11,9 +11,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
+from ..core.base.throttle import Throttle
+from ..core.base.types import Array, Prediction
 from ..core.config import Config
-from ..core.throttle import Throttle
-from ..core.types import Array, Prediction
 from ..messages import MessageTypes, point_to, prediction_to, support_to
 from ..topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos

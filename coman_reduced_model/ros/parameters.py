@@ -13,8 +13,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from ..core.base.parameter import Parameter
 from ..core.config import Config, config_from_flat, load_config, parameter_table
-from ..core.parameter import Parameter
 from ..errors import ConfigError
 from ..topics import DESCRIPTION
 

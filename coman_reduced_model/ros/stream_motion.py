@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from ..core.types import Array, Reference
+from ..core.base.types import Array, Reference
 from ..sim.motion import LegKinematics, follow
 
 SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad

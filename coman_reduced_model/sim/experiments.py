@@ -14,7 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ..core.types import Array, Phase
+from ..core.base.types import Array, Phase
 from ..errors import ConfigError
 from ..progress import Progress
 from .disturbances import Disturbance

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from ..core.types import Array, ImuMessage, JointMessage, WrenchMessage
+from ..core.base.types import Array, ImuMessage, JointMessage, WrenchMessage
 from ..errors import ConfigError
 from .robot_table import RobotTable
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.compiled import compiled
+from ..core.base.compiled import compiled
+from ..core.base.types import Array, Flags, Phase, Sample, SupportState
 from ..core.config import Config
 from ..core.integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from ..core.model import Model, Terms
 from ..core.predictor import Predictor
 from ..core.robot import Posture
-from ..core.types import Array, Flags, Phase, Sample, SupportState
 from ..errors import ConfigError
 
 COEFFICIENTS = ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")  # of K_xx D_xx K_xz D_xz K_zz D_zz K_zx D_zx

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..core.base.types import Array
 from ..core.config import Config, parameter_table
-from ..core.types import Array
 from ..errors import ConfigError
 from ..progress import Progress
 from ..report.run import Run, run_of

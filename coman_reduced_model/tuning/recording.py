@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from ..bag.session import Session
+from ..core.base.types import Prediction, Sample
 from ..core.config import NOTHING, Config
 from ..core.predictor import Predictor
 from ..core.robot import Robot
-from ..core.types import Prediction, Sample
 from ..errors import ConfigError
 from ..progress import Progress, part_of
 from ..topics import TopicNames

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..core.base.types import Array
 from ..core.config import Config, parameter_table
-from ..core.types import Array
 from ..errors import BagError, ConfigError
 from ..progress import Progress
 from ..report.run import run_of

@@ -6,7 +6,7 @@ from __future__ import annotations
 from math import exp, log1p
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ...errors import ConfigError
-from ..parameter import Parameter
-from ..types import Foot
+from ..base.parameter import Parameter
+from ..base.types import Foot
 
 if TYPE_CHECKING:
+    from ..base.types import Array, Sample, SupportState
     from ..dynamics import Now, Push
     from ..robot import Robot
     from ..springs import LegSprings
-    from ..types import Array, Sample, SupportState
 
 PLACES = {
     "robot": ("",),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from ..streams import JOINTS
 from .base import Effect
 

@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
-from ..types import Foot, Phase
+from ..base.parameter import Parameter
+from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:
+    from ..base.types import SupportState
     from ..dynamics import Now, Push
     from ..robot import Robot
-    from ..types import SupportState
 
 _FROM, SLIPS_TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
-from ..types import Foot
+from ..base.parameter import Parameter
+from ..base.types import Foot
 from .base import Effect
 
 if TYPE_CHECKING:
+    from ..base.types import Array, Sample
     from ..robot import Robot
     from ..springs import LegSprings
-    from ..types import Array, Sample
 
 _DAMPED = 1e-6  # of the inverse of the leg's Jacobian, where the knee is straight
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:

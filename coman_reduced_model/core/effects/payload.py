@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
-from ..types import Foot, Phase
+from ..base.parameter import Parameter
+from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..types import Sample
+    from ..base.types import Sample
 
 _FORCES, _MOMENTS = ("fx", "fy", "fz"), ("tx", "ty", "tz")
 

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.types import Array
+from ...core.base.types import Array
 from ...errors import ConfigError
 from ..motors import MotorOptions
 from ..robot_table import SIDES, RobotTable

@@ -30,9 +30,9 @@ def compiled(function: _Function) -> _Function:
 def _drop_stale_caches() -> None:
     """Forget what was compiled before the newest source: numba watches the file of a function, not what it calls.
 
-    Also what lies outside of this folder and calls what is in it.
+    Also what lies outside of the core and calls what is in it.
     """
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     newest = max(source.stat().st_mtime_ns for source in package.rglob("*.py"))
     for index in package.parent.rglob("__pycache__/*.nbi"):
         try:

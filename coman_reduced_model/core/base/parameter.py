@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ConfigError
+from ...errors import ConfigError
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
