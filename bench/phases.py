@@ -27,7 +27,7 @@ from coman_reduced_model.core.config import Config, load_config
 from coman_reduced_model.core.gait import gait, plan_walk
 from coman_reduced_model.core.joiner import Joiner
 from coman_reduced_model.core.odometry import FootOdometry, base_in_odom
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.support import SupportDetector
 from coman_reduced_model.messages import joint_from, wrench_from
 from coman_reduced_model.resources import config_path

@@ -26,7 +26,7 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Sample
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path
 
 PAPER = {"effects.active": ["none"]}
@@ -103,7 +103,7 @@ import resource, sys, time
 def used(): return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.base.types import Sample
 import numpy as np
 from coman_reduced_model.resources import config_path

@@ -23,7 +23,7 @@ from .core.base.types import (
 from .core.config import Config, load_config, save_config
 from .core.pipeline import Pipeline
 from .core.predictor import Predictor
-from .core.robot import Robot
+from .core.robot.robot import Robot
 from .errors import ComanError
 from .progress import Progress
 from .resources import bag_path, config_path

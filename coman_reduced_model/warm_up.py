@@ -16,7 +16,7 @@ from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
 from .core.config import NOTHING, Config
 from .core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.pipeline import Pipeline
-from .core.robot import Robot
+from .core.robot.robot import Robot
 from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
 
 _PERIOD_NS = 5_000_000

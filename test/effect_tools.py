@@ -13,7 +13,7 @@ from coman_reduced_model.core.base.types import Foot, Prediction, Sample
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 
 PAPER = Config().replaced({"effects.active": ["none"]})
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.core.config import Config, load_config
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import config_path
 
 RECORDED = {"other": "other_robot/walk_003", "icub": "real/icub_walk"}

@@ -16,7 +16,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import active_effects
 from coman_reduced_model.core.joiner import MOTORS
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import ConfigError
 
 LOAD = """

@@ -19,7 +19,7 @@ from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.effects import loaded
 from coman_reduced_model.core.joiner import JOINTS
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.hypotheses import figures
 from coman_reduced_model.diagnose.masks import masks

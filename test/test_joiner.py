@@ -18,7 +18,7 @@ from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, JointMe
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 
 MS = 1_000_000
 

@@ -16,7 +16,7 @@ from coman_reduced_model.core.base.types import Foot, ImuMessage
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.laws import BORNE_S, Laws
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.record import record

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config import Config, RobotConfig
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import RobotError
 
 FEET = (Foot.LEFT, Foot.RIGHT)

@@ -10,7 +10,7 @@ from coman_reduced_model.core.base.types import Flags, Sample
 from coman_reduced_model.core.config import Config
 from coman_reduced_model.core.contact import Linear, Sole, State, contacts, impulses, switch_support
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.trunk import trunk_twist
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.resources import bag_path, config_path

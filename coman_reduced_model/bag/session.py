@@ -12,7 +12,7 @@ from ..core.base.types import Prediction, Sample
 from ..core.config import Config
 from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.pipeline import Pipeline
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..errors import BagError, ConfigError
 from ..messages import INPUT_TYPES, STRING
 from ..progress import Progress

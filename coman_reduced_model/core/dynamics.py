@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .base.types import Array, Flags, Foot, Sample, SupportState
-from .robot import Posture
+from .robot.robot import Posture
 
 
 @dataclass(slots=True)

@@ -48,7 +48,7 @@ from .streams import (
 )
 
 if TYPE_CHECKING:
-    from .robot import Robot
+    from .robot.robot import Robot
 
 
 class Joiner:

@@ -34,7 +34,7 @@ from .effects import Effect, active_effects
 from .forces import WINDOW_NS, Forces
 
 if TYPE_CHECKING:
-    from .robot import Posture, Robot
+    from .robot.robot import Posture, Robot
 
 # [s] after a landing until a blow is felt, then until the load is felt that the foot bears: between samples at 200 Hz.
 BLOW_S, BORNE_S = 0.0125, 0.0325

@@ -15,7 +15,7 @@ from .base.compiled import compiled
 from .base.types import Array, Foot, Phase, SupportState
 from .config import Config
 from .effects import active_effects
-from .robot import Posture, Robot
+from .robot.robot import Posture, Robot
 from .springs import Springs
 from .stiffness import add_gravity_stiffness, spring_damper
 

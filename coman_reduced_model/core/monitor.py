@@ -28,7 +28,7 @@ from .laws import BORNE_S, KINDS, Laws
 from .unsteady import EVERY_NS, Unsteady
 
 if TYPE_CHECKING:
-    from .robot import Posture, Robot
+    from .robot.robot import Posture, Robot
 
 _INTERVAL_NS = 10_000_000  # looks at 100 Hz: edges of phases are known as well as that
 _FEWEST = 5  # looks that make a phase

@@ -19,7 +19,7 @@ from .streams import Refused
 
 if TYPE_CHECKING:
     from .horizon import HorizonJudge
-    from .robot import Robot
+    from .robot.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from .config import Config
 from .joiner import WRENCHES
 
 if TYPE_CHECKING:
-    from .robot import Robot
+    from .robot.robot import Robot
 
 _INTERVAL_NS = 20_000_000  # looking every 20 ms is enough, and costs nothing
 _ENOUGH = 50  # looks before a verdict: 1 s

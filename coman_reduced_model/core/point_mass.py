@@ -15,7 +15,7 @@ from .horizon import predict_horizons
 from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from .model import Model, Terms
 from .reference import motor_com, plan_ahead, planned_com
-from .robot import Posture, Robot
+from .robot.robot import Posture, Robot
 from .zmp_filter import ZmpFilter
 
 References = dict[Foot, tuple[Array, Array]]  # COM and velocity (3,), (3,) by leg, in the support sole

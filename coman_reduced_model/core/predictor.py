@@ -15,7 +15,7 @@ from .horizon import HorizonJudge, predict_baselines
 from .model import Model
 from .odometry import FootOdometry
 from .point_mass import Pendulum, PointMass
-from .robot import Robot
+from .robot.robot import Robot
 from .support import SupportDetector
 from .trunk_model import TrunkModel
 from .zmp import zmp_from_wrenches

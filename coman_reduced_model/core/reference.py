@@ -7,7 +7,7 @@ import numpy as np
 
 from .base.compiled import compiled
 from .base.types import Array, Foot, Reference, Sample
-from .robot import Posture
+from .robot.robot import Posture
 
 _NOTHING = np.empty((0, 3))
 

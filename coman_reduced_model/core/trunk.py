@@ -10,7 +10,7 @@ import numpy as np
 from .base.compiled import compiled, mul
 from .base.types import Array
 from .contact import Linear, Sole, contacts
-from .robot import tilt
+from .robot.robot import tilt
 from .stiffness import add_gravity_stiffness
 
 

@@ -31,7 +31,7 @@ from .effects import Effect
 from .model import Model
 from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead
-from .robot import Robot
+from .robot.robot import Robot
 from .stride import Stride, swapped
 from .trunk import (
     Geometry,

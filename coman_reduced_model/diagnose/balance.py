@@ -33,7 +33,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array, Foot
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from .landings import slide_lengths
 from .masks import TAKEN_UP, TICKS, Masks
 from .recording import FEET, WRENCH, Recording

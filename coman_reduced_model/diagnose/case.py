@@ -11,7 +11,7 @@ import numpy as np
 from ..core.base.types import Array
 from ..core.config import Config
 from ..core.effects import CATALOGUE, Effect
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..errors import BagError
 from .balance import State, evaluate
 from .evidence import Evidence, Fit, Noise, Problem, assemble, prior_variance, weigh

@@ -18,7 +18,7 @@ from ..bag.session import Session
 from ..core.base.types import Array, Flags, Foot, Phase
 from ..core.config import Config, EffectConfig
 from ..core.effects import CATALOGUE, Effect, loaded
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..core.statistics import AXES, by_axis
 from ..topics import TopicNames
 

@@ -20,7 +20,7 @@ from ..core.config import Config
 from ..core.effects import active_effects
 from ..core.joiner import IMU
 from ..core.odometry import FootOdometry
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..core.support import SupportDetector
 from ..errors import BagError
 from ..progress import Progress

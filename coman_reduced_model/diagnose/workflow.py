@@ -16,7 +16,7 @@ import numpy as np
 from ..core.base.types import Array, Phase
 from ..core.config import STANDARD_EFFECTS, Config, EffectConfig, config_to_yaml, nominal_effects, takes_standard
 from ..core.effects import CATALOGUE
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..core.statistics import by_axis
 from ..errors import BagError, ConfigError
 from ..output import OutputFolder, to_json

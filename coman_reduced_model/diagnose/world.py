@@ -11,7 +11,7 @@ import pinocchio as pin
 from ..core.base.types import Array, Foot
 from ..core.config import Config
 from ..core.effects.joint_friction import CREEP
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 
 
 @dataclass

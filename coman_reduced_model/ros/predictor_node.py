@@ -15,7 +15,7 @@ from rclpy.node import Node
 from ..bag.decode import decoder
 from ..core.config import Config
 from ..core.pipeline import Pipeline
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..messages import INPUT_TYPES, ros_types
 from ..topics import INPUT_TOPICS
 from ..warm_up import warm_up

@@ -20,7 +20,7 @@ from ..core.config import Config
 from ..core.integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from ..core.model import Model, Terms
 from ..core.predictor import Predictor
-from ..core.robot import Posture
+from ..core.robot.robot import Posture
 from ..errors import ConfigError
 
 COEFFICIENTS = ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")  # of K_xx D_xx K_xz D_xz K_zz D_zz K_zx D_zx

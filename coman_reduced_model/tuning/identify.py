@@ -18,7 +18,7 @@ from scipy.signal import periodogram
 
 from ..core.base.types import Array, Foot, Phase
 from ..core.config import Config
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..errors import BagError
 from .recording import Recording
 from .statistics import hac_covariance, quantile

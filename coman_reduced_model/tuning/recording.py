@@ -15,7 +15,7 @@ from ..bag.session import Session
 from ..core.base.types import Prediction, Sample
 from ..core.config import NOTHING, Config
 from ..core.predictor import Predictor
-from ..core.robot import Robot
+from ..core.robot.robot import Robot
 from ..errors import ConfigError
 from ..progress import Progress, part_of
 from ..topics import TopicNames

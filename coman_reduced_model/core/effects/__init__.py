@@ -39,7 +39,7 @@ from .wrench_scale import WrenchScale
 
 if TYPE_CHECKING:
     from ..config import EffectConfig
-    from ..robot import Robot
+    from ..robot.robot import Robot
 
 # In the order in which they act, whatever the order in a configuration. Sensors come first (they say scale * truth +
 # bias), then loads, then springs from the inside out: after the spring what is in series with it, then what is beside.

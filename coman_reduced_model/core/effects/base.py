@@ -15,7 +15,7 @@ from ..base.types import Foot
 if TYPE_CHECKING:
     from ..base.types import Array, Sample, SupportState
     from ..dynamics import Now, Push
-    from ..robot import Robot
+    from ..robot.robot import Robot
     from ..springs import LegSprings
 
 PLACES = {

@@ -13,7 +13,7 @@ from .base import Effect
 
 if TYPE_CHECKING:
     from ..dynamics import Now, Push
-    from ..robot import Robot
+    from ..robot.robot import Robot
 
 
 class GroundSlope(Effect):

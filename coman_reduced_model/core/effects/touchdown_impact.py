@@ -15,7 +15,7 @@ from .base import Effect
 
 if TYPE_CHECKING:
     from ..dynamics import Now, Push
-    from ..robot import Robot
+    from ..robot.robot import Robot
 
 _DURATION = 0.02  # [s] of the blow, or four samples if those take longer
 

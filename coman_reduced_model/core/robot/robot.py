@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from ..errors import RobotError
-from .base.compiled import compiled
-from .base.types import Array, Foot
-from .config import LegConfig, RobotConfig
-from .stiffness import leg_jacobian
+from ...errors import RobotError
+from ..base.compiled import compiled
+from ..base.types import Array, Foot
+from ..config import LegConfig, RobotConfig
+from ..stiffness import leg_jacobian
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 
