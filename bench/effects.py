@@ -25,7 +25,7 @@ from rich.table import Table
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Flags, Foot
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.sim.disturbances import Disturbance, parse
 from coman_reduced_model.sim.record import load_truth, plan_recording, record, robot_gait
 from coman_reduced_model.sim.robot_table import COMAN

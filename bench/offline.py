@@ -35,7 +35,7 @@ print(json.dumps({"seconds": time.perf_counter() - began, "messages": count}))
 PREDICT = """
 import json, resource, sys, tempfile
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.offline import predict_bag
 config = Config().replaced({"effects.active": [sys.argv[2]]})
 with tempfile.TemporaryDirectory() as folder, Session(sys.argv[1], config) as session:

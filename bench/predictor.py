@@ -24,7 +24,7 @@ from rich.table import Table
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Sample
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path
@@ -101,7 +101,7 @@ def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, 
 FIRST_CALL = """
 import resource, sys, time
 def used(): return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.base.types import Sample

@@ -20,7 +20,7 @@ from .core.base.types import (
     Sample,
     WrenchMessage,
 )
-from .core.config import Config, load_config, save_config
+from .core.config.schema import Config, load_config, save_config
 from .core.pipeline import Pipeline
 from .core.predictor import Predictor
 from .core.robot.robot import Robot

@@ -22,7 +22,7 @@ from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.base.throttle import Throttle
 from .core.base.types import Array, Prediction, SupportState
-from .core.config import Config, config_to_yaml
+from .core.config.schema import Config, config_to_yaml
 from .core.pipeline import Pipeline
 from .core.statistics import RunStatistics, by_axis
 from .output import OutputFolder, to_json

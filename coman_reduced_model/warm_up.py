@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
-from .core.config import NOTHING, Config
+from .core.config.schema import NOTHING, Config
 from .core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.pipeline import Pipeline
 from .core.robot.robot import Robot

@@ -9,7 +9,7 @@ import numpy as np
 from synthetic import robot
 
 from coman_reduced_model.core.base.types import Phase
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.hypotheses import Figure, figures
 from coman_reduced_model.diagnose.masks import masks

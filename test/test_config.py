@@ -11,7 +11,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coman_reduced_model.core.config import (
+from coman_reduced_model.core.config.schema import (
     STANDARD_EFFECTS,
     Config,
     config_from_flat,

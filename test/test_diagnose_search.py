@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from synthetic import robot
 
 from coman_reduced_model.core.base.types import Phase
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose import search, workflow
 from coman_reduced_model.diagnose.case import Case, examine, prepare
 from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed

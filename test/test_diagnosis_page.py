@@ -15,7 +15,7 @@ from conftest import ROOT
 from robots import robot_of
 
 from coman_reduced_model.core.base.types import Array, Foot, Phase
-from coman_reduced_model.core.config import Config, load_config
+from coman_reduced_model.core.config.schema import Config, load_config
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose import predicted_com, workflow
 from coman_reduced_model.diagnose.case import Case

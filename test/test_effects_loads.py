@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from synthetic import T0, description, posture, robot, velocity, walk
 
 from coman_reduced_model.core.base.types import Phase, Reference, Sample
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects import active_effects
 from coman_reduced_model.core.joiner import MOTORS
 from coman_reduced_model.core.predictor import Predictor

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects import active_effects
 from coman_reduced_model.core.model import Model
 from coman_reduced_model.core.predictor import Predictor

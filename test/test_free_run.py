@@ -14,7 +14,7 @@ from effect_tools import config as with_effect
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Phase, Prediction, Sample
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.resources import bag_path
 

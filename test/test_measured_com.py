@@ -8,7 +8,7 @@ import pytest
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.record import load_truth
 

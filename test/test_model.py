@@ -10,7 +10,7 @@ import pytest
 from robots import bent, config_of, robot_of
 
 from coman_reduced_model.core.base.types import Foot, Phase, SupportState
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.model import Model
 from coman_reduced_model.errors import ConfigError
 
@@ -258,7 +258,7 @@ def test_assembling_changes_nothing_that_stays():
 
 
 def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
-    from coman_reduced_model.core.config import EffectConfig
+    from coman_reduced_model.core.config.schema import EffectConfig
     from coman_reduced_model.core.effects import CATALOGUE, Effect
 
     class AtJoint(Effect):
@@ -277,7 +277,7 @@ def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
 @pytest.mark.parametrize("stiffness", ["full", "condensed"])
 def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffness):
     """A hardening knee: the force of all springs at the COM that belongs to a deflection of the joints, as J^-T tau."""
-    from coman_reduced_model.core.config import EffectConfig
+    from coman_reduced_model.core.config.schema import EffectConfig
     from coman_reduced_model.core.effects import CATALOGUE, Effect
     from coman_reduced_model.core.springs import LegSprings
 

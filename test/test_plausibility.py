@@ -10,7 +10,7 @@ import pytest
 from synthetic import LEFT, RIGHT, robot, walk
 
 from coman_reduced_model.core.base.input_warning import WarningKind
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
 
 

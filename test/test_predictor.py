@@ -10,7 +10,7 @@ import pytest
 from robots import bent, robot_of
 
 from coman_reduced_model.core.base.types import Flags, Foot, Phase, Reference, Sample
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
 
 ROBOT = robot_of("coman")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions

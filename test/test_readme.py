@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from coman_reduced_model.cli.main import app
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

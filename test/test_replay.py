@@ -17,7 +17,7 @@ from synthetic import T0, walk, write_bag
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.messages import prediction_to, ros_types
 from coman_reduced_model.ros import qos
 from coman_reduced_model.ros.replay import Replay

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.base.types import Flags, Foot, Phase, Prediction, SupportState
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.statistics import AXES, RunStatistics
 from coman_reduced_model.errors import BagError
 from coman_reduced_model.messages import COM_PREDICTION, prediction_to

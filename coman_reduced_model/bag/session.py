@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.base.types import Prediction, Sample
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.pipeline import Pipeline
 from ..core.robot.robot import Robot

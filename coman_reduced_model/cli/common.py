@@ -22,7 +22,7 @@ from rich.text import Text
 from ..errors import ConfigError
 
 if TYPE_CHECKING:
-    from ..core.config import Config
+    from ..core.config.schema import Config
     from ..progress import Progress
 
 _SHOW_AFTER = 0.5  # [s] shorter work needs no progress
@@ -54,7 +54,7 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
     Raises:
         ConfigError: the file or a change is not allowed.
     """
-    from ..core.config import load_config
+    from ..core.config.schema import load_config
 
     config = load_config(path, node)
     values: dict[str, Any] = {}

@@ -24,7 +24,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from ..core.config import Config
+    from ..core.config.schema import Config
     from ..tuning.identify import Estimate, Joint
 
 
@@ -41,7 +41,7 @@ def identify(
 ) -> None:
     """Find the stiffness of the joint springs from slow loads, and their damping from free oscillations."""
     settings = read_config(config, changes)
-    from ..core.config import save_config
+    from ..core.config.schema import save_config
     from ..output import check_file
     from ..topics import TopicNames
     from ..tuning.identify import identified_config

@@ -27,7 +27,7 @@ import numpy as np
 from ..errors import RobotError
 from .base.compiled import compiled
 from .base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
-from .config import Config
+from .config.schema import Config
 from .differentiate import Differentiator
 from .effects import active_effects
 from .joint_map import JointMap, JointState

@@ -13,7 +13,7 @@ import numpy as np
 
 from .base.compiled import compiled
 from .base.types import Array, Foot, Phase, SupportState
-from .config import Config
+from .config.schema import Config
 from .effects import active_effects
 from .robot.robot import Posture, Robot
 from .springs import Springs

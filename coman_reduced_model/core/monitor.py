@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from .base.compiled import compiled
 from .base.types import Array, Phase, Prediction, Sample
-from .config import Config
+from .config.schema import Config
 from .forces import WINDOW_NS
 from .laws import BORNE_S, KINDS, Laws
 from .unsteady import EVERY_NS, Unsteady

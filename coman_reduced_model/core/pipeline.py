@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .base.input_warning import InputWarning, WarningKind
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
-from .config import Config, ModelConfig
+from .config.schema import Config, ModelConfig
 from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
 from .monitor import Mismatch, Monitor
 from .plausibility import Plausibility

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .base.input_warning import InputWarning, WarningKind
 from .base.types import Foot, Sample
-from .config import Config
+from .config.schema import Config
 from .joiner import WRENCHES
 
 if TYPE_CHECKING:

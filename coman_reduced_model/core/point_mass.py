@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from .base.types import Array, Flags, Foot, Phase
-from .config import Config
+from .config.schema import Config
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect
 from .horizon import predict_horizons

@@ -8,7 +8,7 @@ from math import hypot
 import numpy as np
 
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
-from .config import Config
+from .config.schema import Config
 from .dynamics import Dynamics, Now
 from .effects import Effect, loaded
 from .horizon import HorizonJudge, predict_baselines

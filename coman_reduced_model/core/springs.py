@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .base.types import Array, Foot
-from .config import RobotConfig
+from .config.schema import RobotConfig
 from .effects import Effect
 
 

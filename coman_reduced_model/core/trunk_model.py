@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 from .base.types import Array, Foot, Phase, Sample
-from .config import Config
+from .config.schema import Config
 from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
 from .dynamics import Dynamics, Now, Push
 from .effects import Effect

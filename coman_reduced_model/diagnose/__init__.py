@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # as the package loads this module, it must cost nothing
-    from ..core.config import Config
+    from ..core.config.schema import Config
     from ..progress import Progress
     from ..topics import TopicNames
     from .workflow import Diagnosis
@@ -48,7 +48,7 @@ def diagnose(
         'none'
         >>> diagnosis.write("diagnosis")  # diagnosis.json, model.yaml, report.html
     """
-    from ..core.config import Config
+    from ..core.config.schema import Config
     from .workflow import diagnose
 
     train, held = ([each] if isinstance(each, (str, Path)) else each for each in (bags, holdout))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.base.types import Array
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.effects import CATALOGUE, Effect
 from ..core.robot.robot import Robot
 from ..errors import BagError

@@ -16,7 +16,7 @@ from scipy import stats
 
 from ..bag.session import Session
 from ..core.base.types import Array, Flags, Foot, Phase
-from ..core.config import Config, EffectConfig
+from ..core.config.schema import Config, EffectConfig
 from ..core.effects import CATALOGUE, Effect, loaded
 from ..core.robot.robot import Robot
 from ..core.statistics import AXES, by_axis

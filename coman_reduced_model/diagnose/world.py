@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..core.base.types import Array, Foot
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.effects.joint_friction import CREEP
 from ..core.robot.robot import Robot
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..core.config import parameter_table
+from ..core.config.schema import parameter_table
 from ..core.statistics import AXES
 from ..errors import BagError, OutputError
 from ..progress import Progress

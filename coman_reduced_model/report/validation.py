@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..tuning.recording import read_recording
 from ..tuning.validate import PAPER, QUICK, VARIANTS, Case, Score, Validation, rows
 from . import figures

@@ -21,7 +21,7 @@ from .. import __version__
 from ..bag.reader import Bag
 from ..bag.types import typestore
 from ..bag.writer import BagWriter
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.gait import GAITS, plan_walk
 from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.statistics import RunStatistics

@@ -9,7 +9,7 @@ from pathlib import Path
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..errors import RobotError
 from ..topics import DESCRIPTION
 from . import qos

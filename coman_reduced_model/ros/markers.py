@@ -9,7 +9,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.base.types import Array, Foot, Prediction
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..messages import ODOM, header_to, quaternion, ros_types
 
 _MEASURED = ColorRGBA(r=0.12, g=0.47, b=0.71, a=1.0)

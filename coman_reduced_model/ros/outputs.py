@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ..core.base.throttle import Throttle
 from ..core.base.types import Array, Prediction
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..messages import MessageTypes, point_to, prediction_to, support_to
 from ..topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos

@@ -13,7 +13,7 @@ from typing import Any
 from rclpy.node import Node
 
 from ..bag.decode import decoder
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.pipeline import Pipeline
 from ..core.robot.robot import Robot
 from ..messages import INPUT_TYPES, ros_types

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 
 from ..core.base.types import Reference
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.gait import GaitParameters, WalkPlan, gait, plan_walk
 
 _STANDING_T = -1e6  # [s] before the plan, so that its preview stands still as well

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.base.compiled import compiled
 from ..core.base.types import Array, Flags, Phase, Sample, SupportState
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from ..core.model import Model, Terms
 from ..core.predictor import Predictor

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from scipy.signal import periodogram
 
 from ..core.base.types import Array, Foot, Phase
-from ..core.config import Config
+from ..core.config.schema import Config
 from ..core.robot.robot import Robot
 from ..errors import BagError
 from .recording import Recording

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..core.base.types import Array
-from ..core.config import Config, parameter_table
+from ..core.config.schema import Config, parameter_table
 from ..errors import ConfigError
 from ..progress import Progress
 from ..report.run import Run, run_of

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bag.session import Session
 from ..core.base.types import Prediction, Sample
-from ..core.config import NOTHING, Config
+from ..core.config.schema import NOTHING, Config
 from ..core.predictor import Predictor
 from ..core.robot.robot import Robot
 from ..errors import ConfigError

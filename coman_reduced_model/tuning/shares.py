@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.base.types import Array, Foot, Phase
-from ..core.config import Config
+from ..core.config.schema import Config
 from .recording import Recording
 from .statistics import quantile
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..core.base.types import Array
-from ..core.config import Config, parameter_table
+from ..core.config.schema import Config, parameter_table
 from ..errors import BagError, ConfigError
 from ..progress import Progress
 from ..report.run import run_of

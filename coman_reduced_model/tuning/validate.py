@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.config import NOTHING, STANDARD_EFFECTS, Config
+from ..core.config.schema import NOTHING, STANDARD_EFFECTS, Config
 from ..core.predictor import Predictor
 from ..core.statistics import RunStatistics, by_axis
 from ..errors import BagError, ConfigError

@@ -38,7 +38,7 @@ from .wrench_delay import WrenchDelay
 from .wrench_scale import WrenchScale
 
 if TYPE_CHECKING:
-    from ..config import EffectConfig
+    from ..config.schema import EffectConfig
     from ..robot.robot import Robot
 
 # In the order in which they act, whatever the order in a configuration. Sensors come first (they say scale * truth +

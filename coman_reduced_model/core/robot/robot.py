@@ -17,7 +17,7 @@ import pinocchio as pin
 from ...errors import RobotError
 from ..base.compiled import compiled
 from ..base.types import Array, Foot
-from ..config import LegConfig, RobotConfig
+from ..config.schema import LegConfig, RobotConfig
 from ..stiffness import leg_jacobian
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
