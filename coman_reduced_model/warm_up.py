@@ -80,7 +80,7 @@ def _reference(stamp: int) -> Reference:
 
 if __name__ == "__main__":  # `make setup`: the default robot's model, and all that can be added to it
     from .bag.types import bag_types
-    from .core.effects import CATALOGUE
+    from .core.effects.catalogue import CATALOGUE
     from .resources import config_path
 
     default = Config()

@@ -19,7 +19,7 @@ from coman_reduced_model.core.config.schema import (
     load_config,
     parameter_table,
 )
-from coman_reduced_model.core.effects import CATALOGUE
+from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.errors import ConfigError
 
 TABLE = parameter_table()

@@ -14,7 +14,7 @@ from coman_reduced_model import open_robot
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config, config_to_yaml, load_config
-from coman_reduced_model.core.effects import CATALOGUE, active_effects
+from coman_reduced_model.core.effects.catalogue import CATALOGUE, active_effects
 from coman_reduced_model.resources import bag_path
 
 # Names of discrepancy.md: configurations, results and verdicts use them.

@@ -9,7 +9,7 @@ from effect_tools import PAPER, config, predicted, values
 from synthetic import T0, robot, walk
 
 from coman_reduced_model.core.base.types import Foot, Phase, SupportState
-from coman_reduced_model.core.effects import active_effects
+from coman_reduced_model.core.effects.catalogue import active_effects
 
 LIMP = {f"robot.{side}.{key}": [value] * 6 for side in ("left", "right")
         for key, value in (("stiffness", 1e-3), ("damping", 0.0))}  # fmt: skip

@@ -14,7 +14,7 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects import active_effects
+from coman_reduced_model.core.effects.catalogue import active_effects
 from coman_reduced_model.core.model import Model
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot

@@ -16,7 +16,7 @@ from synthetic import LEFT, MOTORS, RIGHT, T0, robot, rooted, walk
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot, ImuMessage, Phase
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects import loaded
+from coman_reduced_model.core.effects.catalogue import loaded
 from coman_reduced_model.core.joiner import JOINTS
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot

@@ -259,7 +259,7 @@ def test_assembling_changes_nothing_that_stays():
 
 def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
     from coman_reduced_model.core.config.schema import EffectConfig
-    from coman_reduced_model.core.effects import CATALOGUE, Effect
+    from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
 
     class AtJoint(Effect):
         name, place = "at_joint", "joint"
@@ -278,7 +278,7 @@ def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
 def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffness):
     """A hardening knee: the force of all springs at the COM that belongs to a deflection of the joints, as J^-T tau."""
     from coman_reduced_model.core.config.schema import EffectConfig
-    from coman_reduced_model.core.effects import CATALOGUE, Effect
+    from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
     from coman_reduced_model.core.springs import LegSprings
 
     deflection = np.array([1e-3, 1e-3, 1e-3, 0.08, 0.05, 1e-3])

@@ -29,7 +29,7 @@ from .base.compiled import compiled
 from .base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from .config.schema import Config
 from .differentiate import Differentiator
-from .effects import active_effects
+from .effects.catalogue import active_effects
 from .joint_map import JointMap, JointState
 from .reference import later
 from .streams import (

@@ -30,7 +30,7 @@ import pinocchio as pin
 from .base.compiled import apply, compiled
 from .base.types import Array, Foot, Prediction, Sample
 from .config.schema import Config
-from .effects import Effect, active_effects
+from .effects.catalogue import Effect, active_effects
 from .forces import WINDOW_NS, Forces
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from .base.types import Array, Flags, Foot, Phase
 from .config.schema import Config
 from .dynamics import Dynamics, Now, Push
-from .effects import Effect
+from .effects.catalogue import Effect
 from .horizon import predict_horizons
 from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from .model import Model, Terms

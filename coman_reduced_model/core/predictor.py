@@ -10,7 +10,7 @@ import numpy as np
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config.schema import Config
 from .dynamics import Dynamics, Now
-from .effects import Effect, loaded
+from .effects.catalogue import Effect, loaded
 from .horizon import HorizonJudge, predict_baselines
 from .model import Model
 from .odometry import FootOdometry

@@ -13,7 +13,7 @@ import numpy as np
 
 from .base.types import Array, Foot
 from .config.schema import RobotConfig
-from .effects import Effect
+from .effects.catalogue import Effect
 
 
 @dataclass(slots=True)

@@ -27,7 +27,7 @@ from .base.types import Array, Foot, Phase, Sample
 from .config.schema import Config
 from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
 from .dynamics import Dynamics, Now, Push
-from .effects import Effect
+from .effects.catalogue import Effect
 from .model import Model
 from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.base.types import Array
 from ..core.config.schema import Config
-from ..core.effects import CATALOGUE, Effect
+from ..core.effects.catalogue import CATALOGUE, Effect
 from ..core.robot.robot import Robot
 from ..errors import BagError
 from .balance import State, evaluate

@@ -17,7 +17,7 @@ from scipy import stats
 from ..bag.session import Session
 from ..core.base.types import Array, Flags, Foot, Phase
 from ..core.config.schema import Config, EffectConfig
-from ..core.effects import CATALOGUE, Effect, loaded
+from ..core.effects.catalogue import CATALOGUE, Effect, loaded
 from ..core.robot.robot import Robot
 from ..core.statistics import AXES, by_axis
 from ..topics import TopicNames

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ..bag.session import Session
 from ..core.base.types import Array, Foot, Phase, Sample
 from ..core.config.schema import Config
-from ..core.effects import active_effects
+from ..core.effects.catalogue import active_effects
 from ..core.joiner import IMU
 from ..core.odometry import FootOdometry
 from ..core.robot.robot import Robot

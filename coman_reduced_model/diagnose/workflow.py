@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.base.types import Array, Phase
 from ..core.config.schema import STANDARD_EFFECTS, Config, EffectConfig, config_to_yaml, nominal_effects, takes_standard
-from ..core.effects import CATALOGUE
+from ..core.effects.catalogue import CATALOGUE
 from ..core.robot.robot import Robot
 from ..core.statistics import by_axis
 from ..errors import BagError, ConfigError

@@ -23,7 +23,7 @@ from ...errors import ConfigError, OutputError
 from ...output import check_file
 from ...resources import config_path
 from ..base.parameter import Parameter, Value, par
-from ..effects import CATALOGUE
+from ..effects.catalogue import CATALOGUE
 
 # What the paper's point mass lacks on any robot with springs, by the ablation of `coman validate`.
 STANDARD_EFFECTS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
