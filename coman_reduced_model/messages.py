@@ -28,8 +28,8 @@ from .core.base.types import (
     SupportState,
     WrenchMessage,
 )
-from .core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from .core.streams import Refused
+from .core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.streams.stream import Refused
 
 ODOM = "odom"
 OWN = "coman_reduced_model_msgs"

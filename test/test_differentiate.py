@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coman_reduced_model.core.differentiate import Differentiator
+from coman_reduced_model.core.streams.differentiate import Differentiator
 
 MS, T0 = 1_000_000, 1_700_000_000_000_000_000
 

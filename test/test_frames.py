@@ -17,9 +17,9 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot, ImuMessage, Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import loaded
-from coman_reduced_model.core.joiner import JOINTS
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.core.streams.joiner import JOINTS
 from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.hypotheses import figures
 from coman_reduced_model.diagnose.masks import masks

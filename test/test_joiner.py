@@ -16,9 +16,9 @@ from synthetic import LEFT, RIGHT, T0, description, loads, names, posture, robot
 from coman_reduced_model.core.base.input_warning import WarningKind
 from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, JointMessage, Phase, Reference, WrenchMessage
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.core.streams.joiner import JOINTS, MOTORS, REFERENCE, Joiner
 
 MS = 1_000_000
 

@@ -30,7 +30,7 @@ from coman_reduced_model.core.base.types import (
     SupportState,
     WrenchMessage,
 )
-from coman_reduced_model.core.streams import Refused
+from coman_reduced_model.core.streams.stream import Refused
 
 ROS, BAG = m.ros_types(), bag_types()
 KINDS = pytest.mark.parametrize("types", [ROS, BAG], ids=["rclpy", "rosbags"])

@@ -16,7 +16,7 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from ..core.base.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
-from ..core.streams import Refused
+from ..core.streams.stream import Refused
 from ..messages import (
     COM_REFERENCE,
     FROM,

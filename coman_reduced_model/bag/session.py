@@ -10,9 +10,9 @@ from typing import Any
 
 from ..core.base.types import Prediction, Sample
 from ..core.config.schema import Config
-from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.pipeline import Pipeline
 from ..core.robot.robot import Robot
+from ..core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..errors import BagError, ConfigError
 from ..messages import INPUT_TYPES, STRING
 from ..progress import Progress

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from .base.input_warning import InputWarning, WarningKind
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config, ModelConfig
-from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
 from .monitor import Mismatch, Monitor
 from .plausibility import Plausibility
 from .predictor import Predictor
-from .streams import Refused
+from .streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
+from .streams.stream import Refused
 
 if TYPE_CHECKING:
     from .horizon import HorizonJudge

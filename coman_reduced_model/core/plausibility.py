@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from .base.input_warning import InputWarning, WarningKind
 from .base.types import Foot, Sample
 from .config.schema import Config
-from .joiner import WRENCHES
+from .streams.joiner import WRENCHES
 
 if TYPE_CHECKING:
     from .robot.robot import Robot

@@ -18,9 +18,9 @@ from ..bag.session import Session
 from ..core.base.types import Array, Foot, Phase, Sample
 from ..core.config.schema import Config
 from ..core.effects.catalogue import active_effects
-from ..core.joiner import IMU
 from ..core.odometry import FootOdometry
 from ..core.robot.robot import Robot
+from ..core.streams.joiner import IMU
 from ..core.support import SupportDetector
 from ..errors import BagError
 from ..progress import Progress

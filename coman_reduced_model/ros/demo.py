@@ -23,8 +23,8 @@ from ..bag.types import typestore
 from ..bag.writer import BagWriter
 from ..core.config.schema import Config
 from ..core.gait import GAITS, plan_walk
-from ..core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.statistics import RunStatistics
+from ..core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..errors import BagError, ConfigError
 from ..messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ..topics import PREDICTION

@@ -13,9 +13,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
 from ..core.base.types import Array, Flags, Prediction
-from ..core.joiner import JOINTS
 from ..core.monitor import Monitor
 from ..core.pipeline import Status
+from ..core.streams.joiner import JOINTS
 from . import qos
 from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
 

@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from ..core.joiner import REFERENCE
+from ..core.streams.joiner import REFERENCE
 from ..messages import ODOM, header_to, pose_to, reference_to, ros_types
 from . import qos
 from .parameters import declare

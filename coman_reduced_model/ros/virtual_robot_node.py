@@ -21,8 +21,8 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
 from ..core.base.types import Foot, Phase, Reference
-from ..core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.streams import Refused
+from ..core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.streams.stream import Refused
 from ..errors import ConfigError
 from ..messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
 from ..sim.describe import urdf

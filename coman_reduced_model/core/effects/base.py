@@ -87,7 +87,7 @@ class Effect:
         self.joints = np.concatenate([robot.legs[foot][self.leg_joints[foot]] for foot in self.feet])
 
     def late(self, stream: str) -> float:
-        """By how much the stamps of an input stream (`core/streams.py`) are later than the truth [s]."""
+        """By how much the stamps of an input stream (`core/streams/stream.py`) are later than the truth [s]."""
         return 0.0
 
     def correct(self, sample: Sample) -> None:

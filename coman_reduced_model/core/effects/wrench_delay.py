@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..base.parameter import Parameter
-from ..streams import WRENCHES
+from ..streams.stream import WRENCHES
 from .base import Effect
 
 

@@ -24,15 +24,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import RobotError
-from .base.compiled import compiled
-from .base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
-from .config.schema import Config
+from ...errors import RobotError
+from ..base.compiled import compiled
+from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
+from ..config.schema import Config
+from ..effects.catalogue import active_effects
+from ..reference import later
 from .differentiate import Differentiator
-from .effects.catalogue import active_effects
 from .joint_map import JointMap, JointState
-from .reference import later
-from .streams import (
+from .stream import (
     CAPACITY,
     IMU,
     JOINTS,
@@ -48,7 +48,7 @@ from .streams import (
 )
 
 if TYPE_CHECKING:
-    from .robot.robot import Robot
+    from ..robot.robot import Robot
 
 
 class Joiner:

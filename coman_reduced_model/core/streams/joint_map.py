@@ -10,9 +10,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.compiled import compiled
-from .base.types import Array, JointMessage
-from .streams import LIMIT, Refused, fault, usable
+from ..base.compiled import compiled
+from ..base.types import Array, JointMessage
+from .stream import LIMIT, Refused, fault, usable
 
 
 @dataclass(slots=True)

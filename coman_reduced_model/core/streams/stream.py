@@ -11,8 +11,8 @@ import math
 from collections import Counter, deque
 from typing import Any
 
-from .base.compiled import compiled
-from .base.types import Array, Foot
+from ..base.compiled import compiled
+from ..base.types import Array, Foot
 
 JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
 WRENCHES = {Foot.LEFT: "left_foot/wrench", Foot.RIGHT: "right_foot/wrench"}

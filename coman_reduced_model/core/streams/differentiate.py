@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from .base.types import Array
+from ..base.types import Array
 
 
 class Differentiator:
