@@ -25,10 +25,10 @@ from coman_reduced_model.bag.session import find_robot
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
 from coman_reduced_model.core.config.schema import Config, load_config
 from coman_reduced_model.core.gait import gait, plan_walk
-from coman_reduced_model.core.odometry import FootOdometry, base_in_odom
+from coman_reduced_model.core.measured.odometry import FootOdometry, base_in_odom
+from coman_reduced_model.core.measured.support import SupportDetector
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.streams.joiner import Joiner
-from coman_reduced_model.core.support import SupportDetector
 from coman_reduced_model.messages import joint_from, wrench_from
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.describe import urdf

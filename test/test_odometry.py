@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.core.base.types import Array, Foot
-from coman_reduced_model.core.odometry import FootOdometry, base_in_odom, inverse, pose
+from coman_reduced_model.core.measured.odometry import FootOdometry, base_in_odom, inverse, pose
 
 angle = st.floats(-3.0, 3.0)
 steps = st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(0.05, 0.4), st.floats(-0.5, 0.5)), min_size=1, max_size=20)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from coman_reduced_model.core.base.types import Array, Foot, Phase, SupportState
 from coman_reduced_model.core.config.schema import SupportConfig
-from coman_reduced_model.core.support import SupportDetector
+from coman_reduced_model.core.measured.support import SupportDetector
 
 WEIGHT = 170.0
 CONFIG = SupportConfig()

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.core.base.types import Array
-from coman_reduced_model.core.odometry import pose
-from coman_reduced_model.core.zmp import cop, zmp_from_wrenches
+from coman_reduced_model.core.measured.odometry import pose
+from coman_reduced_model.core.measured.zmp import cop, zmp_from_wrenches
 
 inside = st.floats(-0.1, 0.1)
 force = st.floats(10.0, 1000.0)

@@ -12,13 +12,13 @@ from .config.schema import Config
 from .dynamics import Dynamics, Now
 from .effects.catalogue import Effect, loaded
 from .horizon import HorizonJudge, predict_baselines
+from .measured.odometry import FootOdometry
+from .measured.support import SupportDetector
+from .measured.zmp import zmp_from_wrenches
 from .model import Model
-from .odometry import FootOdometry
 from .point_mass import Pendulum, PointMass
 from .robot.robot import Robot
-from .support import SupportDetector
 from .trunk_model import TrunkModel
-from .zmp import zmp_from_wrenches
 
 _NAN3 = np.full(3, np.nan)
 _IDENTITY = np.eye(4)

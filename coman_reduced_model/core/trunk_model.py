@@ -28,8 +28,8 @@ from .config.schema import Config
 from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
 from .dynamics import Dynamics, Now, Push
 from .effects.catalogue import Effect
+from .measured.odometry import flat
 from .model import Model
-from .odometry import flat
 from .reference import look_ahead, motor_com, plan_ahead
 from .robot.robot import Robot
 from .stride import Stride, swapped

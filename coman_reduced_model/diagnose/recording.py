@@ -18,10 +18,10 @@ from ..bag.session import Session
 from ..core.base.types import Array, Foot, Phase, Sample
 from ..core.config.schema import Config
 from ..core.effects.catalogue import active_effects
-from ..core.odometry import FootOdometry
+from ..core.measured.odometry import FootOdometry
+from ..core.measured.support import SupportDetector
 from ..core.robot.robot import Robot
 from ..core.streams.joiner import IMU
-from ..core.support import SupportDetector
 from ..errors import BagError
 from ..progress import Progress
 from ..topics import TopicNames

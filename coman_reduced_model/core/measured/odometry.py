@@ -7,7 +7,7 @@ from math import atan2, cos, sin
 
 import numpy as np
 
-from .base.types import Array, Foot
+from ..base.types import Array, Foot
 
 _IDENTITY = np.eye(4)
 

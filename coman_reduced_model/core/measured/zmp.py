@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base.compiled import compiled
-from .base.types import Array
+from ..base.compiled import compiled
+from ..base.types import Array
 
 MIN_FORCE = 5.0  # [N] below this the quotient moment / force is noise
 
