@@ -15,10 +15,10 @@ from synthetic import robot
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import active_effects
-from coman_reduced_model.core.model import Model
+from coman_reduced_model.core.model.cartesian import Model
+from coman_reduced_model.core.model.springs import LegSprings, Springs
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.core.springs import LegSprings, Springs
 
 LEFT = Config().robot.left
 KNEE = LEFT.joints.index("LKneeSag")

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from coman_reduced_model.core.base.types import Array
-from coman_reduced_model.core.horizon import PREDICTORS, HorizonJudge, predict_baselines, predict_horizons
-from coman_reduced_model.core.reference import look_ahead
+from coman_reduced_model.core.model.horizon import PREDICTORS, HorizonJudge, predict_baselines, predict_horizons
+from coman_reduced_model.core.model.reference import look_ahead
 
 MASS = 17.3
 M = MASS * np.eye(3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from coman_reduced_model.core.integrator import phi_functions, step
+from coman_reduced_model.core.model.integrator import phi_functions, step
 
 ONE = np.array([0])
 NO_MOVE = np.zeros(1)

@@ -11,7 +11,7 @@ from robots import bent, config_of, robot_of
 
 from coman_reduced_model.core.base.types import Foot, Phase, SupportState
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.model import Model
+from coman_reduced_model.core.model.cartesian import Model
 from coman_reduced_model.errors import ConfigError
 
 WEIGHT = 9.81 * robot_of("coman").mass
@@ -279,7 +279,7 @@ def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffne
     """A hardening knee: the force of all springs at the COM that belongs to a deflection of the joints, as J^-T tau."""
     from coman_reduced_model.core.config.schema import EffectConfig
     from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
-    from coman_reduced_model.core.springs import LegSprings
+    from coman_reduced_model.core.model.springs import LegSprings
 
     deflection = np.array([1e-3, 1e-3, 1e-3, 0.08, 0.05, 1e-3])
     cubic = 40.0

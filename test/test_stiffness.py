@@ -11,7 +11,7 @@ from robots import bent, robot_of
 
 from coman_reduced_model.core.base.compiled import apply, inverse, mul
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.stiffness import height_hessian, spring_damper
+from coman_reduced_model.core.model.stiffness import height_hessian, spring_damper
 
 LIMIT = 0.02
 LENGTH = 0.5

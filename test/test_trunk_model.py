@@ -8,10 +8,10 @@ import pytest
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Flags, Sample
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.contact import Linear, Sole, State, contacts, impulses, switch_support
+from coman_reduced_model.core.model.trunk.contact import Linear, Sole, State, contacts, impulses, switch_support
+from coman_reduced_model.core.model.trunk.kinematics import trunk_twist
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.core.trunk import trunk_twist
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.resources import bag_path, config_path
 

@@ -7,8 +7,8 @@ from conftest import recording
 from robots import config_of
 
 from coman_reduced_model.core.measured.odometry import pose
+from coman_reduced_model.core.model.zmp_filter import CONSTANTS, ZmpFilter
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.zmp_filter import CONSTANTS, ZmpFilter
 from coman_reduced_model.tuning.recording import read_recording
 
 HORIZONS = np.array([0.1, 0.2, 0.4])

@@ -18,7 +18,7 @@ from .streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
 from .streams.stream import Refused
 
 if TYPE_CHECKING:
-    from .horizon import HorizonJudge
+    from .model.horizon import HorizonJudge
     from .robot.robot import Robot
 
 

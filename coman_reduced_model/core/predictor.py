@@ -9,16 +9,16 @@ import numpy as np
 
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config.schema import Config
-from .dynamics import Dynamics, Now
 from .effects.catalogue import Effect, loaded
-from .horizon import HorizonJudge, predict_baselines
 from .measured.odometry import FootOdometry
 from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
-from .model import Model
-from .point_mass import Pendulum, PointMass
+from .model.cartesian import Model
+from .model.dynamics import Dynamics, Now
+from .model.horizon import HorizonJudge, predict_baselines
+from .model.point_mass import Pendulum, PointMass
+from .model.trunk.model import TrunkModel
 from .robot.robot import Robot
-from .trunk_model import TrunkModel
 
 _NAN3 = np.full(3, np.nan)
 _IDENTITY = np.eye(4)

@@ -17,8 +17,8 @@ import numpy as np
 from ..core.base.compiled import compiled
 from ..core.base.types import Array, Flags, Phase, Sample, SupportState
 from ..core.config.schema import Config
-from ..core.integrator import Forcing, extrapolate, free_run_step, free_run_switch
-from ..core.model import Model, Terms
+from ..core.model.cartesian import Model, Terms
+from ..core.model.integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from ..core.predictor import Predictor
 from ..core.robot.robot import Posture
 from ..errors import ConfigError

@@ -14,9 +14,9 @@ from ..base.types import Foot
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample, SupportState
-    from ..dynamics import Now, Push
+    from ..model.dynamics import Now, Push
+    from ..model.springs import LegSprings
     from ..robot.robot import Robot
-    from ..springs import LegSprings
 
 PLACES = {
     "robot": ("",),

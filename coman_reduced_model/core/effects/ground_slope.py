@@ -12,7 +12,7 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
+    from ..model.dynamics import Now, Push
     from ..robot.robot import Robot
 
 

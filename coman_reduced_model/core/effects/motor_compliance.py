@@ -9,7 +9,7 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..springs import LegSprings
+    from ..model.springs import LegSprings
 
 
 class MotorCompliance(Effect):

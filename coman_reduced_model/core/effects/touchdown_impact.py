@@ -14,7 +14,7 @@ from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
+    from ..model.dynamics import Now, Push
     from ..robot.robot import Robot
 
 _DURATION = 0.02  # [s] of the blow, or four samples if those take longer

@@ -18,7 +18,7 @@ from ...errors import RobotError
 from ..base.compiled import compiled
 from ..base.types import Array, Foot
 from ..config.schema import LegConfig, RobotConfig
-from ..stiffness import leg_jacobian
+from ..model.stiffness import leg_jacobian
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 

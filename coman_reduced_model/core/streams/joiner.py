@@ -29,7 +29,7 @@ from ..base.compiled import compiled
 from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
 from ..effects.catalogue import active_effects
-from ..reference import later
+from ..model.reference import later
 from .differentiate import Differentiator
 from .joint_map import JointMap, JointState
 from .stream import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base.compiled import compiled
-from .base.types import Array, Foot, Reference, Sample
-from .robot.robot import Posture
+from ..base.compiled import compiled
+from ..base.types import Array, Foot, Reference, Sample
+from ..robot.robot import Posture
 
 _NOTHING = np.empty((0, 3))
 

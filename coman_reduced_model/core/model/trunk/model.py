@@ -23,17 +23,16 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .base.types import Array, Foot, Phase, Sample
-from .config.schema import Config
+from ...base.types import Array, Foot, Phase, Sample
+from ...config.schema import Config
+from ...effects.catalogue import Effect
+from ...measured.odometry import flat
+from ...robot.robot import Robot
+from ..cartesian import Model
+from ..dynamics import Dynamics, Now, Push
+from ..reference import look_ahead, motor_com, plan_ahead
 from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
-from .dynamics import Dynamics, Now, Push
-from .effects.catalogue import Effect
-from .measured.odometry import flat
-from .model import Model
-from .reference import look_ahead, motor_com, plan_ahead
-from .robot.robot import Robot
-from .stride import Stride, swapped
-from .trunk import (
+from .kinematics import (
     Geometry,
     Pose,
     TrunkTerms,
@@ -43,6 +42,7 @@ from .trunk import (
     geometry,
     project_dynamics,
 )
+from .stride import Stride, swapped
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.

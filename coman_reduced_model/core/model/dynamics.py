@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .base.types import Array, Flags, Foot, Sample, SupportState
-from .robot.robot import Posture
+from ..base.types import Array, Flags, Foot, Sample, SupportState
+from ..robot.robot import Posture
 
 
 @dataclass(slots=True)

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.compiled import apply, compiled, inverse, mul, mul_into
-from .base.types import Array
+from ..base.compiled import apply, compiled, inverse, mul, mul_into
+from ..base.types import Array
 
 
 @compiled

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .base.compiled import compiled, mul
-from .base.types import Array
+from ...base.compiled import compiled, mul
+from ...base.types import Array
+from ...robot.robot import tilt
+from ..stiffness import add_gravity_stiffness
 from .contact import Linear, Sole, contacts
-from .robot.robot import tilt
-from .stiffness import add_gravity_stiffness
 
 
 @compiled

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base.compiled import apply, compiled, mul
-from .base.types import Array
+from ..base.compiled import apply, compiled, mul
+from ..base.types import Array
 
 #                   tau [s]  noise of z'  of v'  of the ZMP  delay [s]; noises against that of the COM, 1
 CONSTANTS = np.array([(0.00295, 1.17, 32.7, 0.585, 0.1875), (0.00738, 23.46, 316.5, 0.118, 0.0)])  # fore-aft, lateral

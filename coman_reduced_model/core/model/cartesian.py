@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base.compiled import compiled
-from .base.types import Array, Foot, Phase, SupportState
-from .config.schema import Config
-from .effects.catalogue import active_effects
-from .robot.robot import Posture, Robot
+from ..base.compiled import compiled
+from ..base.types import Array, Foot, Phase, SupportState
+from ..config.schema import Config
+from ..effects.catalogue import active_effects
+from ..robot.robot import Posture, Robot
 from .springs import Springs
 from .stiffness import add_gravity_stiffness, spring_damper
 

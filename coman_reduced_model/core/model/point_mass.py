@@ -7,15 +7,15 @@ from collections import deque
 
 import numpy as np
 
-from .base.types import Array, Flags, Foot, Phase
-from .config.schema import Config
+from ..base.types import Array, Flags, Foot, Phase
+from ..config.schema import Config
+from ..effects.catalogue import Effect
+from ..robot.robot import Posture, Robot
+from .cartesian import Model, Terms
 from .dynamics import Dynamics, Now, Push
-from .effects.catalogue import Effect
 from .horizon import predict_horizons
 from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
-from .model import Model, Terms
 from .reference import motor_com, plan_ahead, planned_com
-from .robot.robot import Posture, Robot
 from .zmp_filter import ZmpFilter
 
 References = dict[Foot, tuple[Array, Array]]  # COM and velocity (3,), (3,) by leg, in the support sole

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base.compiled import compiled, inverse, mul
-from .base.types import Array
+from ..base.compiled import compiled, inverse, mul
+from ..base.types import Array
 
 
 @compiled

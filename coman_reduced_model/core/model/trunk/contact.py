@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .base.compiled import apply, compiled, inverse_positive, mul
-from .base.types import Array
+from ...base.compiled import apply, compiled, inverse_positive, mul
+from ...base.types import Array
 
 ROWS = 7  # constraints of a foot
 _ROUNDS = 50  # of the iteration for the impulses, at most

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base.types import Array, Foot
-from .config.schema import RobotConfig
-from .effects.catalogue import Effect
+from ..base.types import Array, Foot
+from ..config.schema import RobotConfig
+from ..effects.catalogue import Effect
 
 
 @dataclass(slots=True)

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.compiled import apply, compiled, mul
-from .base.types import Array, Phase
+from ...base.compiled import apply, compiled, mul
+from ...base.types import Array, Phase
+from ..dynamics import Now
 from .contact import ROWS, Linear, Solver, State, make_solver, step_soles, switch_support
-from .dynamics import Now
-from .trunk import TrunkTerms
+from .kinematics import TrunkTerms
 
 _STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
 _EVERY = 0.0395  # [s] between two simulations: in between the last one is read further

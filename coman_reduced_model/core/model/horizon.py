@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.compiled import compiled, inverse, pick
-from .base.types import Array
+from ..base.compiled import compiled, inverse, pick
+from ..base.types import Array
 from .integrator import advance_into, select, transition
 from .reference import look
 
