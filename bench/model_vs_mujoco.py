@@ -21,7 +21,7 @@ from rich.table import Table
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.gait import plan_walk
+from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.motion import plan_motion

@@ -27,7 +27,7 @@ from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.base.types import Foot, JointMessage, WrenchMessage
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.gait import plan_walk
+from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.messages import (
     INPUT_TYPES,

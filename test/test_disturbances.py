@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 from scipy.interpolate import CubicSpline
 
 from coman_reduced_model.cli.main import run as coman
-from coman_reduced_model.core.gait import plan_walk
+from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make, parse

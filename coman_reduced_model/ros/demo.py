@@ -22,7 +22,8 @@ from ..bag.reader import Bag
 from ..bag.types import typestore
 from ..bag.writer import BagWriter
 from ..core.config.schema import Config
-from ..core.gait import GAITS, plan_walk
+from ..core.gait.gait import GAITS, plan_walk
+from ..core.gait.walk import gait_of
 from ..core.statistics import RunStatistics
 from ..core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..errors import BagError, ConfigError
@@ -32,7 +33,6 @@ from .diagnostic_report import Level
 from .listener import Listener
 from .processes import NodeFailed, Nodes
 from .replay import Progress, Replay
-from .walk import gait_of
 
 PREDICTIONS_BAG = "predictions"
 _COMPLETE = 0.99  # share of the bag's joint states that must have been answered

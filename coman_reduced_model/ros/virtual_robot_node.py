@@ -21,6 +21,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
 from ..core.base.types import Foot, Phase, Reference
+from ..core.gait.walk import Walk
 from ..core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.streams.stream import Refused
 from ..errors import ConfigError
@@ -34,7 +35,6 @@ from ..topics import DESCRIPTION, INPUT_TOPICS
 from . import qos
 from .parameters import declare
 from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion
-from .walk import Walk
 
 NAME = "virtual_robot"
 _HOPELESS_NS = 3_000_000_000  # so far behind, the robot's time is set forward, and that is said

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from ..errors import ComanError
-from .base.types import Array, Foot, Phase
+from ...errors import ComanError
+from ..base.types import Array, Foot, Phase
 
 if TYPE_CHECKING:
     from .gait import GaitParameters

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
-from ..errors import ConfigError
-from .base.parameter import par
-from .base.types import Array, Foot, Phase, Reference
+from ...errors import ConfigError
+from ..base.parameter import par
+from ..base.types import Array, Foot, Phase, Reference
 from .footsteps import FootMotion, Footstep, compose, ground_pose, place_footsteps, side
 from .lipm import LipmCom, rest_at_both_ends
 

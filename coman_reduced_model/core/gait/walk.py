@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from ..core.base.types import Reference
-from ..core.config.schema import Config
-from ..core.gait import GaitParameters, WalkPlan, gait, plan_walk
+from ..base.types import Reference
+from ..config.schema import Config
+from .gait import GaitParameters, WalkPlan, gait, plan_walk
 
 _STANDING_T = -1e6  # [s] before the plan, so that its preview stands still as well
 _MEMORY = 6.0  # a change so many time constants ahead moves the present COM by exp(-6) of its size: below 0.1 mm

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base.types import Array
+from ..base.types import Array
 
 
 def _unrest(times: Array, zmp: Array, omega: float) -> Array:
