@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.forces import Forces
+from coman_reduced_model.core.monitor.forces import Forces
 
 MASS, GRAVITY = 30.0, 9.81
 EDGES = np.array([-0.06, 0.12, -0.045, 0.045])  # [m]

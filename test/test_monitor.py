@@ -14,7 +14,7 @@ from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, description, names, robot
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import Foot, ImuMessage
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.laws import BORNE_S, Laws
+from coman_reduced_model.core.monitor.laws import BORNE_S, Laws
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path

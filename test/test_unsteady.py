@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coman_reduced_model.core.unsteady import EVERY_NS, Unsteady
+from coman_reduced_model.core.monitor.unsteady import EVERY_NS, Unsteady
 
 WEIGHT, THRESHOLD = 300.0, 6.0
 EVERY = 1e-9 * EVERY_NS

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from .base.input_warning import InputWarning, WarningKind
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config, ModelConfig
-from .monitor import Mismatch, Monitor
-from .plausibility import Plausibility
+from .monitor.monitor import Mismatch, Monitor
+from .monitor.plausibility import Plausibility
 from .predictor import Predictor
 from .streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
 from .streams.stream import Refused

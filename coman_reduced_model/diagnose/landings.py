@@ -101,7 +101,7 @@ def blow(force: Array) -> float:
     """The largest impulse [Ns] of a few samples beyond what the foot bears before and after, at RATE.
 
     A force (n,) [N] that only rises after the landing gives nothing; NaN if there is too little of it. The node
-    (core/laws.py) judges a landing by its first touch; this also finds the blow of a foot whose edge came first.
+    (monitor/laws.py) judges a landing by its first touch; this also finds the blow of a foot whose edge came first.
     """
     if len(force) < _BLOW + _BESIDE:
         return float("nan")

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
 from ..core.base.types import Array, Flags, Prediction
-from ..core.monitor import Monitor
+from ..core.monitor.monitor import Monitor
 from ..core.pipeline import Status
 from ..core.streams.joiner import JOINTS
 from . import qos

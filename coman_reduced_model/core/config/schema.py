@@ -173,7 +173,7 @@ class OutputConfig:
 
 @dataclass(frozen=True)
 class MonitorConfig:
-    """Watching whether the robot still is what it was, and what its description says (core/monitor.py)."""
+    """Watching whether the robot still is what it was, and what its description says (core/monitor/monitor.py)."""
 
     enabled: bool = par(True, "", "watch laws of mechanics for mismatches: /diagnostics, warnings of summary.json")
     threshold: float = par(6.0, "1", "standard deviations that make a mismatch, of the weaker of two strides", 1.0, 1e3)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .base.input_warning import InputWarning, WarningKind
-from .base.types import Foot, Sample
-from .config.schema import Config
-from .streams.joiner import WRENCHES
+from ..base.input_warning import InputWarning, WarningKind
+from ..base.types import Foot, Sample
+from ..config.schema import Config
+from ..streams.joiner import WRENCHES
 
 if TYPE_CHECKING:
-    from .robot.robot import Robot
+    from ..robot.robot import Robot
 
 _INTERVAL_NS = 20_000_000  # looking every 20 ms is enough, and costs nothing
 _ENOUGH = 50  # looks before a verdict: 1 s

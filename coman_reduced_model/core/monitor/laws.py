@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Laws that hold on any robot, averaged over a support phase: what core/monitor.py watches.
+"""Laws that hold on any robot, averaged over a support phase: what core/monitor/monitor.py watches.
 
 Averaging over a phase does what a filter would do offline: the mean of a rate is the difference of the ends over the
 duration, so that dampers and momentum are accounted for and nothing is differentiated; and one value a phase is nearly
@@ -10,7 +10,7 @@ white. Channels are named as in diagnose/balance.py:
 `torque/JOINT`    measured torque against ground and weight [Nm]
 `drag/JOINT`      the same along the way of the joint: friction, or what else is missing where it goes one way [Nm]
 `late/FOOT`       by how much the foot's sensor is behind the joints' torques, less where these hardly change [s]
-`force/AXIS`      foot forces against weight and the COM's motion (core/forces.py), level, along the support sole [N]
+`force/AXIS`      foot forces against weight and the COM's motion (monitor/forces.py), level, along the support sole [N]
 `moment/AXIS`     foot forces about the COM, along the support sole [Nm]
 `feet/z, roll, pitch`  the right sole in the frame of the left one while both stand, zero on a floor [m, rad]
 `feet/slide_x, slide_y`  by how much that changes in a double support [m]
@@ -27,14 +27,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from .base.compiled import apply, compiled
-from .base.types import Array, Foot, Prediction, Sample
-from .config.schema import Config
-from .effects.catalogue import Effect, active_effects
+from ..base.compiled import apply, compiled
+from ..base.types import Array, Foot, Prediction, Sample
+from ..config.schema import Config
+from ..effects.catalogue import Effect, active_effects
 from .forces import WINDOW_NS, Forces
 
 if TYPE_CHECKING:
-    from .robot.robot import Posture, Robot
+    from ..robot.robot import Posture, Robot
 
 # [s] after a landing until a blow is felt, then until the load is felt that the foot bears: between samples at 200 Hz.
 BLOW_S, BORNE_S = 0.0125, 0.0325

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Says while the robot walks that it no longer is what it was, or what it is described as: which law broke, since when.
 
-Strides are compared with strides. Each channel of core/laws.py gives one value a support phase; each kind of phase
+Strides are compared with strides. Each channel of monitor/laws.py gives one value a support phase; each kind of phase
 (left, right, double support after either, standing) has a level of its own, learnt by a Kalman filter while the robot
 walks, and a noise of its own. How much a channel has changed in a kind is the weaker of its last two values there, in
 standard deviations, if both are off their level the same way. What has *changed* in all kinds together by more than
 `monitor.threshold` is told; so is what *is off* zero by as much of what healthy robots differ by, in two phases of a
 kind running. A value that does not come again was noise, and is learnt as such: a stumble is no fault. A phase of other
 duration, posture or motion than those of its kind before is another gait, and is learnt anew. What pushes and pulls by
-turns has no level: `unsteady/x, y` tell by how much forces scatter that did not (core/unsteady.py). What has not been
+turns has no level: `unsteady/x, y` tell by how much forces scatter that did not (unsteady.py). What has not been
 seen for 10 s is not told any more.
 """
 
@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.compiled import compiled
-from .base.types import Array, Phase, Prediction, Sample
-from .config.schema import Config
+from ..base.compiled import compiled
+from ..base.types import Array, Phase, Prediction, Sample
+from ..config.schema import Config
 from .forces import WINDOW_NS
 from .laws import BORNE_S, KINDS, Laws
 from .unsteady import EVERY_NS, Unsteady
 
 if TYPE_CHECKING:
-    from .robot.robot import Posture, Robot
+    from ..robot.robot import Posture, Robot
 
 _INTERVAL_NS = 10_000_000  # looks at 100 Hz: edges of phases are known as well as that
 _FEWEST = 5  # looks that make a phase

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tells of pushes that come and go: the force that core/forces.py finds missing scatters more than it did.
+"""Tells of pushes that come and go: the force that core/monitor/forces.py finds missing scatters more than it did.
 
 Looked at are the differences from one window to the next, by their median: a pull that begins or a foot that
 knocks against something is one difference, a push that comes and goes is in all of them.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base.types import Array
+from ..base.types import Array
 from .forces import WINDOW_NS, about_vertical
 
 EVERY_NS = 200_000_000  # from one window to the next

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .base.compiled import apply, compiled
-from .base.types import Array, Foot
+from ..base.compiled import apply, compiled
+from ..base.types import Array, Foot
 
 if TYPE_CHECKING:
-    from .robot.robot import Posture
+    from ..robot.robot import Posture
 
 _ROWS = 256  # looks that are remembered
 WINDOW_NS = 300_000_000  # over which forces are weighed at least: below that, noise has the better of them
