@@ -23,8 +23,8 @@ from .bag.writer import BagWriter
 from .core.base.throttle import Throttle
 from .core.base.types import Array, Prediction, SupportState
 from .core.config.schema import Config, config_to_yaml
+from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
-from .core.statistics import RunStatistics, by_axis
 from .output import OutputFolder, to_json
 from .progress import Progress
 from .topics import (

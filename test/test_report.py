@@ -16,7 +16,7 @@ from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.base.types import Flags, Foot, Phase, Prediction, SupportState
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.statistics import AXES, RunStatistics
+from coman_reduced_model.core.evaluation.statistics import AXES, RunStatistics
 from coman_reduced_model.errors import BagError
 from coman_reduced_model.messages import COM_PREDICTION, prediction_to
 from coman_reduced_model.output import to_json

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.statistics import AXES
+from ..core.evaluation.statistics import AXES
 from ..report.figures import heat_map
 from ..report.page import Notice, Part, Section, Table, Text, page, picture
 from .figures import LAWS, Pair, com_error, law, pairs, residuals

@@ -18,8 +18,8 @@ from ..bag.session import Session
 from ..core.base.types import Array, Flags, Foot, Phase
 from ..core.config.schema import Config, EffectConfig
 from ..core.effects.catalogue import CATALOGUE, Effect, loaded
+from ..core.evaluation.statistics import AXES, by_axis
 from ..core.robot.robot import Robot
-from ..core.statistics import AXES, by_axis
 from ..topics import TopicNames
 
 CONFIDENCE = 0.95

@@ -16,8 +16,8 @@ import numpy as np
 from ..core.base.types import Array, Phase
 from ..core.config.schema import STANDARD_EFFECTS, Config, EffectConfig, config_to_yaml, nominal_effects, takes_standard
 from ..core.effects.catalogue import CATALOGUE
+from ..core.evaluation.statistics import by_axis
 from ..core.robot.robot import Robot
-from ..core.statistics import by_axis
 from ..errors import BagError, ConfigError
 from ..output import OutputFolder, to_json
 from ..progress import Progress

@@ -15,7 +15,7 @@ from matplotlib.mlab import detrend_mean, psd
 from matplotlib.patches import Polygon
 
 from ..core.base.types import Array, Flags, Foot, Phase
-from ..core.statistics import AXES
+from ..core.evaluation.statistics import AXES
 from .draw import FAINT, INK, SERIES, STYLES, legend, line, log_ticks, new_figure, phase_patches, shade, thin, title
 from .run import Run
 

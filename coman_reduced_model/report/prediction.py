@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.config.schema import parameter_table
-from ..core.statistics import AXES
+from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
 from ..progress import Progress
 from . import figures

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..core.config.schema import NOTHING, STANDARD_EFFECTS, Config
+from ..core.evaluation.statistics import RunStatistics, by_axis
 from ..core.predictor import Predictor
-from ..core.statistics import RunStatistics, by_axis
 from ..errors import BagError, ConfigError
 from ..progress import Progress
 from .free_run import compile_loop

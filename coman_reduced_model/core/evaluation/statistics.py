@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .base.types import Array, Flags, Phase, Prediction
+from ..base.types import Array, Flags, Phase, Prediction
 
 AXES = ("x", "y", "z")
 
