@@ -13,9 +13,9 @@ from synthetic import robot
 from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.core.effects.foot_slip import glide
 from coman_reduced_model.diagnose.balance import JOLT, evaluate
+from coman_reduced_model.diagnose.data.masks import masks
+from coman_reduced_model.diagnose.data.recording import RATE, Recording
 from coman_reduced_model.diagnose.hypotheses import figures
-from coman_reduced_model.diagnose.masks import masks
-from coman_reduced_model.diagnose.recording import RATE, Recording
 
 
 def stepping(slides: Sequence[float], seconds: float = 0.3) -> tuple[Recording, float]:

@@ -16,10 +16,10 @@ from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose import search, workflow
 from coman_reduced_model.diagnose.case import Case, examine, prepare
+from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed
 from coman_reduced_model.diagnose.finding import Effect, Finding, size
 from coman_reduced_model.diagnose.hypotheses import PLAN, Candidate, candidates, figures
-from coman_reduced_model.diagnose.masks import masks
 from coman_reduced_model.diagnose.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.words import effect_sentence
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from coman_reduced_model.diagnose.signals import bent_stretch, lagged
+from coman_reduced_model.diagnose.data.signals import bent_stretch, lagged
 
 
 @settings(max_examples=8)

@@ -34,11 +34,11 @@ from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array, Foot
 from ..core.robot.robot import Robot
-from .landings import slide_lengths
-from .masks import TAKEN_UP, TICKS, Masks
-from .recording import FEET, WRENCH, Recording
-from .signals import Smoothed, rate_of, smooth, spring_stretch
-from .world import World
+from .data.landings import slide_lengths
+from .data.masks import TAKEN_UP, TICKS, Masks
+from .data.recording import FEET, WRENCH, Recording
+from .data.signals import Smoothed, rate_of, smooth, spring_stretch
+from .data.world import World
 
 JOLT = 0.004  # [m/s] by which any landing stops the robot
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)

@@ -14,12 +14,12 @@ from ..core.effects.catalogue import CATALOGUE, Effect
 from ..core.robot.robot import Robot
 from ..errors import BagError
 from .balance import State, evaluate
+from .data.masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
+from .data.recording import Recording
+from .data.world import World
 from .evidence import Evidence, Fit, Noise, Problem, assemble, prior_variance, weigh
 from .floor import floor
 from .hypotheses import Figure, figures
-from .masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
-from .recording import Recording
-from .world import World
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..core.base.types import Array
 from .balance import State, evaluate
-from .masks import Masks
-from .signals import white, without_noise
+from .data.masks import Masks
+from .data.signals import white, without_noise
 
 DRAWS = 4
 # By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not

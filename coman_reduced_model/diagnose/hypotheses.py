@@ -17,9 +17,9 @@ import pinocchio as pin
 
 from ..core.base.types import Array, Foot
 from ..core.effects.joint_friction import CREEP
-from .recording import FEET, RATE, WRENCH, Recording
-from .signals import lagged
-from .world import World
+from .data.recording import FEET, RATE, WRENCH, Recording
+from .data.signals import lagged
+from .data.world import World
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place

@@ -23,12 +23,12 @@ from ..output import OutputFolder, to_json
 from ..progress import Progress
 from ..topics import TopicNames
 from .case import Case, Prepared, prepare
+from .data.masks import taken_up_anew
+from .data.recording import Recording, load, moving
 from .evidence import ONE_A_STEP
 from .finding import Finding, size
 from .hypotheses import PLAN, Candidate, candidates, figures
-from .masks import taken_up_anew
 from .predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
-from .recording import Recording, load, moving
 from .search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .words import sentence
 

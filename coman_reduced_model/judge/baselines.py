@@ -57,11 +57,11 @@ def features(bag: Path, config: Path | None) -> Features:
     """
     from ..cli.common import read_config
     from ..diagnose.balance import evaluate
+    from ..diagnose.data.masks import masks
+    from ..diagnose.data.recording import load
+    from ..diagnose.data.world import World
     from ..diagnose.evidence import assemble
     from ..diagnose.hypotheses import candidates, figures
-    from ..diagnose.masks import masks
-    from ..diagnose.recording import load
-    from ..diagnose.world import World
 
     settings = read_config(config)
     recording, robot = load(bag, settings)

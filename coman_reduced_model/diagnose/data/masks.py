@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from ..core.base.types import Array, Foot, Phase
+from ...core.base.types import Array, Foot, Phase
 from .landings import CONTACT_S, Slide, blows, usual_slides
 from .recording import RATE, Recording
 from .signals import SMOOTHING, lagged, smooth

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from ..core.base.compiled import compiled
-from ..core.base.types import Array
+from ...core.base.compiled import compiled
+from ...core.base.types import Array
 from .recording import RATE, Recording
 from .world import World
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ..core.base.types import Array, Foot, Phase
-from ..core.effects.foot_slip import SLIPS_TO, glide
+from ...core.base.types import Array, Foot, Phase
+from ...core.effects.foot_slip import SLIPS_TO, glide
 from .recording import FEET, RATE, Recording
 from .world import World
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from ..core.base.types import Array, Foot
-from ..core.config.schema import Config
-from ..core.effects.joint_friction import CREEP
-from ..core.robot.robot import Robot
+from ...core.base.types import Array, Foot
+from ...core.config.schema import Config
+from ...core.effects.joint_friction import CREEP
+from ...core.robot.robot import Robot
 
 
 @dataclass
