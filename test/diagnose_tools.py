@@ -10,12 +10,12 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
 from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.data.world import World
-from coman_reduced_model.diagnose.hypotheses import Figure, figures
+from coman_reduced_model.diagnose.physics.balance import evaluate
+from coman_reduced_model.diagnose.physics.hypotheses import Figure, figures
 
 SECONDS = 4.0
 t = np.arange(0.0, SECONDS, 1.0 / RATE)

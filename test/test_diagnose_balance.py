@@ -10,10 +10,10 @@ from diagnose_tools import JOINT, index, residuals, rms, standing, stretched, t
 from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
-from coman_reduced_model.diagnose.hypotheses import figures
+from coman_reduced_model.diagnose.physics.balance import evaluate
+from coman_reduced_model.diagnose.physics.hypotheses import figures
 
 
 def test_a_standing_robot_is_in_balance():

@@ -27,7 +27,7 @@ from coman_reduced_model.diagnose.evidence import (
     whiten,
 )
 from coman_reduced_model.diagnose.floor import least
-from coman_reduced_model.diagnose.hypotheses import Candidate, candidates
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
 ROWS = 40
 seeds = st.integers(0, 10_000)

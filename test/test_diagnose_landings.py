@@ -12,10 +12,10 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.core.effects.foot_slip import glide
-from coman_reduced_model.diagnose.balance import JOLT, evaluate
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import RATE, Recording
-from coman_reduced_model.diagnose.hypotheses import figures
+from coman_reduced_model.diagnose.physics.balance import JOLT, evaluate
+from coman_reduced_model.diagnose.physics.hypotheses import figures
 
 
 def stepping(slides: Sequence[float], seconds: float = 0.3) -> tuple[Recording, float]:

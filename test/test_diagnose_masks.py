@@ -8,9 +8,9 @@ import pytest
 from diagnose_tools import standing, stretched, swaying, t
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.data.masks import masks, on_flat_soles
 from coman_reduced_model.diagnose.data.recording import moving
+from coman_reduced_model.diagnose.physics.balance import evaluate
 
 
 def test_contacts_and_gaps_are_left_out_and_feet_in_the_air_found():

@@ -19,7 +19,7 @@ from coman_reduced_model.diagnose.case import Case, examine, prepare
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed
 from coman_reduced_model.diagnose.finding import Effect, Finding, size
-from coman_reduced_model.diagnose.hypotheses import PLAN, Candidate, candidates, figures
+from coman_reduced_model.diagnose.physics.hypotheses import PLAN, Candidate, candidates, figures
 from coman_reduced_model.diagnose.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.words import effect_sentence
 

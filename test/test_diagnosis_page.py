@@ -23,8 +23,8 @@ from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import Smoothed
 from coman_reduced_model.diagnose.evidence import Noise, Problem, scores, weighed
 from coman_reduced_model.diagnose.finding import Effect, Finding
-from coman_reduced_model.diagnose.hypotheses import Figure, candidates
 from coman_reduced_model.diagnose.page import diagnosis_page
+from coman_reduced_model.diagnose.physics.hypotheses import Figure, candidates
 from coman_reduced_model.diagnose.predicted_com import FreeRun
 from coman_reduced_model.diagnose.words import effect_sentence, place
 

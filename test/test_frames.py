@@ -20,11 +20,11 @@ from coman_reduced_model.core.effects.catalogue import loaded
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.streams.joiner import JOINTS
-from coman_reduced_model.diagnose.balance import evaluate
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, Recording, load
 from coman_reduced_model.diagnose.data.world import World
-from coman_reduced_model.diagnose.hypotheses import figures
+from coman_reduced_model.diagnose.physics.balance import evaluate
+from coman_reduced_model.diagnose.physics.hypotheses import figures
 from coman_reduced_model.diagnose.workflow import diagnose
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record

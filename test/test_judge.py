@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.config.schema import load_config
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
-from coman_reduced_model.diagnose.hypotheses import candidates, figures
+from coman_reduced_model.diagnose.physics.hypotheses import candidates, figures
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case

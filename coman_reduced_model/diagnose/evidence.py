@@ -18,11 +18,11 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ..core.base.compiled import compiled
 from ..core.base.types import Array
-from .balance import State, evaluate
 from .data.masks import TICKS, Masks
 from .data.signals import SMOOTHING, without_noise
 from .floor import least
-from .hypotheses import Candidate, Figure
+from .physics.balance import State, evaluate
+from .physics.hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by

@@ -27,7 +27,7 @@ from .data.masks import taken_up_anew
 from .data.recording import Recording, load, moving
 from .evidence import ONE_A_STEP
 from .finding import Finding, size
-from .hypotheses import PLAN, Candidate, candidates, figures
+from .physics.hypotheses import PLAN, Candidate, candidates, figures
 from .predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
 from .search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .words import sentence

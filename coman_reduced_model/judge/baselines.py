@@ -56,12 +56,12 @@ def features(bag: Path, config: Path | None) -> Features:
         ComanError: the bag or the configuration cannot be used.
     """
     from ..cli.common import read_config
-    from ..diagnose.balance import evaluate
     from ..diagnose.data.masks import masks
     from ..diagnose.data.recording import load
     from ..diagnose.data.world import World
     from ..diagnose.evidence import assemble
-    from ..diagnose.hypotheses import candidates, figures
+    from ..diagnose.physics.balance import evaluate
+    from ..diagnose.physics.hypotheses import candidates, figures
 
     settings = read_config(config)
     recording, robot = load(bag, settings)

@@ -3,7 +3,7 @@
 
 Averaging over a phase does what a filter would do offline: the mean of a rate is the difference of the ends over the
 duration, so that dampers and momentum are accounted for and nothing is differentiated; and one value a phase is nearly
-white. Channels are named as in diagnose/balance.py:
+white. Channels are named as in diagnose/physics/balance.py:
 
 `spring/JOINT`    motor - link - torque / k + (d / k) rate; the torque as measured, else as ground and weight ask [rad]
 `stiffness/JOINT`  the same along how far the measured torque bends the spring in the course of a phase [rad]

@@ -32,13 +32,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ..core.base.types import Array, Foot
-from ..core.robot.robot import Robot
-from .data.landings import slide_lengths
-from .data.masks import TAKEN_UP, TICKS, Masks
-from .data.recording import FEET, WRENCH, Recording
-from .data.signals import Smoothed, rate_of, smooth, spring_stretch
-from .data.world import World
+from ...core.base.types import Array, Foot
+from ...core.robot.robot import Robot
+from ..data.landings import slide_lengths
+from ..data.masks import TAKEN_UP, TICKS, Masks
+from ..data.recording import FEET, WRENCH, Recording
+from ..data.signals import Smoothed, rate_of, smooth, spring_stretch
+from ..data.world import World
 
 JOLT = 0.004  # [m/s] by which any landing stops the robot
 TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)

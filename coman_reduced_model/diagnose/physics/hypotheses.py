@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ..core.base.types import Array, Foot
-from ..core.effects.joint_friction import CREEP
-from .data.recording import FEET, RATE, WRENCH, Recording
-from .data.signals import lagged
-from .data.world import World
+from ...core.base.types import Array, Foot
+from ...core.effects.joint_friction import CREEP
+from ..data.recording import FEET, RATE, WRENCH, Recording
+from ..data.signals import lagged
+from ..data.world import World
 
 Apply = Callable[[Recording, World, float], tuple[Recording, World]]
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
