@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from coman_reduced_model.diagnose.evidence import (
+from coman_reduced_model.diagnose.inference.evidence import (
     ORDER,
     Evidence,
     Noise,
@@ -26,7 +26,7 @@ from coman_reduced_model.diagnose.evidence import (
     weigh,
     whiten,
 )
-from coman_reduced_model.diagnose.floor import least
+from coman_reduced_model.diagnose.inference.floor import least
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
 ROWS = 40

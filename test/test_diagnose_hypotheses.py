@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.diagnose.case import examine
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
 from coman_reduced_model.diagnose.data.signals import bent_stretch, lagged, smooth
+from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.physics.balance import evaluate
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, figures, shifted
 

@@ -14,13 +14,14 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.diagnose import search, workflow
-from coman_reduced_model.diagnose.case import Case, examine, prepare
+from coman_reduced_model.diagnose import workflow
 from coman_reduced_model.diagnose.data.masks import masks
-from coman_reduced_model.diagnose.evidence import Noise, Problem, Score, weighed
-from coman_reduced_model.diagnose.finding import Effect, Finding, size
+from coman_reduced_model.diagnose.inference import search
+from coman_reduced_model.diagnose.inference.case import Case, examine, prepare
+from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, Score, weighed
+from coman_reduced_model.diagnose.inference.finding import Effect, Finding, size
+from coman_reduced_model.diagnose.inference.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.physics.hypotheses import PLAN, Candidate, candidates, figures
-from coman_reduced_model.diagnose.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.words import effect_sentence
 
 

@@ -17,15 +17,16 @@ from robots import robot_of
 from coman_reduced_model.core.base.types import Array, Foot, Phase
 from coman_reduced_model.core.config.schema import Config, load_config
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.diagnose import predicted_com, workflow
-from coman_reduced_model.diagnose.case import Case
+from coman_reduced_model.diagnose import workflow
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import Smoothed
-from coman_reduced_model.diagnose.evidence import Noise, Problem, scores, weighed
-from coman_reduced_model.diagnose.finding import Effect, Finding
+from coman_reduced_model.diagnose.inference import predicted_com
+from coman_reduced_model.diagnose.inference.case import Case
+from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
+from coman_reduced_model.diagnose.inference.finding import Effect, Finding
+from coman_reduced_model.diagnose.inference.predicted_com import FreeRun
 from coman_reduced_model.diagnose.page import diagnosis_page
 from coman_reduced_model.diagnose.physics.hypotheses import Figure, candidates
-from coman_reduced_model.diagnose.predicted_com import FreeRun
 from coman_reduced_model.diagnose.words import effect_sentence, place
 
 WIDTH, FLOOR = 0.012, 3e-4  # [rad]

@@ -11,7 +11,7 @@ from robots import bent, robot_of
 
 from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.core.config.schema import EffectConfig
-from coman_reduced_model.diagnose.predicted_com import Errors, FreeRun, admitted, change, errors, interval
+from coman_reduced_model.diagnose.inference.predicted_com import Errors, FreeRun, admitted, change, errors, interval
 
 STEP, N = 40, 400  # samples of a step, of a run; 5 ms apart
 VALUES = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12)

@@ -11,7 +11,7 @@ from ..core.evaluation.statistics import AXES
 from ..report.figures import heat_map
 from ..report.page import Notice, Part, Section, Table, Text, page, picture
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
-from .search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
+from .inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
 from .workflow import Diagnosis, limit_of, limits
 

@@ -22,14 +22,14 @@ from ..errors import BagError, ConfigError
 from ..output import OutputFolder, to_json
 from ..progress import Progress
 from ..topics import TopicNames
-from .case import Case, Prepared, prepare
 from .data.masks import taken_up_anew
 from .data.recording import Recording, load, moving
-from .evidence import ONE_A_STEP
-from .finding import Finding, size
+from .inference.case import Case, Prepared, prepare
+from .inference.evidence import ONE_A_STEP
+from .inference.finding import Finding, size
+from .inference.predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
+from .inference.search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .physics.hypotheses import PLAN, Candidate, candidates, figures
-from .predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
-from .search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .words import sentence
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"

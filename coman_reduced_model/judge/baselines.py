@@ -59,7 +59,7 @@ def features(bag: Path, config: Path | None) -> Features:
     from ..diagnose.data.masks import masks
     from ..diagnose.data.recording import load
     from ..diagnose.data.world import World
-    from ..diagnose.evidence import assemble
+    from ..diagnose.inference.evidence import assemble
     from ..diagnose.physics.balance import evaluate
     from ..diagnose.physics.hypotheses import candidates, figures
 

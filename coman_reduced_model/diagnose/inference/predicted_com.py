@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..bag.session import Session
-from ..core.base.types import Array, Flags, Foot, Phase
-from ..core.config.schema import Config, EffectConfig
-from ..core.effects.catalogue import CATALOGUE, Effect, loaded
-from ..core.evaluation.statistics import AXES, by_axis
-from ..core.robot.robot import Robot
-from ..topics import TopicNames
+from ...bag.session import Session
+from ...core.base.types import Array, Flags, Foot, Phase
+from ...core.config.schema import Config, EffectConfig
+from ...core.effects.catalogue import CATALOGUE, Effect, loaded
+from ...core.evaluation.statistics import AXES, by_axis
+from ...core.robot.robot import Robot
+from ...topics import TopicNames
 
 CONFIDENCE = 0.95
 

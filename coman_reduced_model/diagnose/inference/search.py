@@ -12,13 +12,13 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
-from ..core.base.types import Array
-from ..progress import Progress
+from ...core.base.types import Array
+from ...progress import Progress
+from ..data.recording import moving
+from ..physics.hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 from .case import Case, Prepared, examine
-from .data.recording import moving
 from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed
 from .finding import Effect, Finding
-from .physics.hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
 
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
 FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats

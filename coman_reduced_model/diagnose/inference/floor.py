@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.base.types import Array
-from .data.masks import Masks
-from .data.signals import white, without_noise
-from .physics.balance import State, evaluate
+from ...core.base.types import Array
+from ..data.masks import Masks
+from ..data.signals import white, without_noise
+from ..physics.balance import State, evaluate
 
 DRAWS = 4
 # By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
-from ..core.base.compiled import compiled
-from ..core.base.types import Array
-from .data.masks import TICKS, Masks
-from .data.signals import SMOOTHING, without_noise
+from ...core.base.compiled import compiled
+from ...core.base.types import Array
+from ..data.masks import TICKS, Masks
+from ..data.signals import SMOOTHING, without_noise
+from ..physics.balance import State, evaluate
+from ..physics.hypotheses import Candidate, Figure
 from .floor import least
-from .physics.balance import State, evaluate
-from .physics.hypotheses import Candidate, Figure
 
 ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by

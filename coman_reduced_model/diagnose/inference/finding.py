@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..core.base.types import Array
+from ...core.base.types import Array
+from ..data.masks import TICKS
+from ..physics.hypotheses import Candidate, Figure
 from .case import Case
-from .data.masks import TICKS
 from .evidence import Fit, Score
-from .physics.hypotheses import Candidate, Figure
 
 ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance sole to be still and flat on the ground
 BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.base.types import Array
-from ..core.config.schema import Config
-from ..core.effects.catalogue import CATALOGUE, Effect
-from ..core.robot.robot import Robot
-from ..errors import BagError
-from .data.masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
-from .data.recording import Recording
-from .data.world import World
+from ...core.base.types import Array
+from ...core.config.schema import Config
+from ...core.effects.catalogue import CATALOGUE, Effect
+from ...core.robot.robot import Robot
+from ...errors import BagError
+from ..data.masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
+from ..data.recording import Recording
+from ..data.world import World
+from ..physics.balance import State, evaluate
+from ..physics.hypotheses import Figure, figures
 from .evidence import Evidence, Fit, Noise, Problem, assemble, prior_variance, weigh
 from .floor import floor
-from .physics.balance import State, evaluate
-from .physics.hypotheses import Figure, figures
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
