@@ -22,7 +22,7 @@ from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, Scor
 from coman_reduced_model.diagnose.inference.finding import Effect, Finding, size
 from coman_reduced_model.diagnose.inference.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.physics.hypotheses import PLAN, Candidate, candidates, figures
-from coman_reduced_model.diagnose.words import effect_sentence
+from coman_reduced_model.diagnose.report.words import effect_sentence
 
 
 def test_one_of_few_ways_needs_less_than_one_of_many_places():

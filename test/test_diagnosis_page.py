@@ -25,9 +25,9 @@ from coman_reduced_model.diagnose.inference.case import Case
 from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
 from coman_reduced_model.diagnose.inference.finding import Effect, Finding
 from coman_reduced_model.diagnose.inference.predicted_com import FreeRun
-from coman_reduced_model.diagnose.page import diagnosis_page
 from coman_reduced_model.diagnose.physics.hypotheses import Figure, candidates
-from coman_reduced_model.diagnose.words import effect_sentence, place
+from coman_reduced_model.diagnose.report.page import diagnosis_page
+from coman_reduced_model.diagnose.report.words import effect_sentence, place
 
 WIDTH, FLOOR = 0.012, 3e-4  # [rad]
 JOINTS = ["LKneeSag", "RKneeSag"]

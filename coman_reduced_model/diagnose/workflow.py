@@ -30,7 +30,7 @@ from .inference.finding import Finding, size
 from .inference.predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
 from .inference.search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .physics.hypotheses import PLAN, Candidate, candidates, figures
-from .words import sentence
+from .report.words import sentence
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
 
@@ -201,7 +201,7 @@ def write(diagnosis: Diagnosis, out: str | Path, force: bool = False) -> None:
     Raises:
         OutputError: it exists, or cannot be written.
     """
-    from .page import diagnosis_page
+    from .report.page import diagnosis_page
 
     with OutputFolder(out, force) as folder:
         (folder / DIAGNOSIS_FILE).write_text(to_json(diagnosis.result) + "\n", encoding="utf-8")

@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ..core.base.types import Array, Phase
-from ..report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
-from ..report.figures import NoData
-from .data.recording import RATE
-from .inference.case import Case
-from .inference.finding import Finding
-from .inference.predicted_com import Errors
+from ...core.base.types import Array, Phase
+from ...report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
+from ...report.figures import NoData
+from ..data.recording import RATE
+from ..inference.case import Case
+from ..inference.finding import Finding
+from ..inference.predicted_com import Errors
 from .words import channel, channel_unit
 
 SHOWN_S = 6.0  # [s] of a recording that a figure over time shows: more steps say no more

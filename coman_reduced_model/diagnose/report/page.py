@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..core.evaluation.statistics import AXES
-from ..report.figures import heat_map
-from ..report.page import Notice, Part, Section, Table, Text, page, picture
+from ...core.evaluation.statistics import AXES
+from ...report.figures import heat_map
+from ...report.page import Notice, Part, Section, Table, Text, page, picture
+from ..inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
+from ..workflow import Diagnosis, limit_of, limits
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
-from .inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
-from .workflow import Diagnosis, limit_of, limits
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
