@@ -37,7 +37,7 @@ from std_msgs.msg import String
 
 from coman_reduced_model.core.base.types import JointMessage, WrenchMessage
 from coman_reduced_model.messages import joint_to, ros_types, wrench_to
-from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.interface import qos
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN
 

@@ -38,7 +38,7 @@ from coman_reduced_model.messages import (
     ros_types,
     wrench_to,
 )
-from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.interface import qos
 from coman_reduced_model.ros.replay import Progress
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion

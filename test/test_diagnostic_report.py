@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from coman_reduced_model.ros.diagnostic_report import (
+from coman_reduced_model.ros.interface.diagnostic_report import (
     Level,
     Report,
     rate_value,
@@ -15,7 +15,7 @@ from coman_reduced_model.ros.diagnostic_report import (
     restart_value,
     skill_values,
 )
-from coman_reduced_model.ros.diagnostics import _text
+from coman_reduced_model.ros.interface.diagnostics import _text
 
 
 def sent(values: dict, level: Level = Level.WARN) -> Report:

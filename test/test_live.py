@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 
 from coman_reduced_model.core.streams.joiner import JOINTS
 from coman_reduced_model.messages import stamp_of
-from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.interface import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 

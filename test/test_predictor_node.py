@@ -14,7 +14,7 @@ from ros_testing import Peer, Standing, robot_urdf, stamp_of, vector
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.interface import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 

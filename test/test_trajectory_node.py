@@ -11,7 +11,7 @@ from ros_testing import stamp_of, vector
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.interface import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 

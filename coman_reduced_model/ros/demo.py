@@ -29,7 +29,7 @@ from ..core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..errors import BagError, ConfigError
 from ..messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ..topics import PREDICTION
-from .diagnostic_report import Level
+from .interface.diagnostic_report import Level
 from .listener import Listener
 from .processes import NodeFailed, Nodes
 from .replay import Progress, Replay

@@ -15,8 +15,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ..topics import PREDICTION
-from . import qos
-from .diagnostic_report import Report
+from .interface import qos
+from .interface.diagnostic_report import Report
 
 
 class Listener:

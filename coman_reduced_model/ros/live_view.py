@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..core.base.types import Array, Phase, Prediction
-from .diagnostic_report import Level
+from .interface.diagnostic_report import Level
 from .listener import Listener
 
 _SECONDS = 5.0

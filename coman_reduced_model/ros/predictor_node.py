@@ -19,11 +19,11 @@ from ..core.robot.robot import Robot
 from ..messages import INPUT_TYPES, ros_types
 from ..topics import INPUT_TOPICS
 from ..warm_up import warm_up
-from . import qos
-from .description import Description
-from .diagnostics import Diagnostics
-from .outputs import Outputs
-from .parameters import declare
+from .interface import qos
+from .interface.description import Description
+from .interface.diagnostics import Diagnostics
+from .interface.outputs import Outputs
+from .interface.parameters import declare
 
 NAME = "predictor"
 

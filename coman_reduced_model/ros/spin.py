@@ -91,7 +91,7 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
     from rclpy.experimental import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    from .parameters import check_files
+    from .interface.parameters import check_files
 
     check_files(argv, name)  # first, because the other imports take a second or two
     make_node = find()

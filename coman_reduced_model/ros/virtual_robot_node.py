@@ -32,8 +32,8 @@ from ..sim.robot_table import COMAN, ROBOTS
 from ..sim.sensors import Readings, SensorOptions
 from ..sim.virtual_robot import VirtualRobot
 from ..topics import DESCRIPTION, INPUT_TOPICS
-from . import qos
-from .parameters import declare
+from .interface import qos
+from .interface.parameters import declare
 from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion
 
 NAME = "virtual_robot"

@@ -9,8 +9,8 @@ from enum import IntEnum
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from ..core.base.types import Array
-from ..core.evaluation.statistics import AXES, by_axis
+from ...core.base.types import Array
+from ...core.evaluation.statistics import AXES, by_axis
 
 _RATE = ": rate [Hz]"
 _REJECTED, _LAST = "rejected: ", ": last"

@@ -11,11 +11,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
-from ..core.base.throttle import Throttle
-from ..core.base.types import Array, Prediction
-from ..core.config.schema import Config
-from ..messages import MessageTypes, point_to, prediction_to, support_to
-from ..topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
+from ...core.base.throttle import Throttle
+from ...core.base.types import Array, Prediction
+from ...core.config.schema import Config
+from ...messages import MessageTypes, point_to, prediction_to, support_to
+from ...topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos
 from .markers import Markers
 

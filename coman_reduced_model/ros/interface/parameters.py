@@ -13,10 +13,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from ..core.base.parameter import Parameter
-from ..core.config.schema import Config, config_from_flat, load_config, parameter_table
-from ..errors import ConfigError
-from ..topics import DESCRIPTION
+from ...core.base.parameter import Parameter
+from ...core.config.schema import Config, config_from_flat, load_config, parameter_table
+from ...errors import ConfigError
+from ...topics import DESCRIPTION
 
 _TYPES = {"floats": RosParameter.Type.DOUBLE_ARRAY, "strs": RosParameter.Type.STRING_ARRAY}
 

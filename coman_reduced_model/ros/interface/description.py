@@ -9,9 +9,9 @@ from pathlib import Path
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from ..core.config.schema import Config
-from ..errors import RobotError
-from ..topics import DESCRIPTION
+from ...core.config.schema import Config
+from ...errors import RobotError
+from ...topics import DESCRIPTION
 from . import qos
 
 
