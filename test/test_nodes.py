@@ -38,7 +38,7 @@ def test_stops_cleanly(start, ros_domain, signals):
 
 HANGS = """
 import ctypes, sys
-from coman_reduced_model.ros.spin import run
+from coman_reduced_model.ros.runtime.spin import run
 
 def find():
     from rclpy.node import Node

@@ -31,8 +31,8 @@ def demo(
     from ..offline import CONFIG_FILE, SUMMARY_FILE
     from ..output import OutputFolder, to_json
     from ..resources import bag_path, config_path
-    from ..ros.processes import NodeFailed, confine, why_not
-    from ..ros.spin import Stop
+    from ..ros.runtime.processes import NodeFailed, confine, why_not
+    from ..ros.runtime.spin import Stop
 
     Stop()  # one Ctrl-C ends it; more of them do not keep it from stopping the nodes
     confine()

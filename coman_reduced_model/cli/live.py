@@ -26,8 +26,8 @@ def live(
     from ..core.gait.gait import plan_walk
     from ..errors import ComanError
     from ..resources import config_path
-    from ..ros.processes import NodeFailed, Nodes, confine, why_not
-    from ..ros.spin import Stop
+    from ..ros.runtime.processes import NodeFailed, Nodes, confine, why_not
+    from ..ros.runtime.spin import Stop
     from ..sim.robot_table import COMAN, ROBOTS
 
     stop = Stop()
@@ -63,7 +63,7 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
     from ..messages import COM_PREDICTION, prediction_from
     from ..ros.listener import Listener
     from ..ros.live_view import LiveView
-    from ..ros.processes import NodeFailed
+    from ..ros.runtime.processes import NodeFailed
 
     view, store = LiveView(), typestore()
     console = Console()

@@ -31,8 +31,8 @@ from ..messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ..topics import PREDICTION
 from .interface.diagnostic_report import Level
 from .listener import Listener
-from .processes import NodeFailed, Nodes
 from .replay import Progress, Replay
+from .runtime.processes import NodeFailed, Nodes
 
 PREDICTIONS_BAG = "predictions"
 _COMPLETE = 0.99  # share of the bag's joint states that must have been answered

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from .spin import run
+from .runtime.spin import run
 
 
 def _find(module: str, kind: str) -> Callable[[], Callable[[], Any]]:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from ..errors import ComanError
+from ...errors import ComanError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _TAKING_DOWN_S = 3.0  # launch sends the next signal after 5 s
@@ -91,7 +91,7 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
     from rclpy.experimental import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    from .interface.parameters import check_files
+    from ..interface.parameters import check_files
 
     check_files(argv, name)  # first, because the other imports take a second or two
     make_node = find()
