@@ -20,7 +20,7 @@ from . import qos
 from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
 
 if TYPE_CHECKING:
-    from ..predictor_node import PredictorNode
+    from ..nodes.predictor import PredictorNode
 
 _WINDOW = 5  # reports that errors and shares are told over
 _SILENT = 1.0  # [s] without joint states: stale

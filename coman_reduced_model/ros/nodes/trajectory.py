@@ -14,11 +14,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from ..core.gait.walk import Walk
-from ..core.streams.joiner import REFERENCE
-from ..messages import ODOM, header_to, pose_to, reference_to, ros_types
-from .interface import qos
-from .interface.parameters import declare
+from ...core.gait.walk import Walk
+from ...core.streams.joiner import REFERENCE
+from ...messages import ODOM, header_to, pose_to, reference_to, ros_types
+from ..interface import qos
+from ..interface.parameters import declare
 
 NAME = "trajectory"
 _BACK_NS = 500_000_000  # a clock that goes back by more was set, or a bag began again

@@ -7,8 +7,8 @@ from collections import deque
 
 import numpy as np
 
-from ..core.base.types import Array, Reference
-from ..sim.motion import LegKinematics, follow
+from ...core.base.types import Array, Reference
+from ...sim.motion import LegKinematics, follow
 
 SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad
 DELAY_NS = 90_000_000  # the robot lives so far in the past that the cubic's next two knots are there

@@ -20,20 +20,20 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
-from ..core.base.types import Foot, Phase, Reference
-from ..core.gait.walk import Walk
-from ..core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.streams.stream import Refused
-from ..errors import ConfigError
-from ..messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
-from ..sim.describe import urdf
-from ..sim.motion import LegKinematics
-from ..sim.robot_table import COMAN, ROBOTS
-from ..sim.sensors import Readings, SensorOptions
-from ..sim.virtual_robot import VirtualRobot
-from ..topics import DESCRIPTION, INPUT_TOPICS
-from .interface import qos
-from .interface.parameters import declare
+from ...core.base.types import Foot, Phase, Reference
+from ...core.gait.walk import Walk
+from ...core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.streams.stream import Refused
+from ...errors import ConfigError
+from ...messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
+from ...sim.describe import urdf
+from ...sim.motion import LegKinematics
+from ...sim.robot_table import COMAN, ROBOTS
+from ...sim.sensors import Readings, SensorOptions
+from ...sim.virtual_robot import VirtualRobot
+from ...topics import DESCRIPTION, INPUT_TOPICS
+from ..interface import qos
+from ..interface.parameters import declare
 from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion
 
 NAME = "virtual_robot"

@@ -12,18 +12,18 @@ from typing import Any
 
 from rclpy.node import Node
 
-from ..bag.decode import decoder
-from ..core.config.schema import Config
-from ..core.pipeline import Pipeline
-from ..core.robot.robot import Robot
-from ..messages import INPUT_TYPES, ros_types
-from ..topics import INPUT_TOPICS
-from ..warm_up import warm_up
-from .interface import qos
-from .interface.description import Description
-from .interface.diagnostics import Diagnostics
-from .interface.outputs import Outputs
-from .interface.parameters import declare
+from ...bag.decode import decoder
+from ...core.config.schema import Config
+from ...core.pipeline import Pipeline
+from ...core.robot.robot import Robot
+from ...messages import INPUT_TYPES, ros_types
+from ...topics import INPUT_TOPICS
+from ...warm_up import warm_up
+from ..interface import qos
+from ..interface.description import Description
+from ..interface.diagnostics import Diagnostics
+from ..interface.outputs import Outputs
+from ..interface.parameters import declare
 
 NAME = "predictor"
 
