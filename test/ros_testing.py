@@ -39,7 +39,7 @@ from coman_reduced_model.messages import (
     wrench_to,
 )
 from coman_reduced_model.ros.interface import qos
-from coman_reduced_model.ros.replay import Progress
+from coman_reduced_model.ros.tools.replay import Progress
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait

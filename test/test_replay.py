@@ -20,7 +20,7 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.messages import prediction_to, ros_types
 from coman_reduced_model.ros.interface import qos
-from coman_reduced_model.ros.replay import Replay
+from coman_reduced_model.ros.tools.replay import Replay
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 

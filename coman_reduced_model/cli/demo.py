@@ -39,7 +39,7 @@ def demo(
     if problem := why_not():
         raise ComanError(f"demo: {problem}")
     from ..report.prediction import write_report
-    from ..ros.demo import DemoFailed, run_demo
+    from ..ros.tools.demo import DemoFailed, run_demo
 
     path = bag_path("test1") if bag is None else bag
     file = config or config_path()

@@ -61,9 +61,9 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
 
     from ..bag.types import typestore
     from ..messages import COM_PREDICTION, prediction_from
-    from ..ros.listener import Listener
-    from ..ros.live_view import LiveView
     from ..ros.runtime.processes import NodeFailed
+    from ..ros.tools.listener import Listener
+    from ..ros.tools.live_view import LiveView
 
     view, store = LiveView(), typestore()
     console = Console()

@@ -18,10 +18,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
-from ..bag.reader import Bag
-from ..errors import BagError, ComanError
-from ..topics import DESCRIPTION
-from .interface import qos
+from ...bag.reader import Bag
+from ...errors import BagError, ComanError
+from ...topics import DESCRIPTION
+from ..interface import qos
 
 _CLOCK_NS = 5_000_000  # /clock at 200 Hz or more, so that timers in the bag's time are on time
 _LATCHED = (DESCRIPTION, "tf_static")

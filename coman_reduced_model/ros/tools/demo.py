@@ -17,22 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
-from ..bag.reader import Bag
-from ..bag.types import typestore
-from ..bag.writer import BagWriter
-from ..core.config.schema import Config
-from ..core.evaluation.statistics import RunStatistics
-from ..core.gait.gait import GAITS, plan_walk
-from ..core.gait.walk import gait_of
-from ..core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..errors import BagError, ConfigError
-from ..messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
-from ..topics import PREDICTION
-from .interface.diagnostic_report import Level
+from ... import __version__
+from ...bag.reader import Bag
+from ...bag.types import typestore
+from ...bag.writer import BagWriter
+from ...core.config.schema import Config
+from ...core.evaluation.statistics import RunStatistics
+from ...core.gait.gait import GAITS, plan_walk
+from ...core.gait.walk import gait_of
+from ...core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...errors import BagError, ConfigError
+from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
+from ...topics import PREDICTION
+from ..interface.diagnostic_report import Level
+from ..runtime.processes import NodeFailed, Nodes
 from .listener import Listener
 from .replay import Progress, Replay
-from .runtime.processes import NodeFailed, Nodes
 
 PREDICTIONS_BAG = "predictions"
 _COMPLETE = 0.99  # share of the bag's joint states that must have been answered

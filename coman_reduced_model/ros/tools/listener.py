@@ -14,9 +14,9 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ..topics import PREDICTION
-from .interface import qos
-from .interface.diagnostic_report import Report
+from ...topics import PREDICTION
+from ..interface import qos
+from ..interface.diagnostic_report import Report
 
 
 class Listener:

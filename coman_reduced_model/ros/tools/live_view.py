@@ -12,8 +12,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from ..core.base.types import Array, Phase, Prediction
-from .interface.diagnostic_report import Level
+from ...core.base.types import Array, Phase, Prediction
+from ..interface.diagnostic_report import Level
 from .listener import Listener
 
 _SECONDS = 5.0
