@@ -15,7 +15,7 @@ from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[3]
 FILES = sorted((ROOT / "config").glob("*.yaml"))
 
 

@@ -21,7 +21,7 @@ from coman_reduced_model.tuning.recording import Recording, read_recording
 from coman_reduced_model.tuning.shares import measure_shares, with_shares
 from coman_reduced_model.tuning.tune import chosen, describe, tune_coefficients
 
-BAGS = Path(__file__).resolve().parents[1] / "bags"
+BAGS = Path(__file__).resolve().parents[2] / "bags"
 CONFIG = load_config(config_path("coman_paper")).replaced({"prediction.horizons": ()})
 WHOLE = ["gravity_stiffness", "trunk_rotation", "swing_momentum"]
 

@@ -15,7 +15,7 @@ from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.robot_table import ROBOTS
 from coman_reduced_model.tuning.validate import VARIANTS, Score, rows, summarise, virtual_case
 
-BAGS = Path(__file__).resolve().parents[1] / "bags"
+BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 
 def test_every_variant_is_a_configuration():

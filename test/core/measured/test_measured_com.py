@@ -12,7 +12,7 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.record import load_truth
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[2] / "data"
 NAMES = {Foot.LEFT: "T_left", Foot.RIGHT: "T_right"}
 
 
