@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from .core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.base.types import (
     Array,
     Flags,
@@ -28,7 +29,6 @@ from .core.base.types import (
     SupportState,
     WrenchMessage,
 )
-from .core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.streams.stream import Refused
 
 ODOM = "odom"

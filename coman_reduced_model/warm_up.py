@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from .core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
 from .core.config.schema import NOTHING, Config
 from .core.pipeline import Pipeline
 from .core.robot.robot import Robot
-from .core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
 
 _PERIOD_NS = 5_000_000

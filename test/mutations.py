@@ -12,7 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 from synthetic import LEFT, RIGHT, Message
 
-from coman_reduced_model.core.streams.joiner import JOINTS, MOTORS, REFERENCE
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
 
 STREAMS = (JOINTS, MOTORS, LEFT, RIGHT, REFERENCE)
 _LAST_STAMP = (2**31 - 1) * 10**9  # [ns] that the header of a message can hold

@@ -12,10 +12,10 @@ import numpy as np
 
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
 from coman_reduced_model.core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from coman_reduced_model.messages import INPUT_TYPES, STRING, joint_to, reference_to, wrench_to
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN

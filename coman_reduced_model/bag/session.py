@@ -8,11 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from ..core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import Prediction, Sample
 from ..core.config.schema import Config
 from ..core.pipeline import Pipeline
 from ..core.robot.robot import Robot
-from ..core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..errors import BagError, ConfigError
 from ..messages import INPUT_TYPES, STRING
 from ..progress import Progress

@@ -9,12 +9,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from .base.input_warning import InputWarning, WarningKind
+from .base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config, ModelConfig
 from .monitor.monitor import Mismatch, Monitor
 from .monitor.plausibility import Plausibility
 from .predictor import Predictor
-from .streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
+from .streams.joiner import Joiner
 from .streams.stream import Refused
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ import numpy as np
 
 from ..bag.types import bag_types
 from ..bag.writer import BagWriter
+from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import Foot
 from ..core.gait.gait import GaitParameters, WalkPlan, gait, plan_walk
-from ..core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..errors import ConfigError, OutputError
 from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
 from ..output import OutputFolder

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from synthetic import LEFT, MOTORS, RIGHT, T0, robot, rooted, walk
 
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.stream_names import JOINTS
 from coman_reduced_model.core.base.types import Foot, ImuMessage, Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import loaded
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.core.streams.joiner import JOINTS
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, Recording, load
 from coman_reduced_model.diagnose.data.world import World

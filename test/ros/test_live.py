@@ -17,7 +17,7 @@ from ros_testing import vector
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from coman_reduced_model.core.streams.joiner import JOINTS
+from coman_reduced_model.core.base.stream_names import JOINTS
 from coman_reduced_model.messages import stamp_of
 from coman_reduced_model.ros.interface import qos
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..base.parameter import Parameter
-from ..streams.stream import JOINTS
+from ..base.stream_names import JOINTS
 from .base import Effect
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..base.parameter import Parameter
-from ..streams.stream import WRENCHES
+from ..base.stream_names import WRENCHES
 from .base import Effect
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..base.input_warning import InputWarning, WarningKind
+from ..base.stream_names import WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
-from ..streams.joiner import WRENCHES
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot

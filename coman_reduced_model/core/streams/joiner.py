@@ -26,6 +26,13 @@ import numpy as np
 
 from ...errors import RobotError
 from ..base.compiled import compiled
+from ..base.stream_names import (
+    IMU,
+    JOINTS,
+    MOTORS,
+    REFERENCE,
+    WRENCHES,
+)
 from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
 from ..effects.catalogue import active_effects
@@ -34,11 +41,6 @@ from .differentiate import Differentiator
 from .joint_map import JointMap, JointState
 from .stream import (
     CAPACITY,
-    IMU,
-    JOINTS,
-    MOTORS,
-    REFERENCE,
-    WRENCHES,
     Item,
     Refused,
     Rejections,

@@ -12,10 +12,7 @@ from collections import Counter, deque
 from typing import Any
 
 from ..base.compiled import compiled
-from ..base.types import Array, Foot
-
-JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
-WRENCHES = {Foot.LEFT: "left_foot/wrench", Foot.RIGHT: "right_foot/wrench"}
+from ..base.types import Array
 
 # No stream of a robot has this many messages in flight; it only bounds the memory of a stream that nobody joins.
 CAPACITY = 8192

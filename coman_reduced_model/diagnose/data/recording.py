@@ -15,13 +15,13 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from ...bag.session import Session
+from ...core.base.stream_names import IMU
 from ...core.base.types import Array, Foot, Phase, Sample
 from ...core.config.schema import Config
 from ...core.effects.catalogue import active_effects
 from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
 from ...core.robot.robot import Robot
-from ...core.streams.joiner import IMU
 from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames

@@ -12,10 +12,10 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
+from ...core.base.stream_names import JOINTS
 from ...core.base.types import Array, Flags, Prediction
 from ...core.monitor.monitor import Monitor
 from ...core.pipeline import Status
-from ...core.streams.joiner import JOINTS
 from . import qos
 from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
 

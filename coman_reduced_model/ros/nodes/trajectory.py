@@ -14,8 +14,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from ...core.base.stream_names import REFERENCE
 from ...core.gait.walk import Walk
-from ...core.streams.joiner import REFERENCE
 from ...messages import ODOM, header_to, pose_to, reference_to, ros_types
 from ..interface import qos
 from ..interface.parameters import declare

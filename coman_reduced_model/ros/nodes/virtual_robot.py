@@ -20,9 +20,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
+from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.base.types import Foot, Phase, Reference
 from ...core.gait.walk import Walk
-from ...core.streams.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.streams.stream import Refused
 from ...errors import ConfigError
 from ...messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to

@@ -21,11 +21,11 @@ from ... import __version__
 from ...bag.reader import Bag
 from ...bag.types import typestore
 from ...bag.writer import BagWriter
+from ...core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.config.schema import Config
 from ...core.evaluation.statistics import RunStatistics
 from ...core.gait.gait import GAITS, plan_walk
 from ...core.gait.walk import gait_of
-from ...core.streams.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...errors import BagError, ConfigError
 from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ...topics import PREDICTION

@@ -11,12 +11,12 @@ from effect_tools import PAPER, config, predicted, same, spoilt, trunk_config, v
 from scipy.integrate import solve_ivp
 from synthetic import T0, description, posture, robot, velocity, walk
 
+from coman_reduced_model.core.base.stream_names import MOTORS
 from coman_reduced_model.core.base.types import Phase, Reference, Sample
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import active_effects
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.core.streams.joiner import MOTORS
 from coman_reduced_model.errors import ConfigError
 
 LOAD = """

@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import LEFT, RIGHT, T0, names, robot, walk
 
+from coman_reduced_model.core.base.stream_names import JOINTS
 from coman_reduced_model.core.base.types import Flags, Foot
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.streams.joiner import JOINTS, Joiner
+from coman_reduced_model.core.streams.joiner import Joiner
 from coman_reduced_model.errors import ConfigError
 
 

@@ -14,11 +14,12 @@ from mutations import clock_mutations, spoil
 from synthetic import LEFT, RIGHT, T0, description, loads, names, posture, robot, robot_with_arm, walk
 
 from coman_reduced_model.core.base.input_warning import WarningKind
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, JointMessage, Phase, Reference, WrenchMessage
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.core.streams.joiner import JOINTS, MOTORS, REFERENCE, Joiner
+from coman_reduced_model.core.streams.joiner import Joiner
 
 MS = 1_000_000
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.stream_names import REFERENCE
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.model.trunk.stride import _STEP, Memory, find_lag, mismatch, replanned
-from coman_reduced_model.core.streams.joiner import REFERENCE
 from coman_reduced_model.resources import bag_path
 
 
