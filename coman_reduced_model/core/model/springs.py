@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.types import Array, Foot
-from ..config.schema import RobotConfig
 from ..effects.catalogue import Effect
+from ..robot.configuration import RobotConfig
 
 
 @dataclass(slots=True)

@@ -17,8 +17,8 @@ import pinocchio as pin
 from ...errors import RobotError
 from ..base.compiled import compiled
 from ..base.types import Array, Foot
-from ..config.schema import LegConfig, RobotConfig
 from ..model.stiffness import leg_jacobian
+from .configuration import LegConfig, RobotConfig
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 

@@ -14,7 +14,8 @@ from robots import NAMES, bent, config_of, forward, robot_of, urdf_of
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.config.schema import Config, RobotConfig
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.robot.configuration import RobotConfig
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import RobotError
 
