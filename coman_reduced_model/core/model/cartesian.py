@@ -15,9 +15,10 @@ from ..base.compiled import compiled
 from ..base.types import Array, Foot, Phase, SupportState
 from ..config.schema import Config
 from ..effects.catalogue import active_effects
+from ..robot.leg import add_gravity_stiffness
 from ..robot.robot import Posture, Robot
 from .springs import Springs
-from .stiffness import add_gravity_stiffness, spring_damper
+from .stiffness import spring_damper
 
 XY = np.array([0, 1])
 _NOTHING = np.zeros(3)

@@ -17,8 +17,8 @@ import pinocchio as pin
 from ...errors import RobotError
 from ..base.compiled import compiled
 from ..base.types import Array, Foot
-from ..model.stiffness import leg_jacobian
 from .configuration import LegConfig, RobotConfig
+from .leg import leg_jacobian
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 

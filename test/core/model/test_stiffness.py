@@ -11,7 +11,8 @@ from robots import bent, robot_of
 
 from coman_reduced_model.core.base.compiled import apply, inverse, mul
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.model.stiffness import height_hessian, spring_damper
+from coman_reduced_model.core.model.stiffness import spring_damper
+from coman_reduced_model.core.robot.leg import height_hessian
 
 LIMIT = 0.02
 LENGTH = 0.5

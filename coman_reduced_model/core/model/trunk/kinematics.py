@@ -9,8 +9,8 @@ import numpy as np
 
 from ...base.compiled import compiled, mul
 from ...base.types import Array
+from ...robot.leg import add_gravity_stiffness
 from ...robot.robot import tilt
-from ..stiffness import add_gravity_stiffness
 from .contact import Linear, Sole, contacts
 
 
