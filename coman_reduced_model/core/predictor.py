@@ -10,11 +10,12 @@ import numpy as np
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config.schema import Config
 from .effects.catalogue import Effect, loaded
+from .effects.hooks import Now
 from .measured.odometry import FootOdometry
 from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
 from .model.cartesian import Model
-from .model.dynamics import Dynamics, Now
+from .model.dynamics import Dynamics
 from .model.horizon import HorizonJudge, predict_baselines
 from .model.point_mass import Pendulum, PointMass
 from .model.trunk.model import TrunkModel

@@ -23,6 +23,7 @@ from ...errors import ConfigError, OutputError
 from ...output import check_file
 from ...resources import config_path
 from ..base.parameter import Parameter, Value, par
+from ..effects.base import EffectConfig
 from ..effects.catalogue import CATALOGUE
 from ..robot.configuration import RobotConfig
 
@@ -183,15 +184,6 @@ class VirtualRobotConfig:
     rate: float = par(200.0, "Hz", "rate of its sensors", 50.0, 1000.0)
     seed: int = par(1, "", "of its sensor noise", 0, 2**31 - 1)
     noise: bool = par(True, "", "sensors with noise, bias, jitter and lost messages; false: perfect ones")
-
-
-@dataclass(frozen=True)
-class EffectConfig:
-    """One effect at one place, with the values of its parameters."""
-
-    name: str
-    where: str = ""
-    values: Mapping[str, float] = field(default_factory=dict)
 
 
 def nominal_effects(names: Sequence[str]) -> tuple[EffectConfig, ...]:

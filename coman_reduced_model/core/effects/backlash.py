@@ -10,7 +10,7 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model.springs import LegSprings
+    from .hooks import LegSprings
 
 _SMOOTH = 0.1  # of half the play: how gradually it ends
 _LEFT = 0.01  # share of the stiffness that is left inside: without any the leg would have no equilibrium

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -14,9 +15,8 @@ from ..base.types import Foot
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample, SupportState
-    from ..model.dynamics import Now, Push
-    from ..model.springs import LegSprings
     from ..robot.robot import Robot
+    from .hooks import LegSprings, Now, Push
 
 PLACES = {
     "robot": ("",),
@@ -110,3 +110,12 @@ class Effect:
 
     def push(self, push: Push, now: Now) -> None:
         """Add to the force and moment that act on the robot besides gravity and springs, in place."""
+
+
+@dataclass(frozen=True)
+class EffectConfig:
+    """One effect at one place, with the values of its parameters."""
+
+    name: str
+    where: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)

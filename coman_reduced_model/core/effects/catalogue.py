@@ -38,8 +38,8 @@ from .wrench_delay import WrenchDelay
 from .wrench_scale import WrenchScale
 
 if TYPE_CHECKING:
-    from ..config.schema import EffectConfig
     from ..robot.robot import Robot
+    from .base import EffectConfig
 
 # In the order in which they act, whatever the order in a configuration. Sensors come first (they say scale * truth +
 # bias), then loads, then springs from the inside out: after the spring what is in series with it, then what is beside.

@@ -11,8 +11,8 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model.dynamics import Now, Push
     from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 
 class ExternalForce(Effect):

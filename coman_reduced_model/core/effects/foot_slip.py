@@ -12,8 +12,8 @@ from .base import Effect
 
 if TYPE_CHECKING:
     from ..base.types import SupportState
-    from ..model.dynamics import Now, Push
     from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 _FROM, SLIPS_TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
 

@@ -13,8 +13,8 @@ from .base import Effect
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample
-    from ..model.springs import LegSprings
     from ..robot.robot import Robot
+    from .hooks import LegSprings
 
 _DAMPED = 1e-6  # of the inverse of the leg's Jacobian, where the knee is straight
 

@@ -10,7 +10,7 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model.springs import LegSprings
+    from .hooks import LegSprings
 
 CREEP = 0.03  # [rad/s] unless told
 

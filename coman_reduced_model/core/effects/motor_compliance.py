@@ -9,7 +9,7 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model.springs import LegSprings
+    from .hooks import LegSprings
 
 
 class MotorCompliance(Effect):

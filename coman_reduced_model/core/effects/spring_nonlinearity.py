@@ -9,7 +9,7 @@ from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model.springs import LegSprings
+    from .hooks import LegSprings
 
 _SOFTEST = 0.2  # a softening spring goes on straight where its tangent has fallen to this share: it stays a spring
 

@@ -14,8 +14,8 @@ from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..model.dynamics import Now, Push
     from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 _DURATION = 0.02  # [s] of the blow, or four samples if those take longer
 

@@ -7,45 +7,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.types import Array, Flags, Foot, Sample, SupportState
-from ..robot.robot import Posture
-
-
-@dataclass(slots=True)
-class Now:
-    """One sample as the models see it; points in the frame of the support sole, which is LEFT or RIGHT."""
-
-    sample: Sample
-    support: SupportState
-    dt: float  # [s] since the last sample; <= 0 or long at the first one
-    link: Posture
-    com: Array  # (3,) measured [m]
-    com_vel: Array  # (3,) [m/s]
-    zmp: Array | None  # (3,) measured [m]
-    T_odom_sole: Array  # (4, 4)
-    began_ns: int  # stamp at which the phase began, or, if that is the last one's, the time of the support foot
-    landed: bool  # the support foot is the one that has just landed, not the one of the last single support
-
-    @property
-    def foot(self) -> Foot:
-        """The support foot."""
-        return self.support.support_foot
-
-
-@dataclass(slots=True)
-class Push:
-    """What acts on the robot besides gravity and springs; effects add to force, moment and trunk."""
-
-    posture: Posture  # of the model, not of the measurement
-    R_odom_sole: Array  # (3, 3) orientation of the support sole, by the model
-    force: Array = field(default_factory=lambda: np.zeros(3))  # at the COM of all links, support sole axes [N]
-    moment: Array = field(default_factory=lambda: np.zeros(3))  # about the COM [Nm]; the point mass ignores it
-    # Force [N] on the trunk, moment [Nm] about the origin of the URDF's root link, in its axes.
-    trunk: Array = field(default_factory=lambda: np.zeros(6))
+from ..base.types import Array, Flags
+from ..effects.hooks import Now
 
 
 class Dynamics(ABC):

@@ -10,9 +10,10 @@ import numpy as np
 from ..base.types import Array, Flags, Foot, Phase
 from ..config.schema import Config
 from ..effects.catalogue import Effect
+from ..effects.hooks import Now, Push
 from ..robot.robot import Posture, Robot
 from .cartesian import Model, Terms
-from .dynamics import Dynamics, Now, Push
+from .dynamics import Dynamics
 from .horizon import predict_horizons
 from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from .reference import motor_com, plan_ahead, planned_com

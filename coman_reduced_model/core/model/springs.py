@@ -7,35 +7,13 @@ Both models take their springs from here, so that an effect on a spring is writt
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..base.types import Array, Foot
 from ..effects.catalogue import Effect
+from ..effects.hooks import LegSprings
 from ..robot.configuration import RobotConfig
-
-
-@dataclass(slots=True)
-class LegSprings:
-    """One loaded leg in joint space; effects change K_q, D_q and torque in place, before they are seen from the COM.
-
-    The springs pull back with `torque + K_q d + D_q d'` for deflections d (link minus motor). A law that is not linear
-    is told by its tangent: K_q its slope at `deflection`, torque what its value there is more than K_q deflection.
-    Joints run from the hip to the ankle; n of them.
-    """
-
-    foot: Foot
-    joints: tuple[str, ...]
-    J: Array  # (6, n) velocity of the COM frame [linear; angular] by the joints, the sole held still, in sole axes
-    K_q: Array  # (n, n) [Nm/rad]
-    D_q: Array  # (n, n) [Nms/rad]
-    torque: Array  # (n,) [Nm]
-    com: Array  # (3,) COM in the sole frame [m]
-    load: float  # [N] weight that the leg carries
-    deflection: Array  # (n,) [rad] link minus motor now, of the free run
-    rate: Array  # (n,) [rad/s]
-    motor_rate: Array  # (n,) [rad/s] speed of the motors after the reduction; the links turn at motor_rate + rate
 
 
 class Springs:

@@ -16,7 +16,8 @@ from scipy import stats
 
 from ...bag.session import Session
 from ...core.base.types import Array, Flags, Foot, Phase
-from ...core.config.schema import Config, EffectConfig
+from ...core.config.schema import Config
+from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE, Effect, loaded
 from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot

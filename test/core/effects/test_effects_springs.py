@@ -15,8 +15,9 @@ from synthetic import robot
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import active_effects
+from coman_reduced_model.core.effects.hooks import LegSprings
 from coman_reduced_model.core.model.cartesian import Model
-from coman_reduced_model.core.model.springs import LegSprings, Springs
+from coman_reduced_model.core.model.springs import Springs
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 

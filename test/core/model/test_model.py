@@ -258,7 +258,7 @@ def test_assembling_changes_nothing_that_stays():
 
 
 def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
-    from coman_reduced_model.core.config.schema import EffectConfig
+    from coman_reduced_model.core.effects.base import EffectConfig
     from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
 
     class AtJoint(Effect):
@@ -277,9 +277,9 @@ def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
 @pytest.mark.parametrize("stiffness", ["full", "condensed"])
 def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffness):
     """A hardening knee: the force of all springs at the COM that belongs to a deflection of the joints, as J^-T tau."""
-    from coman_reduced_model.core.config.schema import EffectConfig
+    from coman_reduced_model.core.effects.base import EffectConfig
     from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
-    from coman_reduced_model.core.model.springs import LegSprings
+    from coman_reduced_model.core.effects.hooks import LegSprings
 
     deflection = np.array([1e-3, 1e-3, 1e-3, 0.08, 0.05, 1e-3])
     cubic = 40.0

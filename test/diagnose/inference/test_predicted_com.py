@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robots import bent, robot_of
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.core.config.schema import EffectConfig
+from coman_reduced_model.core.effects.base import EffectConfig
 from coman_reduced_model.diagnose.inference.predicted_com import Errors, FreeRun, admitted, change, errors, interval
 
 STEP, N = 40, 400  # samples of a step, of a run; 5 ms apart

@@ -26,10 +26,11 @@ import pinocchio as pin
 from ...base.types import Array, Foot, Phase, Sample
 from ...config.schema import Config
 from ...effects.catalogue import Effect
+from ...effects.hooks import Now, Push
 from ...measured.odometry import flat
 from ...robot.robot import Robot
 from ..cartesian import Model
-from ..dynamics import Dynamics, Now, Push
+from ..dynamics import Dynamics
 from ..reference import look_ahead, motor_com, plan_ahead
 from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
 from .kinematics import (

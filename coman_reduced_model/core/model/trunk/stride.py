@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...base.compiled import apply, compiled, mul
 from ...base.types import Array, Phase
-from ..dynamics import Now
+from ...effects.hooks import Now
 from .contact import ROWS, Linear, Solver, State, make_solver, step_soles, switch_support
 from .kinematics import TrunkTerms
 
