@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.config.schema import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.monitor.monitor import Mismatch
 from coman_reduced_model.judge.cases import GAITS, data_sheet
 from coman_reduced_model.judge.families import FAMILIES

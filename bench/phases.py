@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.session import find_robot
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
-from coman_reduced_model.core.config.schema import Config, load_config
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.gait.gait import gait, plan_walk
 from coman_reduced_model.core.measured.odometry import FootOdometry, base_in_odom
 from coman_reduced_model.core.measured.support import SupportDetector

@@ -37,10 +37,12 @@ if TYPE_CHECKING:
         WrenchMessage,
         bag_path,
         config_path,
-        load_config,
         open_robot,
         predict,
         save_config,
+    )
+    from .core.config.files import (
+        load_config,
     )
 
     __version__: str

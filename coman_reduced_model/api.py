@@ -20,7 +20,8 @@ from .core.base.types import (
     Sample,
     WrenchMessage,
 )
-from .core.config.schema import Config, load_config, save_config
+from .core.config.files import load_config
+from .core.config.schema import Config, save_config
 from .core.pipeline import Pipeline
 from .core.predictor import Predictor
 from .core.robot.robot import Robot

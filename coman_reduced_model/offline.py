@@ -22,7 +22,8 @@ from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.base.throttle import Throttle
 from .core.base.types import Array, Prediction, SupportState
-from .core.config.schema import Config, config_to_yaml
+from .core.config.files import config_to_yaml
+from .core.config.schema import Config
 from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
 from .output import OutputFolder, to_json

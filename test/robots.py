@@ -11,7 +11,8 @@ from conftest import recording
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config.schema import Config, load_config
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import config_path
 

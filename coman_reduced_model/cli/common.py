@@ -54,7 +54,7 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
     Raises:
         ConfigError: the file or a change is not allowed.
     """
-    from ..core.config.schema import load_config
+    from ..core.config.files import load_config
 
     config = load_config(path, node)
     values: dict[str, Any] = {}

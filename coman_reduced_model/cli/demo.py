@@ -26,7 +26,7 @@ def demo(
     json: JsonOption = False,
 ) -> None:
     """Play a recorded walk to the real nodes, show how well they predict it, write a report page."""
-    from ..core.config.schema import load_config
+    from ..core.config.files import load_config
     from ..errors import ComanError
     from ..offline import CONFIG_FILE, SUMMARY_FILE
     from ..output import OutputFolder, to_json

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from .base.input_warning import InputWarning, WarningKind
 from .base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
-from .config.schema import Config, ModelConfig
+from .config.schema import Config
+from .config.sections import ModelConfig
 from .monitor.monitor import Mismatch, Monitor
 from .monitor.plausibility import Plausibility
 from .predictor import Predictor

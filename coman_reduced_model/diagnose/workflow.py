@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..core.base.types import Array, Phase
-from ..core.config.schema import STANDARD_EFFECTS, Config, config_to_yaml, nominal_effects, takes_standard
+from ..core.config.files import config_to_yaml
+from ..core.config.schema import STANDARD_EFFECTS, Config, nominal_effects, takes_standard
 from ..core.effects.base import EffectConfig
 from ..core.effects.catalogue import CATALOGUE
 from ..core.evaluation.statistics import by_axis

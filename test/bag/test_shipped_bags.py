@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.config.schema import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.offline import predict_bag
 from coman_reduced_model.resources import bag_path, config_path
 

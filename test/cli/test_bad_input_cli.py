@@ -24,7 +24,8 @@ from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, description, names, walk,
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.config.schema import Config, config_to_yaml, parameter_table
+from coman_reduced_model.core.config.files import config_to_yaml
+from coman_reduced_model.core.config.schema import Config, parameter_table
 from coman_reduced_model.errors import ComanError
 from coman_reduced_model.topics import INPUT_TOPICS
 

@@ -21,7 +21,8 @@ from coman_reduced_model import __version__
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.config.schema import Config, config_to_yaml, load_config
+from coman_reduced_model.core.config.files import config_to_yaml, load_config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.messages import COM_PREDICTION, matrix_from
 from coman_reduced_model.resources import config_path
 

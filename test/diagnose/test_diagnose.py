@@ -11,7 +11,8 @@ import pytest
 from synthetic import WRENCHES, walk, write_bag
 
 from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, load_config
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import STANDARD_EFFECTS
 from coman_reduced_model.diagnose.inference.evidence import ONE_A_STEP
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record

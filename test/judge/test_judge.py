@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from coman_reduced_model.cli.main import run as coman
-from coman_reduced_model.core.config.schema import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, figures
 from coman_reduced_model.errors import ConfigError, OutputError

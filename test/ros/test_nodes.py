@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from coman_reduced_model.core.config.schema import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.errors import ConfigError
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]

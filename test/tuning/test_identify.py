@@ -12,7 +12,8 @@ import pytest
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import Foot, Phase, Prediction, Sample, SupportState
-from coman_reduced_model.core.config.schema import Config, load_config
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import BagError
 from coman_reduced_model.sim.describe import urdf

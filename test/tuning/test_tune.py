@@ -11,7 +11,7 @@ import pytest
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import Flags
-from coman_reduced_model.core.config.schema import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.resources import config_path

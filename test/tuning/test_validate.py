@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.config.schema import Config, load_config
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.robot_table import ROBOTS
 from coman_reduced_model.tuning.validate import VARIANTS, Score, rows, summarise, virtual_case

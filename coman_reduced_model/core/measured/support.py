@@ -19,7 +19,7 @@ from __future__ import annotations
 from math import isfinite
 
 from ..base.types import Foot, Phase, SupportState
-from ..config.schema import SupportConfig
+from ..config.sections import SupportConfig
 
 _NAN = float("nan")
 _PHASES = (Phase.FLIGHT, Phase.LEFT, Phase.RIGHT, Phase.DOUBLE)  # by left + 2 right; a lookup is faster than Phase()

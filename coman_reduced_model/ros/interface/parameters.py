@@ -14,7 +14,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ...core.base.parameter import Parameter
-from ...core.config.schema import Config, config_from_flat, load_config, parameter_table
+from ...core.config.files import load_config
+from ...core.config.schema import Config, config_from_flat, parameter_table
 from ...errors import ConfigError
 from ...topics import DESCRIPTION
 

@@ -11,12 +11,14 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from coman_reduced_model.core.config.files import (
+    config_to_yaml,
+    load_config,
+)
 from coman_reduced_model.core.config.schema import (
     STANDARD_EFFECTS,
     Config,
     config_from_flat,
-    config_to_yaml,
-    load_config,
     parameter_table,
 )
 from coman_reduced_model.core.effects.catalogue import CATALOGUE

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from conftest import recording
 
-from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config, load_config, parameter_table
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config, parameter_table
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.describe import urdf

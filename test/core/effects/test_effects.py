@@ -13,7 +13,8 @@ from effect_tools import PAPER, config, same, trunk_config
 from coman_reduced_model import open_robot
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config, config_to_yaml, load_config
+from coman_reduced_model.core.config.files import config_to_yaml, load_config
+from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config
 from coman_reduced_model.core.effects.catalogue import CATALOGUE, active_effects
 from coman_reduced_model.resources import bag_path
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coman_reduced_model.core.base.types import Array, Foot, Phase, SupportState
-from coman_reduced_model.core.config.schema import SupportConfig
+from coman_reduced_model.core.config.sections import SupportConfig
 from coman_reduced_model.core.measured.support import SupportDetector
 
 WEIGHT = 170.0

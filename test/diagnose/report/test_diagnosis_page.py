@@ -15,7 +15,8 @@ from conftest import ROOT
 from robots import robot_of
 
 from coman_reduced_model.core.base.types import Array, Foot, Phase
-from coman_reduced_model.core.config.schema import Config, load_config
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose import workflow
 from coman_reduced_model.diagnose.data.recording import Recording
