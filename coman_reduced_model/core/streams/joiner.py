@@ -36,9 +36,9 @@ from ..base.stream_names import (
 from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
 from ..effects.catalogue import active_effects
-from ..model.reference import later
 from .differentiate import Differentiator
 from .joint_map import JointMap, JointState
+from .preview import later
 from .stream import (
     CAPACITY,
     Item,
