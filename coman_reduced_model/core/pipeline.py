@@ -20,7 +20,7 @@ from .streams.joiner import Joiner
 from .streams.stream import Refused
 
 if TYPE_CHECKING:
-    from .model.horizon import HorizonJudge
+    from .evaluation.horizons import HorizonJudge
     from .robot.robot import Robot
 
 

@@ -11,12 +11,13 @@ from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction
 from .config.schema import Config
 from .effects.catalogue import Effect, loaded
 from .effects.hooks import Now
+from .evaluation.baselines import predict_baselines
+from .evaluation.horizons import HorizonJudge
 from .measured.odometry import FootOdometry
 from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
 from .model.cartesian import Model
 from .model.dynamics import Dynamics
-from .model.horizon import HorizonJudge, predict_baselines
 from .model.point_mass import Pendulum, PointMass
 from .model.trunk.model import TrunkModel
 from .robot.robot import Robot

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from coman_reduced_model.core.base.types import Array
-from coman_reduced_model.core.model.horizon import PREDICTORS, HorizonJudge, predict_baselines, predict_horizons
+from coman_reduced_model.core.evaluation.baselines import predict_baselines
+from coman_reduced_model.core.evaluation.horizons import PREDICTORS, HorizonJudge
+from coman_reduced_model.core.model.horizon import predict_horizons
 from coman_reduced_model.core.model.reference import look_ahead
 
 MASS = 17.3
