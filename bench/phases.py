@@ -25,7 +25,8 @@ from coman_reduced_model.bag.session import find_robot
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.gait.gait import gait, plan_walk
+from coman_reduced_model.core.gait.gait import plan_walk
+from coman_reduced_model.core.gait.parameters import gait
 from coman_reduced_model.core.measured.odometry import FootOdometry, base_in_odom
 from coman_reduced_model.core.measured.support import SupportDetector
 from coman_reduced_model.core.robot.robot import Robot

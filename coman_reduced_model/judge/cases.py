@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..core.gait.gait import GaitParameters
+from ..core.gait.parameters import GaitParameters
 from ..errors import ConfigError
 from ..output import OutputFolder
 from ..sim.disturbances import Disturbance, Scatter, make

@@ -21,7 +21,8 @@ from ..bag.types import bag_types
 from ..bag.writer import BagWriter
 from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import Foot
-from ..core.gait.gait import GaitParameters, WalkPlan, gait, plan_walk
+from ..core.gait.gait import WalkPlan, plan_walk
+from ..core.gait.parameters import GaitParameters, gait
 from ..errors import ConfigError, OutputError
 from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
 from ..output import OutputFolder

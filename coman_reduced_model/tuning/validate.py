@@ -56,7 +56,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "all but lateral_compliance": _with(*STANDARD_EFFECTS[:3]),
 }
 QUICK = ("paper", "all effects")  # of these the tuned ones as well
-GAITS: dict[str, dict[str, Any]] = {  # name: of a gait in core/gait/gait.py, and what is changed in it
+GAITS: dict[str, dict[str, Any]] = {  # name: of a gait in core/gait/parameters.py, and what is changed in it
     "test1": {},
     "test2": {},
     "45 mm, 0.55 s": {"step_length_m": 0.045, "single_support_s": 0.55},

@@ -20,7 +20,8 @@ from rosbags.interfaces import QosDurability
 from test_disturbances import Rates
 
 from coman_reduced_model.core.base.types import Phase
-from coman_reduced_model.core.gait.gait import GAITS, plan_walk
+from coman_reduced_model.core.gait.gait import plan_walk
+from coman_reduced_model.core.gait.parameters import GAITS
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.sim.describe import mujoco_spec, urdf
 from coman_reduced_model.sim.motion import LegKinematics, follow, plan_motion, zmp_of

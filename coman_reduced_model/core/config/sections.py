@@ -122,7 +122,7 @@ class MonitorConfig:
 
 @dataclass(frozen=True)
 class GaitConfig:
-    """The walk that the trajectory node plans; names and bounds as in core/gait/gait.py."""
+    """The walk that the trajectory node plans; names and bounds as in core/gait/parameters.py."""
 
     name: str = par("test1", "", "named gait whose figures the values below replace")
     step_length: float = par(-2.0, "m", "advance of one step; -2: that of the named gait", -2.0, 1.0)
@@ -140,7 +140,7 @@ class GaitConfig:
     start_time: float = par(-1.0, "s", "ROS time at which the plan starts, as in a bag; -1: at once", -1.0, 1e11)
 
     def changes(self) -> dict[str, Any]:
-        """The parameters of core/gait/gait.py that replace those of the named gait."""
+        """The parameters of core/gait/parameters.py that replace those of the named gait."""
         given = {
             "step_length_m": self.step_length,
             "single_support_s": self.single_support,

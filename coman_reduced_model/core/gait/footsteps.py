@@ -19,7 +19,7 @@ from ...errors import ComanError
 from ..base.types import Array, Foot, Phase
 
 if TYPE_CHECKING:
-    from .gait import GaitParameters
+    from .parameters import GaitParameters
 
 
 @dataclass(frozen=True, slots=True)

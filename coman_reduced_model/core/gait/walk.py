@@ -7,7 +7,8 @@ import dataclasses
 
 from ..base.types import Reference
 from ..config.schema import Config
-from .gait import GaitParameters, WalkPlan, gait, plan_walk
+from .gait import WalkPlan, plan_walk
+from .parameters import GaitParameters, gait
 
 _STANDING_T = -1e6  # [s] before the plan, so that its preview stands still as well
 _MEMORY = 6.0  # a change so many time constants ahead moves the present COM by exp(-6) of its size: below 0.1 mm

@@ -24,7 +24,8 @@ from ...bag.writer import BagWriter
 from ...core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.config.schema import Config
 from ...core.evaluation.statistics import RunStatistics
-from ...core.gait.gait import GAITS, plan_walk
+from ...core.gait.gait import plan_walk
+from ...core.gait.parameters import GAITS
 from ...core.gait.walk import gait_of
 from ...errors import BagError, ConfigError
 from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of

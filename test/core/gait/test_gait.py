@@ -14,7 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial import ConvexHull
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.core.gait.gait import GAITS, GaitParameters, PlanPoint, WalkPlan, gait, plan_walk
+from coman_reduced_model.core.gait.gait import PlanPoint, WalkPlan, plan_walk
+from coman_reduced_model.core.gait.parameters import GAITS, GaitParameters, gait
 from coman_reduced_model.errors import ComanError, ConfigError
 
 SOLE = np.array([[0.13, 0.05], [0.13, -0.05], [-0.07, 0.05], [-0.07, -0.05]])  # [m] corners in the sole frame
