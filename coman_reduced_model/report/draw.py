@@ -22,7 +22,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ..core.base.types import Array, Phase
-from .run import Booleans, Run
+from ..core.evaluation.run import Booleans, Run
 
 # Okabe and Ito's palette, safe for colour-blind readers; every series differs in its dashes or markers as well.
 INK, FAINT, GRID = "#1a1c21", "#5b606b", "#d9dce3"

@@ -15,9 +15,9 @@ from matplotlib.mlab import detrend_mean, psd
 from matplotlib.patches import Polygon
 
 from ..core.base.types import Array, Flags, Foot, Phase
+from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from .draw import FAINT, INK, SERIES, STYLES, legend, line, log_ticks, new_figure, phase_patches, shade, thin, title
-from .run import Run
 
 DIRECTIONS = {"x": "x, forward", "y": "y, left", "z": "z, up"}
 MEASURED, PREDICTED, REFERENCE = "measured", "predicted", "reference (rigid robot)"

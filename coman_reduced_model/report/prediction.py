@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from ..core.config.schema import parameter_table
+from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
 from ..progress import Progress
 from . import figures
 from .draw import PHASE_NAMES
 from .page import Notice, Part, Section, Table, Text, page, picture
-from .run import Run, load_run
+from .run import load_run
 from .verdict import millimetres, percent, sentence
 
 REPORT_FILE, PLOTS_FOLDER = "report.html", "plots"

@@ -18,9 +18,9 @@ from scipy.optimize import least_squares
 
 from ..core.base.types import Array
 from ..core.config.schema import Config, parameter_table
+from ..core.evaluation.run import Run, run_of
 from ..errors import ConfigError
 from ..progress import Progress
-from ..report.run import Run, run_of
 from .recording import Recording
 from .tune import Errors, Tuned, _known, _steps_of, describe, judged
 

@@ -16,9 +16,9 @@ from scipy.optimize import least_squares
 
 from ..core.base.types import Array
 from ..core.config.schema import Config, parameter_table
+from ..core.evaluation.run import run_of
 from ..errors import BagError, ConfigError
 from ..progress import Progress
-from ..report.run import run_of
 from .free_run import COEFFICIENTS, FreeRun, collect
 from .recording import Recording
 from .statistics import hac_covariance, quantile

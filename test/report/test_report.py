@@ -16,6 +16,7 @@ from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.base.types import Flags, Foot, Phase, Prediction, SupportState
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.evaluation.run import run_of
 from coman_reduced_model.core.evaluation.statistics import AXES, RunStatistics
 from coman_reduced_model.errors import BagError
 from coman_reduced_model.messages import COM_PREDICTION, prediction_to
@@ -23,7 +24,6 @@ from coman_reduced_model.output import to_json
 from coman_reduced_model.report.draw import draw, thin
 from coman_reduced_model.report.figures import NoData, heat_map, overlay, three_steps
 from coman_reduced_model.report.prediction import prediction_page, write_report
-from coman_reduced_model.report.run import run_of
 from coman_reduced_model.report.verdict import millimetres, sentence
 
 NAN3 = np.full(3, np.nan)
