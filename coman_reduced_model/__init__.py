@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from .api import (
         ComanError,
         Config,
-        Diagnosis,
         Flags,
         Foot,
         ImuMessage,
@@ -43,6 +42,9 @@ if TYPE_CHECKING:
     )
     from .core.config.files import (
         load_config,
+    )
+    from .diagnose.result import (
+        Diagnosis,
     )
 
     __version__: str

@@ -31,7 +31,7 @@ from .resources import bag_path, config_path
 from .topics import TopicNames
 
 if TYPE_CHECKING:
-    from .diagnose.workflow import Diagnosis
+    from .diagnose.result import Diagnosis
 
 __all__ = [
     "ComanError",
@@ -127,7 +127,7 @@ def predict(
 
 def __getattr__(name: str) -> Any:
     if name == "Diagnosis":  # loads scipy.optimize, which predictions do without
-        from .diagnose.workflow import Diagnosis
+        from .diagnose.result import Diagnosis
 
         return Diagnosis
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # as the package loads this module, it must cost nothing
     from ..core.config.schema import Config
     from ..progress import Progress
     from ..topics import TopicNames
-    from .workflow import Diagnosis
+    from .result import Diagnosis
 
 
 def diagnose(

@@ -29,21 +29,15 @@ from .data.recording import Recording, load, moving
 from .inference.case import Case, Prepared, prepare
 from .inference.evidence import ONE_A_STEP
 from .inference.finding import Finding, size
+from .inference.limits import limit_of, limits
 from .inference.predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
 from .inference.search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .physics.hypotheses import PLAN, Candidate, candidates, figures
 from .report.words import sentence
+from .result import Diagnosis
 
 DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
 
-# How much of the noise floor healthy robots leave at most, in single support: the floor is the sensors' own noise, and
-# rigid bodies on flat soles explain the rest but for this. Chosen on seeds 1280 to 1479 of the judge, with the torques
-# and floors of then: 60 healthy robots left 2.7 in force/y (they rock from edge to edge of their soles), 4.3 in the
-# air, 2.1 elsewhere.
-LIMITS = {
-    "force": 2.7, "force/y": 4.2, "moment": 2.6, "moment/x": 3.0, "torque": 3.2, "spring": 2.9, "unloaded": 6.8,
-}  # fmt: skip
-ROCKING = 2.0  # times that where no IMU tells when the robot stood on the edge of a foot
 # Where an effect that was found amounts to so many times the noise floor, so many times the limits are no surprise, nor
 # is this share of what it does: it is not exactly of the form it is given here ...
 ACTS, TOLERANCE, INEXACT = 5.0, 3.0, 0.3
@@ -52,43 +46,6 @@ EXACT = {  # ... unless it is one of these
     "ground_slope", "external_force",
 }  # fmt: skip
 CONFIDENCE = 1.96  # standard deviations of an interval
-
-
-@dataclasses.dataclass
-class Diagnosis:
-    """What was found out.
-
-    Attributes:
-        result: what diagnosis.json holds.
-        model: the configuration with the effects added.
-        finding: the evidence behind it; recordings: of the training bags, then the held-out ones.
-        com: errors of the predicted COM in the first held-out bag, or else training bag, with the nominal model and
-            with all that was found.
-    """
-
-    result: dict[str, Any]
-    model: Config
-    finding: Finding
-    recordings: list[Recording]
-    com: Errors
-
-    @property
-    def verdict(self) -> str:
-        """`effect`, `none`, `unknown` (something is missing, but nothing explains it) or `not_excited`."""
-        return str(self.result["verdict"])
-
-    @property
-    def sentence(self) -> str:
-        """The result in words."""
-        return str(self.result["sentence"])
-
-    def write(self, out: str | Path, force: bool = False) -> None:
-        """Write diagnosis.json, model.yaml and report.html into a folder.
-
-        Raises:
-            OutputError: it exists (without `force`), or cannot be written.
-        """
-        write(self, out, force)
 
 
 def diagnose(
@@ -280,20 +237,6 @@ def too_much(finding: Finding, excess: Mapping[str, float]) -> list[str]:
         if value > limit:
             out.append((value / limit, key))
     return [key for _, key in sorted(out, reverse=True)]
-
-
-def limits(finding: Finding) -> dict[str, float]:
-    """By law or channel, how much of the noise floor healthy robots leave at most with these sensors."""
-    seen = all(case.recording.up is not None for case in finding.train)
-    return {
-        kind: limit * (1.0 if seen or kind in ("spring", "unloaded") else ROCKING) for kind, limit in LIMITS.items()
-    }
-
-
-def limit_of(key: str, most: Mapping[str, float]) -> float | None:
-    """Of a group, by its channel or else its law."""
-    name = key.split("|")[0]
-    return most.get(name, most.get(name.split("/")[0]))
 
 
 def acts(finding: Finding, key: str) -> float:
