@@ -13,6 +13,7 @@ from .base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config
 from .config.sections import ModelConfig
+from .effects.catalogue import stream_delays
 from .monitor.monitor import Mismatch, Monitor
 from .monitor.plausibility import Plausibility
 from .predictor import Predictor
@@ -81,7 +82,7 @@ class Pipeline:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.config = config
-        self.joiner = Joiner(robot, config)
+        self.joiner = Joiner(robot, config, stream_delays(config.effects, robot))
         self.predictor = Predictor(robot, config)
         self.robot = self.predictor.robot  # with what effects load it with
         self.plausibility = Plausibility(self.robot, config)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ...errors import ConfigError
+from ..base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .backlash import Backlash
 from .base import Effect
 from .com_offset import ComOffset
@@ -87,6 +88,17 @@ def active_effects(configured: Sequence[EffectConfig], robot: Robot) -> list[Eff
     return effects
 
 
+def stream_delays(configured: Sequence[EffectConfig], robot: Robot) -> dict[str, float]:
+    """By input stream, by how much its stamps are later than the truth by the effects of a configuration [s].
+
+    Raises:
+        ConfigError: an effect names a joint that the legs do not have.
+    """
+    effects = active_effects(configured, robot)
+    streams = (JOINTS, MOTORS, REFERENCE, IMU, *WRENCHES.values())
+    return {stream: sum(effect.late(stream) for effect in effects) for stream in streams}
+
+
 def loaded(robot: Robot, configured: Sequence[EffectConfig]) -> Robot:
     """The robot with the loads that the effects of a configuration give it; the same object if they give none.
 
@@ -105,4 +117,4 @@ def loaded(robot: Robot, configured: Sequence[EffectConfig]) -> Robot:
     return result
 
 
-__all__ = ["CATALOGUE", "Effect", "active_effects", "loaded"]
+__all__ = ["CATALOGUE", "Effect", "active_effects", "loaded", "stream_delays"]

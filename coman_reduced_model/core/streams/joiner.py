@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,7 +36,6 @@ from ..base.stream_names import (
 )
 from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
-from ..effects.catalogue import active_effects
 from .differentiate import Differentiator
 from .joint_map import JointMap, JointState
 from .preview import later
@@ -65,7 +65,8 @@ class Joiner:
             smoothed; about zero if clocks agree and nothing is delayed.
     """
 
-    def __init__(self, robot: Robot, config: Config) -> None:
+    def __init__(self, robot: Robot, config: Config, delays: Mapping[str, float] | None = None) -> None:
+        """Streams as a configuration limits them; `delays`: by stream, how much its stamps are late [s]."""
         limits = config.streams
         self._robot = robot
         self._max_wait = round(limits.max_wait * 1e9)
@@ -89,9 +90,8 @@ class Joiner:
         elif config.prediction.reference == "topic":
             self._fields.append((self._reference, "reference"))
         self._expected = tuple(each for each, _ in self._fields)
-        effects = active_effects(config.effects, robot)
         for each in self.streams.values():
-            each.late = round(1e9 * sum(effect.late(each.name) for effect in effects))
+            each.late = round(1e9 * (delays or {}).get(each.name, 0.0))
         self._max_wait += max(0, *(each.late - self._joints.late for each in self._expected))
         self.incomplete = {each.name: 0 for each in self._expected}
         self.clock_lead_s: dict[str, float] = {}
