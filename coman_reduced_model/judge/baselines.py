@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from ..core.base.types import Array
+from ..resources import config_path
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def features(bag: Path, config: Path | None) -> Features:
     Raises:
         ComanError: the bag or the configuration cannot be used.
     """
-    from ..cli.common import read_config
+    from ..core.config.files import load_config
     from ..diagnose.data.masks import masks
     from ..diagnose.data.recording import load
     from ..diagnose.data.world import World
@@ -63,7 +64,7 @@ def features(bag: Path, config: Path | None) -> Features:
     from ..diagnose.physics.balance import evaluate
     from ..diagnose.physics.hypotheses import candidates, figures
 
-    settings = read_config(config)
+    settings = load_config(config or config_path())
     recording, robot = load(bag, settings)
     world = World.nominal(robot, settings)
     where = masks(recording, world)
