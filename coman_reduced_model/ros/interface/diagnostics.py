@@ -6,25 +6,33 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter, deque
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 
 from ...core.base.stream_names import JOINTS
 from ...core.base.types import Array, Flags, Prediction
+from ...core.config.schema import Config
 from ...core.monitor.monitor import Monitor
-from ...core.pipeline import Status
+from ...core.pipeline import Pipeline, Status
 from . import qos
+from .description import Description
 from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
-
-if TYPE_CHECKING:
-    from ..nodes.predictor import PredictorNode
 
 _WINDOW = 5  # reports that errors and shares are told over
 _SILENT = 1.0  # [s] without joint states: stale
 _CAPACITY = 8192  # latencies kept
+
+
+class PredictingNode(Node):
+    """A node that predicts, as far as its diagnostics look at it."""
+
+    config: Config
+    pipeline: Pipeline | None  # None until the URDF is there
+    description: Description
 
 
 class _Interval:
@@ -40,7 +48,7 @@ class _Interval:
 class Diagnostics:
     """Collects while predictions run and publishes at `output.diagnostics_rate`."""
 
-    def __init__(self, node: PredictorNode) -> None:
+    def __init__(self, node: PredictingNode) -> None:
         self._node = node
         self._arrived: dict[str, float] = {}  # by stream, when its last message came (time.perf_counter) [s]
         self._failures: Counter[str] = Counter()

@@ -10,8 +10,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
-
 from ...bag.decode import decoder
 from ...core.config.schema import Config
 from ...core.pipeline import Pipeline
@@ -21,14 +19,14 @@ from ...topics import INPUT_TOPICS
 from ...warm_up import warm_up
 from ..interface import qos
 from ..interface.description import Description
-from ..interface.diagnostics import Diagnostics
+from ..interface.diagnostics import Diagnostics, PredictingNode
 from ..interface.outputs import Outputs
 from ..interface.parameters import declare
 
 NAME = "predictor"
 
 
-class PredictorNode(Node):
+class PredictorNode(PredictingNode):
     """Adapter around core.Pipeline; everything that it computes, `coman predict` computes alike."""
 
     def __init__(self) -> None:
