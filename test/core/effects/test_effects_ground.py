@@ -9,7 +9,7 @@ from effect_tools import PAPER, config, predicted, values
 from synthetic import T0, robot, walk
 
 from coman_reduced_model.core.base.types import Foot, Phase, SupportState
-from coman_reduced_model.core.effects.catalogue import active_effects
+from coman_reduced_model.core.effects.catalogue import build_effects
 
 LIMP = {f"robot.{side}.{key}": [value] * 6 for side in ("left", "right")
         for key, value in (("stiffness", 1e-3), ("damping", 0.0))}  # fmt: skip
@@ -33,7 +33,7 @@ def test_a_landing_changes_the_momentum_by_its_impulse(rate):
 
 
 def test_a_foot_slides_back_once_a_step_and_carries_the_robot_along():
-    (effect,) = active_effects(config("foot_slip", "right", distance=0.02).effects, robot())
+    (effect,), _ = build_effects(config("foot_slip", "right", distance=0.02).effects, robot())
     dt, slid, speed, push = 0.001, 0.0, 0.0, 0.0
     for k in range(1500):
         t = k * dt
