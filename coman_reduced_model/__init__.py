@@ -40,12 +40,9 @@ if TYPE_CHECKING:
         predict,
         save_config,
     )
-    from .core.config.files import (
-        load_config,
-    )
-    from .diagnose.result import (
-        Diagnosis,
-    )
+    from .core.config.files import load_config
+    from .diagnose.report.folder import save_diagnosis
+    from .diagnose.result import Diagnosis
 
     __version__: str
 
@@ -68,6 +65,7 @@ __all__ = [
     # diagnosis
     "Diagnosis",
     "diagnose",
+    "save_diagnosis",
     # data
     "Flags",
     "Foot",

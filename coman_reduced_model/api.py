@@ -20,8 +20,8 @@ from .core.base.types import (
     Sample,
     WrenchMessage,
 )
-from .core.config.files import load_config
-from .core.config.schema import Config, save_config
+from .core.config.files import load_config, save_config
+from .core.config.schema import Config
 from .core.pipeline import Pipeline
 from .core.predictor import Predictor
 from .core.robot.robot import Robot
@@ -31,6 +31,7 @@ from .resources import bag_path, config_path
 from .topics import TopicNames
 
 if TYPE_CHECKING:
+    from .diagnose.report.folder import save_diagnosis
     from .diagnose.result import Diagnosis
 
 __all__ = [
@@ -57,6 +58,7 @@ __all__ = [
     "open_robot",
     "predict",
     "save_config",
+    "save_diagnosis",
 ]
 
 
@@ -126,8 +128,13 @@ def predict(
 
 
 def __getattr__(name: str) -> Any:
-    if name == "Diagnosis":  # loads scipy.optimize, which predictions do without
+    # These load scipy.optimize and matplotlib, which predictions do without.
+    if name == "Diagnosis":
         from .diagnose.result import Diagnosis
 
         return Diagnosis
+    if name == "save_diagnosis":
+        from .diagnose.report.folder import save_diagnosis
+
+        return save_diagnosis
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from . import __version__
 from .bag.encode import encode_point, encode_prediction, encode_support
 from .bag.reader import Bag
 from .bag.session import Session
@@ -28,6 +27,7 @@ from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
 from .output import OutputFolder, to_json
 from .progress import Progress
+from .resources import version
 from .topics import (
     DESCRIPTION,
     MEASURED,
@@ -124,7 +124,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
     mismatches = _mismatches(bag, pipeline)
     return {
         "bag": str(bag.path),
-        "version": __version__,
+        "version": version(),
         "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},

@@ -53,6 +53,7 @@ def diagnose(
     """Find the effect that the model or the sensors lack, and show by how much the gap shrinks on other bags."""
     settings = read_config(config, changes)
     from ..diagnose import diagnose as run
+    from ..diagnose.report.folder import save_diagnosis
     from ..output import OutputFolder
     from ..topics import TopicNames
 
@@ -60,7 +61,7 @@ def diagnose(
     names = TopicNames(namespace, remap or ())
     with progress("diagnosing") as report:
         diagnosis = run(bags, holdout or (), settings, assume=assume or (), urdf=urdf, names=names, progress=report)
-    diagnosis.write(out, force)
+    save_diagnosis(diagnosis, out, force)
     warn(diagnosis.result["not_checked"])
     if json:
         print_json(diagnosis.result)

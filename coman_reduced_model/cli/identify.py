@@ -41,7 +41,7 @@ def identify(
 ) -> None:
     """Find the stiffness of the joint springs from slow loads, and their damping from free oscillations."""
     settings = read_config(config, changes)
-    from ..core.config.schema import save_config
+    from ..core.config.files import save_config
     from ..output import check_file
     from ..topics import TopicNames
     from ..tuning.identify import identified_config

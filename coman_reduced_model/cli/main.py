@@ -17,8 +17,8 @@ from typing import Any
 
 import typer
 
-from .. import __version__
 from ..errors import ComanError
+from ..resources import version
 from .config import config
 from .demo import demo
 from .diagnose import diagnose
@@ -49,7 +49,7 @@ _OUR_FAULT = (errno.ENOSPC, errno.EIO, errno.ENOMEM, errno.EDQUOT, errno.EMFILE,
 
 def _version(value: bool) -> None:
     if value:
-        print(f"coman {__version__}")
+        print(f"coman {version()}")
         raise typer.Exit()
 
 

@@ -60,7 +60,7 @@ def tune(
 ) -> None:
     """Tune the model on recorded walks: double-support shares, then the paper's coefficients or named parameters."""
     settings = read_config(config, changes)
-    from ..core.config.schema import save_config
+    from ..core.config.files import save_config
     from ..output import check_file
     from ..topics import TopicNames
     from ..tuning import tune as tuning

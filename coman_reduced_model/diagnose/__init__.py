@@ -31,7 +31,8 @@ def diagnose(
 
     Args:
         bags: recordings to find effects in.
-        holdout: recordings that only confirm what was found, better of another gait.
+        holdout: recordings to confirm it on, better of another gait: no parameter of an effect is fitted to them, but
+            their evidence counts in the choice.
         config: nominal robot and model; default: COMAN.
         assume: effects whose parameters are fitted instead of looking for one: `NAME` or `NAME:where=PLACE`.
         urdf: file of the robot, instead of the one that configuration or bag name.
@@ -46,7 +47,7 @@ def diagnose(
         >>> diagnosis = coman.diagnose(coman.bag_path("test1"), holdout=coman.bag_path("test2"))
         >>> diagnosis.verdict
         'none'
-        >>> diagnosis.write("diagnosis")  # diagnosis.json, model.yaml, report.html
+        >>> coman.save_diagnosis(diagnosis, "diagnosis")  # diagnosis.json, model.yaml, report.html
     """
     from ..core.config.schema import Config
     from .workflow import diagnose

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 from ..core.config.schema import Config
 from .data.recording import Recording
 from .inference.finding import Finding
 from .inference.predicted_com import Errors
-from .workflow import write
+
+DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
 
 
 @dataclasses.dataclass
@@ -41,11 +41,3 @@ class Diagnosis:
     def sentence(self) -> str:
         """The result in words."""
         return str(self.result["sentence"])
-
-    def write(self, out: str | Path, force: bool = False) -> None:
-        """Write diagnosis.json, model.yaml and report.html into a folder.
-
-        Raises:
-            OutputError: it exists (without `force`), or cannot be written.
-        """
-        write(self, out, force)

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 
 from ..core.base.types import Array, Phase
-from ..core.config.files import config_to_yaml
 from ..core.config.schema import STANDARD_EFFECTS, Config, nominal_effects, takes_standard
 from ..core.effects.base import EffectConfig
 from ..core.effects.catalogue import CATALOGUE
 from ..core.evaluation.statistics import by_axis
 from ..core.robot.robot import Robot
 from ..errors import BagError, ConfigError
-from ..output import OutputFolder, to_json
 from ..progress import Progress
 from ..topics import TopicNames
 from .data.masks import taken_up_anew
@@ -34,9 +32,7 @@ from .inference.predicted_com import Errors, FreeRun, FreeRuns, admitted, change
 from .inference.search import CLASSES, SUSPECTED, Looked, search, smallest, total
 from .physics.hypotheses import PLAN, Candidate, candidates, figures
 from .report.words import sentence
-from .result import Diagnosis
-
-DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
+from .result import MODEL_FILE, Diagnosis
 
 # Where an effect that was found amounts to so many times the noise floor, so many times the limits are no surprise, nor
 # is this share of what it does: it is not exactly of the form it is given here ...
@@ -152,21 +148,6 @@ def diagnose(
     }
     result["sentence"] = sentence(result)
     return Diagnosis(result, model if verdict == "effect" else config, finding, recordings, shown)
-
-
-def write(diagnosis: Diagnosis, out: str | Path, force: bool = False) -> None:
-    """Write diagnosis.json, model.yaml and report.html into a folder.
-
-    Raises:
-        OutputError: it exists, or cannot be written.
-    """
-    from .report.page import diagnosis_page
-
-    with OutputFolder(out, force) as folder:
-        (folder / DIAGNOSIS_FILE).write_text(to_json(diagnosis.result) + "\n", encoding="utf-8")
-        comment = f"by coman diagnose: {diagnosis.result['sentence']}"
-        (folder / MODEL_FILE).write_text(config_to_yaml(diagnosis.model, comment), encoding="utf-8")
-        (folder / REPORT_FILE).write_text(diagnosis_page(diagnosis), encoding="utf-8")
 
 
 def _told(text: str) -> tuple[str, str]:

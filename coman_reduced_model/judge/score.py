@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from .. import __version__
+from ..resources import version
 from .cases import ATTEMPTS
 from .families import CLASSES, class_of
 from .run import RunFolder, seal
@@ -241,7 +241,7 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
             }
         )
     rounds = len(folder.rounds.read_text(encoding="utf-8").splitlines()) if folder.rounds.is_file() else 0
-    result = {"version": __version__, "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
+    result = {"version": version(), "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
     (folder.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
     return result
 

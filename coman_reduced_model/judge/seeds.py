@@ -11,7 +11,7 @@ from pathlib import Path
 
 import yaml
 
-from .. import __version__
+from ..resources import version
 
 FILE = Path(__file__).with_name("seeds.yaml")
 
@@ -80,9 +80,9 @@ def _commit() -> str:
     """Of the checkout that this file belongs to; without one, the version."""
     checkout = FILE.resolve().parents[2]
     if not (checkout / ".git").exists():
-        return __version__
+        return version()
     command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--exclude", "*"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
-        return __version__
+        return version()

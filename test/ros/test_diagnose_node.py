@@ -13,7 +13,7 @@ from ros_testing import Peer, paced, vector
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.files import config_to_yaml, load_config
 from coman_reduced_model.core.config.schema import STANDARD_EFFECTS
-from coman_reduced_model.diagnose.workflow import MODEL_FILE
+from coman_reduced_model.diagnose.result import MODEL_FILE
 from coman_reduced_model.ros.tools.replay import Replay
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record

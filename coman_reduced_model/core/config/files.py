@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ...errors import ConfigError
+from ...errors import ConfigError, OutputError
+from ...output import check_file
 from ...resources import config_path
 from .schema import NOTHING, Config, config_from_flat, parameter_table
 
@@ -96,3 +98,28 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
         unit = f" [{parameter.unit}]" if parameter.unit not in ("", "1") else ""
         lines.append(f"    {key}: {text}  # {parameter.description}{unit}")
     return "\n".join(lines) + "\n"
+
+
+def save_config(config: Config, path: str | Path, comment: str = "", force: bool = False) -> Path:
+    """Write a configuration as a parameter file, whole or not at all; a URDF that it names is found from there as well.
+
+    Args:
+        config: to be written.
+        path: of the file.
+        comment: its first lines.
+        force: replace a file that exists.
+
+    Raises:
+        OutputError: it exists (without `force`), or cannot be written.
+    """
+    path = check_file(path, force)
+    if config.robot.urdf:
+        config = config.replaced({"robot.urdf": os.path.relpath(config.directory / config.robot.urdf, path.parent)})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.part")
+        partial.write_text(config_to_yaml(config, comment), encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path

@@ -10,20 +10,17 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, OutputError
-from ...output import check_file
+from ...errors import ConfigError
 from ..base.parameter import Parameter, Value
 from ..effects.base import EffectConfig
 from ..effects.catalogue import CATALOGUE
 from ..robot.configuration import RobotConfig
-from .files import config_to_yaml
 from .sections import (
     GaitConfig,
     ModelConfig,
@@ -241,28 +238,3 @@ def _check_consistency(config: Config, source: str) -> None:
             f"{source}: support.contact_off: {config.support.contact_off} must be below "
             f"support.contact_on = {config.support.contact_on}"
         )
-
-
-def save_config(config: Config, path: str | Path, comment: str = "", force: bool = False) -> Path:
-    """Write a configuration as a parameter file, whole or not at all; a URDF that it names is found from there as well.
-
-    Args:
-        config: to be written.
-        path: of the file.
-        comment: its first lines.
-        force: replace a file that exists.
-
-    Raises:
-        OutputError: it exists (without `force`), or cannot be written.
-    """
-    path = check_file(path, force)
-    if config.robot.urdf:
-        config = config.replaced({"robot.urdf": os.path.relpath(config.directory / config.robot.urdf, path.parent)})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.part")
-        partial.write_text(config_to_yaml(config, comment), encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    return path

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,26 @@ BASELINES = PREDICTORS[1:]
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
 
 
+class Pending(NamedTuple):
+    """Predictions that wait for the measurement, a ring of slots for each of n horizons."""
+
+    ahead_ns: Ints  # (n,) the horizons [ns]
+    targets: Ints  # (n, slots) stamps that are predicted [ns]
+    poses: Array  # (n, slots, 4, 4) of the sole that predicted, in odom
+    predicted: Array  # (n, slots, 4, 3) by PREDICTORS, in odom [m]
+    first: Ints  # (n,) oldest slot
+    used: Ints  # (n,) slots in use
+
+
+class Errors(NamedTuple):
+    """Squared errors so far, and what the next ones are interpolated from."""
+
+    sums: Array  # (n, 4, 3) [m^2]
+    judged: Ints  # (n, 3) how many
+    needed: NDArray[np.bool_]  # (4,) predictors without which nothing counts
+    last: Array  # (2, 3) measured and reference COM in odom at the last sample [m]
+
+
 class HorizonJudge:
     """Collects squared errors of each predictor at each horizon, per axis of the sole that predicted.
 
@@ -23,24 +45,28 @@ class HorizonJudge:
 
     def __init__(self, horizons: tuple[float, ...], rigid: bool = True) -> None:
         """Horizons in seconds; without `rigid` there is no reference, and that predictor is left out (NaN)."""
-        self._needed = np.array([True, rigid, True, True])
         self.horizons = horizons
-        n = len(horizons)
-        self._ahead_ns = np.array([round(h * 1e9) for h in horizons], dtype=np.int64)
-        self._targets = np.zeros((n, _CAPACITY), dtype=np.int64)
-        self._poses = np.zeros((n, _CAPACITY, 4, 4))
-        self._predicted = np.zeros((n, _CAPACITY, len(PREDICTORS), 3))
-        self._first = np.zeros(n, dtype=np.int64)
-        self._count = np.zeros(n, dtype=np.int64)
-        self._sums = np.zeros((n, len(PREDICTORS), 3))
-        self._judged = np.zeros((n, 3), dtype=np.int64)
+        n, predictors = len(horizons), len(PREDICTORS)
+        self._pending = Pending(
+            np.array([round(h * 1e9) for h in horizons], dtype=np.int64),
+            np.zeros((n, _CAPACITY), dtype=np.int64),
+            np.zeros((n, _CAPACITY, 4, 4)),
+            np.zeros((n, _CAPACITY, predictors, 3)),
+            np.zeros(n, dtype=np.int64),
+            np.zeros(n, dtype=np.int64),
+        )
+        self._errors = Errors(
+            np.zeros((n, predictors, 3)),
+            np.zeros((n, 3), dtype=np.int64),
+            np.array([True, rigid, True, True]),
+            np.full((2, 3), np.nan),
+        )
         self._last_ns = 0
-        self._last = np.full((2, 3), np.nan)  # measured and reference COM in odom at the last sample
 
     def restart(self) -> None:
         """Drop the pending predictions: the stream broke off."""
-        self._count[:] = 0
-        self._last[:] = np.nan
+        self._pending.used[:] = 0
+        self._errors.last[:] = np.nan
 
     def update(
         self,
@@ -60,32 +86,18 @@ class HorizonJudge:
             measured, reference: (3,) COM now [m], in the sole frame; reference NaN if there is none.
             model, persistence, lipm: (n, 3) predictions [m] in the sole frame, a row a horizon; NaN where none.
         """
-        _update(
-            stamp_ns,
-            T_odom_sole,
-            measured,
-            reference,
-            model,
-            persistence,
-            lipm,
-            self._ahead_ns,
-            self._targets,
-            self._poses,
-            self._predicted,
-            self._first,
-            self._count,
-            self._sums,
-            self._judged,
-            self._last_ns,
-            self._last,
-            self._needed,
-        )
+        now = np.empty((2, 3))
+        _to_odom(T_odom_sole, measured, now[0])
+        _to_odom(T_odom_sole, reference, now[1])
+        _judge_due(self._pending, self._errors, stamp_ns, self._last_ns, now)
+        _add(self._pending, stamp_ns, T_odom_sole, model, persistence, lipm)
+        self._errors.last[:] = now
         self._last_ns = stamp_ns
 
     def rmse(self) -> dict[str, dict[str, Array]]:
         """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            means = np.sqrt(self._sums / self._judged[:, None, :])
+            means = np.sqrt(self._errors.sums / self._errors.judged[:, None, :])
         return {f"{h:g}": dict(zip(PREDICTORS, means[i], strict=True)) for i, h in enumerate(self.horizons)}
 
     def skill(self) -> dict[str, Array]:
@@ -100,7 +112,7 @@ class HorizonJudge:
     @property
     def judged(self) -> dict[str, Array]:
         """How many predictions were judged, (3,) a horizon."""
-        return {f"{h:g}": self._judged[i].copy() for i, h in enumerate(self.horizons)}
+        return {f"{h:g}": self._errors.judged[i].copy() for i, h in enumerate(self.horizons)}
 
 
 @compiled
@@ -110,50 +122,49 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 
 
 @compiled
-def _update(
-    stamp_ns: int, T: Array, measured: Array, reference: Array, model: Array, persistence: Array, lipm: Array,
-    ahead_ns: Ints, targets: Ints, poses: Array, predicted: Array, first: Ints, count: Ints, sums: Array,
-    judged: Ints, last_ns: int, last: Array, needed: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    now = np.empty((2, 3))
-    _to_odom(T, measured, now[0])
-    _to_odom(T, reference, now[1])
-    capacity = targets.shape[1]
-    errors = np.empty((4, 3))
-    for h in range(targets.shape[0]):
-        while count[h] > 0 and targets[h, first[h]] <= stamp_ns:
+def _judge_due(pending: Pending, errors: Errors, stamp_ns: int, last_ns: int, now: Array) -> None:
+    """Judge the predictions of stamps up to this one by measured and reference COM now (2, 3), in odom [m]."""
+    first, used, capacity = pending.first, pending.used, pending.targets.shape[1]
+    for h in range(pending.targets.shape[0]):
+        while used[h] > 0 and pending.targets[h, first[h]] <= stamp_ns:
             slot = first[h]
             first[h] = (slot + 1) % capacity
-            count[h] -= 1
-            w = (targets[h, slot] - last_ns) / (stamp_ns - last_ns)
-            values = predicted[h, slot]
-            for i in range(3):
-                values[1, i] = (1.0 - w) * last[1, i] + w * now[1, i]
-            for k in range(4):
-                for i in range(3):
-                    e = 0.0
-                    for j in range(3):  # into the axes of the sole that predicted
-                        e += poses[h, slot, j, i] * (values[k, j] - ((1.0 - w) * last[0, j] + w * now[0, j]))
-                    errors[k, i] = e
-            for i in range(3):
-                complete = True
-                for k in range(4):
-                    complete &= not (needed[k] and np.isnan(errors[k, i]))
-                if not complete:
-                    continue
-                judged[h, i] += 1
-                for k in range(4):
-                    sums[h, k, i] += errors[k, i] ** 2
-        if count[h] < capacity:
-            slot = (first[h] + count[h]) % capacity
-            count[h] += 1
-            targets[h, slot] = stamp_ns + ahead_ns[h]
-            for i in range(4):
-                for j in range(4):
-                    poses[h, slot, i, j] = T[i, j]
-            _to_odom(T, model[h], predicted[h, slot, 0])
-            _to_odom(T, persistence[h], predicted[h, slot, 2])
-            _to_odom(T, lipm[h], predicted[h, slot, 3])
-    for k in range(2):
+            used[h] -= 1
+            w = (pending.targets[h, slot] - last_ns) / (stamp_ns - last_ns)
+            true = (1.0 - w) * errors.last + w * now
+            values = pending.predicted[h, slot]
+            values[1] = true[1]  # the rigid robot is at its reference
+            _add_errors(errors, h, pending.poses[h, slot], values, true[0])
+
+
+@compiled
+def _add_errors(errors: Errors, h: int, pose: Array, values: Array, measured: Array) -> None:
+    """Square the errors of all predictors (4, 3), along the axes of the sole that predicted."""
+    off = np.zeros((4, 3))
+    for k in range(4):
         for i in range(3):
-            last[k, i] = now[k, i]
+            for j in range(3):
+                off[k, i] += pose[j, i] * (values[k, j] - measured[j])
+    for i in range(3):
+        complete = True
+        for k in range(4):
+            complete &= not (errors.needed[k] and np.isnan(off[k, i]))
+        if complete:
+            errors.judged[h, i] += 1
+            for k in range(4):
+                errors.sums[h, k, i] += off[k, i] ** 2
+
+
+@compiled
+def _add(pending: Pending, stamp_ns: int, pose: Array, model: Array, persistence: Array, lipm: Array) -> None:
+    """Take in the predictions (n, 3) of a sample; where all slots are in use they are dropped."""
+    capacity = pending.targets.shape[1]
+    for h in range(pending.targets.shape[0]):
+        if pending.used[h] < capacity:
+            slot = (pending.first[h] + pending.used[h]) % capacity
+            pending.used[h] += 1
+            pending.targets[h, slot] = stamp_ns + pending.ahead_ns[h]
+            pending.poses[h, slot] = pose
+            _to_odom(pose, model[h], pending.predicted[h, slot, 0])
+            _to_odom(pose, persistence[h], pending.predicted[h, slot, 2])
+            _to_odom(pose, lipm[h], pending.predicted[h, slot, 3])

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from ... import __version__
 from ...bag.reader import Bag
 from ...bag.types import typestore
 from ...bag.writer import BagWriter
@@ -29,6 +28,7 @@ from ...core.gait.parameters import GAITS
 from ...core.gait.walk import gait_of
 from ...errors import BagError, ConfigError
 from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
+from ...resources import version
 from ...topics import PREDICTION
 from ..interface.diagnostic_report import Level
 from ..runtime.processes import NodeFailed, Nodes
@@ -151,7 +151,7 @@ def run_demo(
         asked = replay.bag.counts[f"/{JOINTS}"]
         summary = {
             "bag": str(path),
-            "version": __version__,
+            "version": version(),
             "robot": {"name": robot_name},
             **statistics.summary(),
             **_reported(listener, config),
