@@ -116,11 +116,11 @@ def free_run(
     with Session(path, quick, urdf=urdf, names=names) as session:
         robot, pipeline = session.robot, session.pipeline
         for batch in session.batches():
-            positions += [sample.q.copy() for sample in batch]  # effects correct them in place
             for p in pipeline.predict(batch):
                 support = p.support
                 row = (p.stamp_ns, support.support_foot, support.phase, p.flags, *p.measured_com, *p.predicted_com)
                 rows.append(row)
+            positions += [sample.q for sample in batch]  # as effects have corrected them while predicting
     stamps = np.array([row[0] for row in rows], dtype=np.int64)
     rising = np.diff(np.maximum.accumulate(stamps), prepend=-1) > 0
     values = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 9)[rising]
