@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..core.base.types import Array, Phase
-from ..core.config.schema import STANDARD_EFFECTS, Config, nominal_effects, takes_standard
+from ..core.config.schema import OPTIONS, Config, can_turn, nominal_effects
 from ..core.effects.base import EffectConfig
 from ..core.effects.catalogue import CATALOGUE
 from ..core.evaluation.statistics import by_axis
@@ -303,10 +303,10 @@ def _class(finding: Finding, option: Candidate) -> str | None:
 
 
 def with_structure(config: Config) -> Config:
-    """The configuration with the structural effects, without which the paper's point mass hides what is missing."""
-    if not takes_standard(config) or any(effect.name in STANDARD_EFFECTS for effect in config.effects):
+    """The configuration with the model's options, without which the paper's point mass hides what is missing."""
+    if not can_turn(config) or any(config.uses(option) for option in OPTIONS):
         return config
-    return dataclasses.replace(config, effects=(*nominal_effects(STANDARD_EFFECTS), *config.effects))
+    return config.replaced({f"model.{option}": "with" for option in OPTIONS})
 
 
 def with_effects(config: Config, effects: Sequence[Mapping[str, Any]]) -> Config:

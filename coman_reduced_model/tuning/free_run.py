@@ -88,8 +88,8 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
     predictor = Predictor(robot, config)  # type: ignore[arg-type]
     if predictor.model.turning:
         raise ConfigError(
-            "effects.active: trunk_rotation does not use the coefficients a1 to e2, the paper's model does "
-            "(effects.active: [none])"
+            "model.trunk_rotation: the turning trunk does not use the coefficients a1 to e2, the paper's model does "
+            "(model.trunk_rotation: without)"
         )
     probes = [_probe(predictor, config, pair) for pair in ((), *_PAIRS)]
     taken: list[tuple[Terms, Array, list[Terms]]] = []
@@ -143,7 +143,7 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
 
 def _probe(predictor: Predictor, config: Config, ones: tuple[str, ...]) -> Model:
     values = {f"model.{name}": 1.0 if name in ones else 0.0 for name in COEFFICIENTS}
-    return Model(predictor.robot, config.replaced(values))
+    return Model(predictor.robot, config.replaced(values), predictor.effects)
 
 
 @compiled

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bag.session import Session
 from ..core.base.types import Prediction, Sample
-from ..core.config.schema import NOTHING, Config
+from ..core.config.schema import OPTIONS, Config
 from ..core.predictor import Predictor
 from ..core.robot.robot import Robot
 from ..errors import ConfigError
@@ -86,4 +86,5 @@ def motor_side(config: Config) -> Config:
     """
     if config.prediction.reference == "none":
         raise ConfigError("prediction.reference: none: a robot without motor-side encoders shows no spring deflection")
-    return config.replaced({"effects.active": (NOTHING,), "prediction.horizons": (), "prediction.reference": "motor"})
+    paper = {"effects.active": (), **{f"model.{option}": "without" for option in OPTIONS}}
+    return config.replaced({**paper, "prediction.horizons": (), "prediction.reference": "motor"})

@@ -17,7 +17,7 @@ ROBOT = robot_of("coman")
 WEIGHT = 9.81 * ROBOT.mass
 PERIOD = 1.4  # [s] double, left, double, right
 # Phases change between two samples of 100 Hz, whatever the rate: no dwell.
-CONFIG = Config().replaced({"effects.active": ["none"], "support.dwell_on": 0.0, "support.dwell_off": 0.0})
+CONFIG = Config().replaced({"model.trunk_rotation": "without", "support.dwell_on": 0.0, "support.dwell_off": 0.0})
 T0 = 10**12
 
 

@@ -18,7 +18,6 @@ from ...bag.session import Session
 from ...core.base.stream_names import IMU
 from ...core.base.types import Array, Booleans, Foot, Integers, Phase, Sample
 from ...core.config.schema import Config
-from ...core.effects.catalogue import active_effects
 from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
 from ...core.robot.robot import Robot
@@ -114,7 +113,7 @@ def load(
             if progress and count % 2000 == 0:
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
-        for effect in active_effects(config.effects, pipeline.robot):
+        for effect in pipeline.predictor.effects:
             for sample in samples:
                 effect.correct(sample)
     robot = pipeline.robot

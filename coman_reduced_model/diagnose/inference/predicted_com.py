@@ -18,7 +18,7 @@ from ...bag.session import Session
 from ...core.base.types import Array, Flags, Foot, Integers, Phase
 from ...core.config.schema import Config
 from ...core.effects.base import EffectConfig
-from ...core.effects.catalogue import CATALOGUE, Effect, loaded
+from ...core.effects.catalogue import CATALOGUE, Effect, build_effects
 from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot
 from ...topics import TopicNames
@@ -158,7 +158,7 @@ def errors(before: FreeRun, after: FreeRun) -> Errors:
 
 def _measured(run: FreeRun, loads: tuple[EffectConfig, ...]) -> Array:
     """(n, 3) The COM of a run as it is measured of a robot with other loads."""
-    posture, still = loaded(run.robot, loads).posture(), np.zeros(run.q.shape[1])
+    posture, still = build_effects(loads, run.robot)[1].posture(), np.zeros(run.q.shape[1])
     out = np.full_like(run.measured, np.nan)
     for k in np.flatnonzero(run.foot != Foot.NONE):
         posture.update(run.q[k], still)

@@ -15,7 +15,7 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.files import config_to_yaml, load_config
 from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config
-from coman_reduced_model.core.effects.catalogue import CATALOGUE, active_effects
+from coman_reduced_model.core.effects.catalogue import CATALOGUE, build_effects
 from coman_reduced_model.resources import bag_path
 
 # Names of discrepancy.md: configurations, results and verdicts use them.
@@ -110,7 +110,7 @@ def test_each_effect_at_each_place_goes_through_a_file(tmp_path, name):
 ])  # fmt: skip
 def test_a_place_names_a_joint_a_leg_or_all(where, joints, feet):
     robot = open_robot(bag_path("test1"), PAPER)
-    (effect,) = active_effects(config("encoder_bias", where).effects, robot)
+    (effect,), _ = build_effects(config("encoder_bias", where).effects, robot)
     assert len(effect.joints) == joints and effect.feet == feet
     assert list(effect.joints) == [i for foot in feet for i in robot.legs[foot][effect.leg_joints[foot]]]
     if joints == 1:

@@ -14,7 +14,7 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects.catalogue import active_effects
+from coman_reduced_model.core.effects.catalogue import build_effects
 from coman_reduced_model.core.effects.hooks import LegSprings
 from coman_reduced_model.core.model.cartesian import Model
 from coman_reduced_model.core.model.springs import Springs
@@ -35,7 +35,7 @@ def leg(settings: Config, deflection, rate=0.0, motor_rate=0.0, foot=Foot.LEFT) 
     def full(x):
         return np.broadcast_to(np.asarray(x, float), 6).copy()
 
-    springs = Springs(settings.robot, active_effects(settings.effects, robot()))
+    springs = Springs(settings.robot, build_effects(settings.effects, robot())[0], False)
     return springs.leg(foot, np.eye(6), np.zeros(3), 170.0, full(deflection), full(rate), full(motor_rate))
 
 

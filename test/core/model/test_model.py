@@ -16,7 +16,7 @@ from coman_reduced_model.errors import ConfigError
 
 WEIGHT = 9.81 * robot_of("coman").mass
 LEFT = SupportState(Phase.LEFT, Foot.LEFT, 1.0)
-PAPER = Config().replaced({"effects.active": ["none"]})
+PAPER = Config().replaced({"model.trunk_rotation": "without"})
 LATERAL = {"effects.active": ["lateral_compliance"]}
 
 
