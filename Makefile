@@ -33,13 +33,13 @@ live: setup  ## virtual robot, trajectory and predictor until Ctrl-C, with a vie
 	@$(BIN)/coman live
 
 test: lint  ## lint, types and all tests: what CI runs
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
 	$(BIN)/python -m pytest -m ros
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
 
 test-quick: setup  ## the tests that take seconds
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not ros"
 
-lint: setup  ## ruff (rules and format) and mypy on the core
+lint: setup  ## ruff (rules and format) and mypy
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -48,8 +48,8 @@ format: setup  ## let ruff rewrite the code
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-bench: setup  ## the figures of the README: speed, memory, latency
-	@set -e; for script in bench/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+bench: setup  ## the figures of the documentation, doc/results: accuracy, speed, memory, latency; some two hours
+	@$(BIN)/python bench/results.py
 
 lock: setup  ## newest versions of everything in requirements.in into requirements.txt, for all supported Pythons
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.10 --no-annotate \
@@ -97,7 +97,7 @@ $(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
 	@touch $@
 
 # Numba's compilations, once and by one process: several nodes that start together would all compile at the same time.
-$(STAMP)/compiled: $(wildcard coman_reduced_model/core/*.py coman_reduced_model/core/effects/*.py) $(STAMP)/package
+$(STAMP)/compiled: $(shell find coman_reduced_model/core -name '*.py') $(STAMP)/package
 	@echo "compiling the model"
 	@$(BIN)/python -m coman_reduced_model.warm_up
 	@$(BIN)/python -c "from coman_reduced_model.tuning.free_run import compile_loop; compile_loop()"

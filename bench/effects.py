@@ -23,16 +23,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.types import Flags, Foot
-from coman_reduced_model.offline import find_robot, input_streams, predictions
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Flags, Foot
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.sim.disturbances import Disturbance, parse
 from coman_reduced_model.sim.record import load_truth, plan_recording, record, robot_gait
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
-from coman_reduced_model.topics import TopicNames
 
 CASES = (
     "encoder_bias:where=LKneeSag,bias=0.012",
@@ -83,9 +80,8 @@ def errors(path: Path, config: Config) -> dict[str, np.ndarray]:
     """RMS errors of one prediction of a bag, by column."""
     config = config.replaced({"prediction.horizons": []})
     truth = load_truth(path.with_name(f"{path.name}.truth.npz"))
-    with Bag(path) as bag:
-        pipeline = Pipeline(find_robot(config, bag, TopicNames()), config)
-        results = list(predictions(bag, pipeline, input_streams(bag, config, TopicNames())))
+    with Session(path, config) as session:
+        results = list(session.predictions())
     good = [p for p in results if np.isfinite(p.residual).all() and not p.flags & Flags.STALE_WRENCH]
     stamps, at = truth["stamp_ns"], np.array([p.stamp_ns for p in good])
 

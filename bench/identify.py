@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coman_reduced_model.core.config import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.disturbances import Scatter
 from coman_reduced_model.sim.experiments import SOFT, record_experiment

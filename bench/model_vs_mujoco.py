@@ -19,10 +19,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.gait import plan_walk
+from coman_reduced_model.core.base.types import Foot
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.types import Foot
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait

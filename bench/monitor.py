@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How soon the monitor tells of effects that begin in mid-walk, and whether it is silent while nothing is wrong.
+"""How soon the monitor detects effects that begin in mid-walk, and how often it raises a false alarm.
 
-    python bench/monitor.py [--seed 43000] [--draws 1] [--clean 3]       # --draws 3 --clean 20: some 35 minutes
+    python bench/monitor.py [--seed N] [--draws 1] [--clean 3]       # --draws 3 --clean 20: some 35 minutes
 
-Every draw is a robot of its own (springs, masses scattered, default sensors) on a gait of its own. Clean walks take
-31 s. Effects are medium as `judge/families.py` has them, and begin 7 to 10 s into a walk of 17 s: those that `coman
-record --hide ...,after=T` knows, and (marked *) a spring, damper or bearing that suddenly is another, and a load that
-is hung on. What is told before the effect begins is a false alarm as well. Seeds below 43000 chose
-what is in it, or were reported.
+Each draw is another robot (springs and masses within tolerances, default sensors) on another gait. Clean walks take
+31 s. Effects are the medium ones of judge/families.py and begin 7 to 10 s into a walk of 17 s: those that `coman
+record --hide ...,after=T` knows, and (marked *) a spring, damper or bearing that suddenly changes, and a load that
+is added. A detection before the effect begins is a false alarm. By default the seeds are fresh: nothing was chosen or
+reported on them (judge/seeds.yaml); the line to add to that file is printed at the end.
 """
 
 from __future__ import annotations
@@ -23,17 +23,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config import load_config
-from coman_reduced_model.core.monitor import Mismatch
-from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.monitor.monitor import Mismatch
 from coman_reduced_model.judge.cases import GAITS, data_sheet
 from coman_reduced_model.judge.families import FAMILIES
-from coman_reduced_model.offline import find_robot, input_streams, predictions
+from coman_reduced_model.judge.seeds import describe, entry_to_add, fresh_range
 from coman_reduced_model.sim.disturbances import Disturbance, Later, Scatter, joint_indices, make, overrides
 from coman_reduced_model.sim.record import plan_recording, record, robot_gait
 from coman_reduced_model.sim.robot_table import ROBOTS
-from coman_reduced_model.topics import TopicNames
 
 MEDIUM = 1
 SECONDS, CLEAN_SECONDS, WITHIN = 17.0, 31.0, 5.0
@@ -41,10 +39,10 @@ BUILT_IN = ("joint_stiffness", "soft_roll", "joint_damping", "joint_friction", "
 
 
 class Sudden(Disturbance):
-    """What is built into the virtual robot, as forces that begin in mid-walk."""
+    """A change of springs, dampers, friction or load, as forces that begin in mid-walk."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.effect, self.where, self.values = told["name"], told["where"], told["parameters"]
+    def __init__(self, effect: dict[str, Any]) -> None:
+        self.effect, self.where, self.values = effect["name"], effect["where"], effect["parameters"]
 
     def __repr__(self) -> str:
         return f"Sudden({self.effect!r}, {self.where!r}, {self.values!r})"
@@ -89,7 +87,7 @@ class Case:
 
 
 def draw(seed: int, family: str = "") -> Case | None:
-    """The walk of a seed; None: the effect cannot begin in mid-walk."""
+    """Draw the walk of a seed; None: the effect cannot begin in mid-walk."""
     rng = np.random.default_rng([23, seed, *family.encode()])
     robot, gait = str(rng.choice(["coman", "coman", "tall", "small"])), str(rng.choice(list(GAITS)))
     if not family:
@@ -133,54 +131,85 @@ def cases(seed: int, draws: int, clean: int) -> Iterator[Case]:
                 yield case
 
 
-def told(bag: Path) -> tuple[float, list[tuple[float, Mismatch]]]:
-    """Length of a bag [s], and when [s] the monitor told what of it for the first time."""
+def detections(bag: Path) -> tuple[float, list[tuple[float, Mismatch]]]:
+    """Length of a bag [s], and the first mismatch of each channel with its time of detection [s]."""
     config = load_config(bag.with_suffix(".yaml")).replaced({"prediction.horizons": []})
-    with Bag(bag) as opened:
-        pipeline = Pipeline(find_robot(config, opened, TopicNames()), config)
-        results = list(predictions(opened, pipeline, input_streams(opened, config, TopicNames())))
-        assert pipeline.monitor is not None
-        found = [((each.told_ns - opened.start_ns) * 1e-9, each) for each in pipeline.monitor.first.values()]
+    with Session(bag, config) as session:
+        results = list(session.predictions())
+        monitor, start_ns = session.pipeline.monitor, session.bag.start_ns
+        assert monitor is not None
+        found = [((each.told_ns - start_ns) * 1e-9, each) for each in monitor.first.values()]
     return (results[-1].stamp_ns - results[0].stamp_ns) * 1e-9, found
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the monitor detects in one walk."""
+
+    case: Case
+    stands: bool  # the robot did not fall
+    calm: float  # [s] before the effect begins
+    false: list[Mismatch]  # before the effect begins
+    detected: list[tuple[float, Mismatch]]  # [s] after it has begun, within `WITHIN`
+
+    def __str__(self) -> str:
+        case = self.case
+        effect = case.hidden.told() if case.hidden else ""
+        first = "{:.1f} s: {}".format(*self.detected[0]) if self.detected else "nothing"
+        text = "; ".join([*(f"FALSE: {each}" for each in self.false), first])
+        return f"{case.seed} {case.robot} {case.gait} {effect}: {text}{'' if self.stands else '; the robot fell'}"
+
+
+def watch(case: Case) -> Outcome:
+    """Record a case and run the monitor on it."""
+    with tempfile.TemporaryDirectory() as folder:
+        stands = walk(case, Path(folder) / "walk")
+        seconds, found = detections(Path(folder) / "walk")
+    begins = case.after if case.family else seconds
+    false = [each for at, each in found if at < begins]
+    detected = [(at - begins, each) for at, each in found if begins <= at < begins + WITHIN]
+    return Outcome(case, stands, min(begins, seconds), false, detected)
+
+
+def by_effect(outcomes: list[Outcome]) -> Table:
+    """A row for each effect."""
+    table = Table("effect", "detected within 5 s", "after [s]", "first channels", "robot fell")
+    for family in dict.fromkeys(each.case.family for each in outcomes if each.case.family):
+        draws = [each for each in outcomes if each.case.family == family]
+        firsts = [each.detected[0] for each in draws if each.detected]
+        table.add_row(
+            family + "*" * (family in BUILT_IN),
+            f"{len(firsts)} of {len(draws)}",
+            ", ".join(f"{at:.1f}" for at, _ in firsts),
+            ", ".join(sorted({mismatch.channel.partition("/")[0] for _, mismatch in firsts})),
+            str(sum(not each.stands for each in draws)),
+        )
+    return table
 
 
 def main() -> None:
     """Record, watch, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, default=43000, help="the first one")
+    parser.add_argument("--seed", type=int, help="the first one; default: the next fresh one of judge/seeds.yaml")
     parser.add_argument("--draws", type=int, default=1, help="of each effect")
     parser.add_argument("--clean", type=int, default=3, help="clean walks")
     arguments = parser.parse_args()
+    number = max(arguments.draws, arguments.clean)
+    first = fresh_range("monitor", number).start if arguments.seed is None else arguments.seed
+    seeds = range(first, first + number)
+    state = describe("monitor", seeds)
     console = Console(width=140)
-    silent, false = 0.0, 0  # seconds without anything wrong, and what was told in them
-    rows: dict[str, list[tuple[bool, float | None, str]]] = {}
-    for case in cases(arguments.seed, arguments.draws, arguments.clean):
-        with tempfile.TemporaryDirectory() as folder:
-            stands = walk(case, Path(folder) / "walk")
-            seconds, found = told(Path(folder) / "walk")
-        begins = case.after if case.family else seconds
-        early = [each for at, each in found if at < begins]
-        late = [(at - begins, each) for at, each in found if begins <= at < begins + WITHIN]
-        silent, false = silent + min(begins, seconds), false + len(early)
-        said = f"{late[0][0]:.1f} s: {late[0][1]}" if late else "nothing"
-        text = "; ".join([*(f"FALSE: {each}" for each in early), said])
-        effect = case.hidden.told() if case.hidden else ""
-        fell = "" if stands else "; the robot fell"
-        console.print(f"{case.seed} {case.robot} {case.gait} {effect}: {text}{fell}", highlight=False)
-        if case.family:
-            rows.setdefault(case.family + "*" * (case.family in BUILT_IN), []).append(
-                (stands, late[0][0] if late else None, late[0][1].channel if late else "")
-            )
-    table = Table("effect", "told within 5 s", "after [s]", "first channels", "robot fell")
-    for family, draws in rows.items():
-        after = [at for _, at, _ in draws if at is not None]
-        channels = sorted({channel.partition("/")[0] for _, at, channel in draws if at is not None})
-        table.add_row(
-            family, f"{len(after)} of {len(draws)}", ", ".join(f"{at:.1f}" for at in after), ", ".join(channels),
-            str(sum(not stands for stands, _, _ in draws)),
-        )  # fmt: skip
-    console.print(table)
-    console.print(f"nothing wrong: {silent:.0f} s, in which {false} mismatches were told")
+    console.print(f"seeds {seeds[0]} to {seeds[-1]}: {state}", highlight=False)
+    outcomes = []
+    for case in cases(first, arguments.draws, arguments.clean):
+        outcomes.append(watch(case))
+        console.print(str(outcomes[-1]), highlight=False)
+    console.print(by_effect(outcomes))
+    calm, false = sum(each.calm for each in outcomes), sum(len(each.false) for each in outcomes)
+    console.print(f"without an effect: {calm:.0f} s, {false} false alarms")
+    if state == "fresh":
+        console.print("these seeds are spent now; add to judge/seeds.yaml under monitor, with the purpose:")
+        console.print(entry_to_add(seeds), highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -35,9 +35,9 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from coman_reduced_model.core.types import JointMessage, WrenchMessage
+from coman_reduced_model.core.base.types import JointMessage, WrenchMessage
 from coman_reduced_model.messages import joint_to, ros_types, wrench_to
-from coman_reduced_model.ros import qos
+from coman_reduced_model.ros.interface import qos
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN
 
@@ -193,9 +193,11 @@ def main() -> None:
     parser.add_argument("--topics", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.collect:
-        return collect(options.collect)
+        collect(options.collect)
+        return
     if options.relay:
-        return relay(options.relay, options.topics.split(","))
+        relay(options.relay, options.topics.split(","))
+        return
     # The joint state last: it is what completes a sample.
     topics = ["left_foot/wrench", "right_foot/wrench", "joint_states"]
     if options.reference == "motor":

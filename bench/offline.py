@@ -34,11 +34,12 @@ print(json.dumps({"seconds": time.perf_counter() - began, "messages": count}))
 """
 PREDICT = """
 import json, resource, sys, tempfile
-from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.offline import predict_bag
-with tempfile.TemporaryDirectory() as folder, Bag(sys.argv[1]) as bag:
-    summary = predict_bag(bag, Config().replaced({"effects.active": [sys.argv[2]]}), folder + "/out", progress=None)
+config = Config().replaced({"effects.active": [sys.argv[2]]})
+with tempfile.TemporaryDirectory() as folder, Session(sys.argv[1], config) as session:
+    summary = predict_bag(session, folder + "/out")
 used = resource.getrusage(resource.RUSAGE_SELF)
 print(json.dumps({"seconds": summary["elapsed_s"], "duration": summary["duration_s"], "samples": summary["samples"],
                   "cpu": used.ru_utime + used.ru_stime, "peak_mb": used.ru_maxrss / 1024}))

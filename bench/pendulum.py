@@ -13,7 +13,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from coman_reduced_model.core.config import load_config
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.resources import bag_path, config_path
 from coman_reduced_model.tuning.recording import read_recording

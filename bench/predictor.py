@@ -22,15 +22,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Sample
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Sample
-from coman_reduced_model.offline import find_robot, input_streams, predictions
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path
-from coman_reduced_model.topics import TopicNames
 
 PAPER = {"effects.active": ["none"]}
 VARIANTS = {
@@ -49,16 +46,8 @@ PARTS = ("the paper's model, horizons", "the standard effects, horizons")
 
 
 def read_samples(path: Path) -> tuple[Robot, list[Sample]]:
-    samples: list[Sample] = []
-    config = Config()
-    with Bag(path) as bag:
-        names = TopicNames()
-        robot = find_robot(config, bag, names)
-        pipeline = Pipeline(robot, config)
-        pipeline.on_sample = samples.append
-        for _ in predictions(bag, pipeline, input_streams(bag, config, names)):
-            pass
-    return robot, samples
+    with Session(path) as session:
+        return session.robot, list(session.samples())
 
 
 def timed(predictor: Predictor, samples: Sequence[Sample]) -> tuple[np.ndarray, np.ndarray]:
@@ -112,10 +101,10 @@ def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, 
 FIRST_CALL = """
 import resource, sys, time
 def used(): return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
-from coman_reduced_model.core.config import Config
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
-from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Sample
+from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.core.base.types import Sample
 import numpy as np
 from coman_reduced_model.resources import config_path
 robot = Robot(config_path("coman.urdf").read_text(), Config().robot)

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from .core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from .core.streams import Refused
-from .core.types import (
+from .core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.base.types import (
     Array,
     Flags,
     Foot,
@@ -30,6 +29,7 @@ from .core.types import (
     SupportState,
     WrenchMessage,
 )
+from .core.streams.stream import Refused
 
 ODOM = "odom"
 OWN = "coman_reduced_model_msgs"
@@ -49,7 +49,7 @@ POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
 INPUT_TYPES = {
     JOINTS: JOINT_STATE,
     MOTORS: JOINT_STATE,
-    **{name: WRENCH_STAMPED for name in WRENCHES.values()},
+    **dict.fromkeys(WRENCHES.values(), WRENCH_STAMPED),
     REFERENCE: COM_REFERENCE,
     IMU: IMU_TYPE,
 }
@@ -179,9 +179,11 @@ def plan(
         raise Refused("phase", f"phase {phase} is not one of 0 to 3")
     if frame_id.lstrip("/") != ODOM:
         raise Refused("frame", f"it is in frame {frame_id!r}, wanted {ODOM!r}")
-    shape = (len(position) // 3, 3)
+    com, com_vel, com_acc, zmp = vectors
+    left, right = soles
+    ahead, ahead_vel = position.reshape(-1, 3), velocity.reshape(-1, 3)
     return Reference(
-        stamp_ns, *vectors, *soles, _PHASES[phase], step, preview_dt, position.reshape(shape), velocity.reshape(shape)
+        stamp_ns, com, com_vel, com_acc, zmp, left, right, _PHASES[phase], step, preview_dt, ahead, ahead_vel
     )
 
 
@@ -210,7 +212,7 @@ def prediction_from(message: Any) -> Prediction:
 FROM = {
     JOINTS: joint_from,
     MOTORS: joint_from,
-    **{name: wrench_from for name in WRENCHES.values()},
+    **dict.fromkeys(WRENCHES.values(), wrench_from),
     REFERENCE: reference_from,
     IMU: imu_from,
 }

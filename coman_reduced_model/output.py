@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Output folders: complete or not at all, and nothing of the user's is overwritten unasked."""
+"""Output: folders that are complete or not at all, files that are not overwritten unasked, JSON as it is defined."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from .errors import OutputError
 
@@ -57,6 +60,33 @@ class OutputFolder:
                 target = self.path / entry.name
                 if target.is_dir() and not target.is_symlink():
                     shutil.rmtree(target)
-                os.replace(entry, target)
+                entry.replace(target)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+
+
+def check_file(path: str | Path, force: bool) -> Path:
+    """A file that may be written, said before the work begins.
+
+    Raises:
+        OutputError: it exists (without `force`), or is a folder.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder, wanted a file such as {path / 'tuned.yaml'}")
+    if path.exists() and not force:
+        raise OutputError(f"{path}: exists; --force replaces it")
+    return path
+
+
+def to_json(value: Any) -> str:
+    """JSON as it is defined: null for NaN and infinity, which it does not have."""
+
+    def plain(item: Any) -> Any:
+        if isinstance(item, dict):
+            return {str(key): plain(entry) for key, entry in item.items()}
+        if isinstance(item, (list, tuple)):
+            return [plain(entry) for entry in item]
+        return None if isinstance(item, float) and not math.isfinite(item) else item
+
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)

@@ -30,6 +30,12 @@ def share_path() -> Path:
     raise ConfigError(f"{here.parent}: installed without its share/{PACKAGE} folder (config, launch, bags)")
 
 
+def version() -> str:
+    """Version of the package, as package.xml says."""
+    text = (share_path() / "package.xml").read_text(encoding="utf-8")
+    return text.partition("<version>")[2].partition("</version>")[0].strip()
+
+
 def _names(folder: Path) -> str:
     return ", ".join(sorted(path.name for path in folder.glob("[!.]*"))) or "nothing"
 

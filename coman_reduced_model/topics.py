@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from .core.joiner import IMU
+from .core.base.stream_names import IMU
 from .errors import ConfigError
 from .messages import (
     COM_PREDICTION,

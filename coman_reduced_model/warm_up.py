@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .core.config import NOTHING, Config
-from .core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from .core.config.schema import NOTHING, Config
 from .core.pipeline import Pipeline
-from .core.robot import Robot
-from .core.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from .core.robot.robot import Robot
 from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
 
 _PERIOD_NS = 5_000_000
@@ -80,7 +80,7 @@ def _reference(stamp: int) -> Reference:
 
 if __name__ == "__main__":  # `make setup`: the default robot's model, and all that can be added to it
     from .bag.types import bag_types
-    from .core.effects import CATALOGUE
+    from .core.effects.catalogue import CATALOGUE
     from .resources import config_path
 
     default = Config()

@@ -13,9 +13,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from coman_reduced_model.core.config import parameter_table
-from coman_reduced_model.core.effects import CATALOGUE
-from coman_reduced_model.core.parameter import Parameter
+from coman_reduced_model.core.base.parameter import Parameter
+from coman_reduced_model.core.config.schema import parameter_table
+from coman_reduced_model.core.effects.catalogue import CATALOGUE
 
 PAGE = Path(__file__).parent / "configuration.md"
 PLACES = {"robot": "", "axis": "axis", "side": "leg", "foot": "foot", "joint": "joint"}

@@ -3,7 +3,7 @@
 
 from launch import LaunchDescription
 
-from coman_reduced_model.ros.launching import declare, include, node
+from coman_reduced_model.ros.runtime.launching import declare, include, node
 
 
 def generate_launch_description():

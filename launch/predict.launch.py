@@ -7,7 +7,7 @@ from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from coman_reduced_model.ros.launching import declare, node, switch
+from coman_reduced_model.ros.runtime.launching import declare, node, switch
 
 
 def predictor(context):

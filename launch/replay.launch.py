@@ -6,7 +6,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.substitutions import ExecutableInPackage
 
-from coman_reduced_model.ros.launching import PACKAGE, declare, include
+from coman_reduced_model.ros.runtime.launching import PACKAGE, declare, include
 
 
 def generate_launch_description():

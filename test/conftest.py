@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from ros_testing import Peer
 
 ROOT = Path(__file__).resolve().parents[1]
+NOT_HERE = "the recordings of other robots are not beside the project"
 
 # How long tests wait for what has to come [s]: only a test that fails takes it. A machine that others use as well may
 # give a process a tenth of a core for a minute.
@@ -35,6 +37,24 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+
+
+def recording(name: str) -> Path:
+    """A recording of another robot, in the folder shared/ beside the project; the test is skipped without it."""
+    path = ROOT.parent / "shared" / name
+    if not path.exists():
+        pytest.skip(f"{NOT_HERE}: {name}")
+    return path
+
+
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Iterator[None]:
+    """The last line but one says how many tests had no recording."""
+    yield
+    skipped = [report for report in terminalreporter.getreports("skipped") if NOT_HERE in str(report.longrepr)]
+    if skipped:
+        number = "1 test" if len(skipped) == 1 else f"{len(skipped)} tests"
+        terminalreporter.write_line(f"{number} skipped: {NOT_HERE}")
 
 
 def child_environment(**changes: str) -> dict[str, str]:
@@ -137,10 +157,8 @@ class Process:
 
     def kill(self) -> None:
         """End it and all its children, whatever they do."""
-        try:
+        with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
         self._process.wait()
 
 

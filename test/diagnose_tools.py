@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 from synthetic import robot
 
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.types import Phase
-from coman_reduced_model.diagnose.balance import evaluate
-from coman_reduced_model.diagnose.hypotheses import Figure, figures
-from coman_reduced_model.diagnose.masks import masks
-from coman_reduced_model.diagnose.recording import FEET, RATE, Recording
-from coman_reduced_model.diagnose.signals import lagged
-from coman_reduced_model.diagnose.world import World
+from coman_reduced_model.core.base.types import Phase
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.diagnose.data.masks import masks
+from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
+from coman_reduced_model.diagnose.data.signals import lagged
+from coman_reduced_model.diagnose.data.world import World
+from coman_reduced_model.diagnose.physics.balance import evaluate
+from coman_reduced_model.diagnose.physics.hypotheses import Figure, figures
 
 SECONDS = 4.0
 t = np.arange(0.0, SECONDS, 1.0 / RATE)
@@ -42,6 +42,7 @@ def standing() -> tuple[Recording, World]:
     recording = Recording(
         "standing", t, q, tau, motor, wrench, np.tile([0.0, 0.0, 1.0], (n, 1)), None, None,
         np.full(n, Phase.DOUBLE), np.full(n, 0.5), np.ones(n, dtype=bool), np.zeros(nj),
+        {foot: np.zeros(n) for foot in FEET},
     )  # fmt: skip
     return recording, world
 

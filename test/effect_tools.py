@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from synthetic import LEFT, RIGHT, Message, robot, walk
 
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
+from coman_reduced_model.core.base.types import Foot, Prediction, Sample
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, Prediction, Sample
+from coman_reduced_model.core.robot.robot import Robot
 
 PAPER = Config().replaced({"effects.active": ["none"]})
 

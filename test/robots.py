@@ -4,32 +4,28 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pytest
+from conftest import recording
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.bag.reader import Bag
-from coman_reduced_model.core.config import Config, load_config
-from coman_reduced_model.core.robot import Robot
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import config_path
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
-RECORDED = {"other": SHARED / "other_robot" / "walk_003", "icub": SHARED / "real" / "icub_walk"}
+RECORDED = {"other": "other_robot/walk_003", "icub": "real/icub_walk"}
 NAMES = ("coman", *RECORDED)
 
 
 @cache
 def urdf_of(name: str) -> str:
-    """The URDF of a robot; skips the test where its recording is not at hand."""
+    """The URDF of a robot; the test is skipped without its recording."""
     if name == "coman":
         return config_path("coman.urdf").read_text()
-    path = RECORDED[name]
-    if not path.exists():
-        pytest.skip(f"the recording {path.name} is not part of the project and not beside it")
-    with Bag(path) as bag:
+    with Bag(recording(RECORDED[name])) as bag:
         message = bag.first("/robot_description")
     assert message is not None
     return message.data

@@ -25,10 +25,10 @@ from std_msgs.msg import String
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.gait import plan_walk
-from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, JointMessage, WrenchMessage
+from coman_reduced_model.core.base.types import Foot, JointMessage, WrenchMessage
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.gait.gait import plan_walk
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.messages import (
     INPUT_TYPES,
     STRING,
@@ -38,8 +38,8 @@ from coman_reduced_model.messages import (
     ros_types,
     wrench_to,
 )
-from coman_reduced_model.ros import qos
-from coman_reduced_model.ros.replay import Progress
+from coman_reduced_model.ros.interface import qos
+from coman_reduced_model.ros.tools.replay import Progress
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait

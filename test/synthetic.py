@@ -12,10 +12,10 @@ import numpy as np
 
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
-from coman_reduced_model.core.config import Config
-from coman_reduced_model.core.joiner import JOINTS, MOTORS, REFERENCE, WRENCHES
-from coman_reduced_model.core.robot import Robot
-from coman_reduced_model.core.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
+from coman_reduced_model.core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.messages import INPUT_TYPES, STRING, joint_to, reference_to, wrench_to
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN
@@ -130,3 +130,14 @@ def write_bag(
                 log_time += 200_000  # of arrival, which nothing may depend on
                 bag.write(f"{namespace}/{INPUT_TOPICS[stream]}", log_time, to[INPUT_TYPES[stream]](types, each))
     return path
+
+
+def rooted(rpy: str = "0 0 3.141592653589793", xyz: str = "0.05 0.02 -0.1", kind: str = "fixed") -> str:
+    """The robot with a root link above its trunk that points elsewhere, as iCub's does; it weighs nothing."""
+    limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind != "fixed" else ""
+    root = f"""
+        <link name="root_link"/>
+        <joint name="Waist" type="{kind}">
+          <parent link="root_link"/><child link="base_link"/><origin rpy="{rpy}" xyz="{xyz}"/>{limit}
+        </joint>"""
+    return description().replace("</robot>", f"{root}</robot>")

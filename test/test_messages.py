@@ -18,8 +18,7 @@ from coman_reduced_model import messages as m
 from coman_reduced_model.bag.decode import decoder
 from coman_reduced_model.bag.encode import encode_point, encode_prediction, encode_support
 from coman_reduced_model.bag.types import bag_types, typestore
-from coman_reduced_model.core.streams import Refused
-from coman_reduced_model.core.types import (
+from coman_reduced_model.core.base.types import (
     Flags,
     Foot,
     HorizonPrediction,
@@ -31,6 +30,7 @@ from coman_reduced_model.core.types import (
     SupportState,
     WrenchMessage,
 )
+from coman_reduced_model.core.streams.stream import Refused
 
 ROS, BAG = m.ros_types(), bag_types()
 KINDS = pytest.mark.parametrize("types", [ROS, BAG], ids=["rclpy", "rosbags"])

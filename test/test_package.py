@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import coman_reduced_model
 from coman_reduced_model import resources
-from coman_reduced_model.core.types import Flags, Foot, Phase
+from coman_reduced_model.core.base.types import Flags, Foot, Phase
 from coman_reduced_model.errors import BagError, ConfigError
 
 MESSAGES = sorted(path.stem for path in (ROOT / "msg_defs/msg").glob("*.msg"))

@@ -28,12 +28,12 @@ import yaml
 from conftest import ROOT, child_environment
 
 from coman_reduced_model.cli.main import app
-from coman_reduced_model.core.config import Config, config_from_flat
+from coman_reduced_model.core.config.schema import Config, config_from_flat
 from coman_reduced_model.topics import INPUT_TOPICS, OUTPUT_TYPES
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "doc").glob("*.md"))]
 RESULTS = sorted((ROOT / "doc" / "results").glob("*.md"))
-REASONS = ("needs hardware", "needs an installed ROS 2", "needs the public API")
+REASONS = ("needs hardware", "needs an installed ROS 2")
 LANGUAGES = ("bash", "python", "yaml", "json", "text")
 GIVEN = ("bags", "bench", "config", "doc", "launch", "test", "Makefile")  # of the checkout, in the folder of a session
 STARTS_NODES = re.compile(r"^coman (demo|live|replay)\b", re.M)
@@ -202,7 +202,7 @@ def test_every_page_is_in_the_index():
 
 
 def test_parameters_exist():
-    keys = {*Config().flat(), "model.yaml"}  # the latter is a file of coman diagnose
+    keys = {*Config().flat(), "model.yaml", "model.py"}  # the latter two are files
     sections = "prediction|model|streams|robot|support|output|monitor|gait|virtual_robot"
     named = set(re.findall(rf"`((?:{sections})\.[a-z_]+[12]?)", _GENERATED.sub("", ALL)))
     assert len(named) > 5 and not named - set(keys)

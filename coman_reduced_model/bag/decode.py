@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys.store import Typestore
 
-from ..core.streams import Refused
-from ..core.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
+from ..core.base.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
+from ..core.streams.stream import Refused
 from ..messages import (
     COM_REFERENCE,
     FROM,

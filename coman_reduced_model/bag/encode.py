@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.types import Array, Prediction
+from ..core.base.types import Array, Prediction
 from ..messages import ODOM, quaternion
 
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"

@@ -269,7 +269,7 @@ class _Whole:
     def _messages(self, connections: list[Connection]) -> Iterator[Raw]:
         topics = {each.topic for each in connections}
         files = getattr(self._reader.storage, "storages", [self._reader.storage])  # of a folder; or it is a file itself
-        direct = [indexed_messages(Path(file.path), topics) for file in files if isinstance(file, McapReader)]
+        direct = [indexed_messages(Path(str(file.path)), topics) for file in files if isinstance(file, McapReader)]
         if len(direct) == len(files) and None not in direct and self._reader.compression_mode != "message":
             for messages in direct:
                 yield from messages or ()

@@ -46,12 +46,18 @@ class _Mcap(McapWriter):
 class _Writer(Writer):
     STORAGE_PLUGINS = {StoragePlugin.MCAP: _Mcap}
 
+    @property
+    def mcap(self) -> _Mcap:
+        """The file, while it is open."""
+        assert isinstance(self.storage, _Mcap)
+        return self.storage
+
     def close(self) -> None:
-        storage = self.storage
-        if storage.chunk.bio.tell():
-            storage.close_chunk()
-        self.counts.update(storage.channel_stats)
-        self.min_timestamp, self.max_timestamp = storage.message_start_time, storage.message_end_time
+        mcap = self.mcap
+        if mcap.chunk.bio.tell():
+            mcap.close_chunk()
+        self.counts.update(mcap.channel_stats)
+        self.min_timestamp, self.max_timestamp = mcap.message_start_time, mcap.message_end_time
         super().close()
 
 
@@ -95,7 +101,7 @@ class BagWriter:
             self._writer = _Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-            self._append = self._writer.storage.write  # the topics are known to be there
+            self._append = self._writer.mcap.write  # the topics are known to be there
         except Exception as error:
             raise OutputError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
         self._connections = {}

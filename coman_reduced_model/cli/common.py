@@ -20,11 +20,10 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import ConfigError
-from ..resources import config_path
 
 if TYPE_CHECKING:
-    from ..core.config import Config
-    from ..offline import Progress
+    from ..core.config.schema import Config
+    from ..progress import Progress
 
 _SHOW_AFTER = 0.5  # [s] shorter work needs no progress
 _LINE_EVERY = 2.0  # [s] between lines where standard error is no terminal
@@ -55,9 +54,9 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
     Raises:
         ConfigError: the file or a change is not allowed.
     """
-    from ..core.config import load_config
+    from ..core.config.files import load_config
 
-    config = load_config(config_path() if path is None else path, node)
+    config = load_config(path, node)
     values: dict[str, Any] = {}
     for change in changes or ():
         key, separator, text = change.partition("=")
@@ -119,7 +118,7 @@ def warn(lines: Sequence[str]) -> None:
 
 def print_json(value: Any) -> None:
     """A result on standard output, null where nothing is known."""
-    from ..offline import to_json
+    from ..output import to_json
 
     print(to_json(value))
 

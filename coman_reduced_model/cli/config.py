@@ -22,6 +22,6 @@ def config(
     if json:
         print_json(settings.flat())
         return
-    from ..core.config import config_to_yaml
+    from ..core.config.files import config_to_yaml
 
     print(config_to_yaml(settings), end="")

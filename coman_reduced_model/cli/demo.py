@@ -26,31 +26,30 @@ def demo(
     json: JsonOption = False,
 ) -> None:
     """Play a recorded walk to the real nodes, show how well they predict it, write a report page."""
-    from ..core.config import load_config
+    from ..core.config.files import load_config
     from ..errors import ComanError
-    from ..offline import CONFIG_FILE, SUMMARY_FILE, to_json
-    from ..output import OutputFolder
+    from ..offline import CONFIG_FILE, SUMMARY_FILE
+    from ..output import OutputFolder, to_json
     from ..resources import bag_path, config_path
-    from ..ros.processes import NodeFailed, confine, why_not
-    from ..ros.spin import Stop
+    from ..ros.runtime.processes import NodeFailed, confine, why_not
+    from ..ros.runtime.spin import Stop
 
     Stop()  # one Ctrl-C ends it; more of them do not keep it from stopping the nodes
     confine()
     if problem := why_not():
         raise ComanError(f"demo: {problem}")
     from ..report.prediction import write_report
-    from ..ros.demo import DemoFailed, run_demo
+    from ..ros.tools.demo import DemoFailed, run_demo
 
     path = bag_path("test1") if bag is None else bag
     file = config or config_path()
     settings = load_config(file, "predictor")
     try:
-        with OutputFolder(out, force or out == DEFAULT_OUT) as folder:
-            with progress("demo") as tell:
-                result = run_demo(path, settings, file, folder, rate, lambda done, words: tell(0.8 * done, words))
-                (folder / SUMMARY_FILE).write_text(to_json(result.summary) + "\n", encoding="utf-8")
-                (folder / CONFIG_FILE).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
-                write_report(folder, lambda done, words: tell(0.8 + 0.2 * done, words))
+        with OutputFolder(out, force or out == DEFAULT_OUT) as folder, progress("demo") as tell:
+            result = run_demo(path, settings, file, folder, rate, lambda done, words: tell(0.8 * done, words))
+            (folder / SUMMARY_FILE).write_text(to_json(result.summary) + "\n", encoding="utf-8")
+            (folder / CONFIG_FILE).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+            write_report(folder, lambda done, words: tell(0.8 + 0.2 * done, words))
     except (NodeFailed, DemoFailed) as error:
         print(f"coman: demo failed: {error}", file=sys.stderr)
         raise typer.Exit(1) from None

@@ -52,16 +52,16 @@ def diagnose(
 ) -> None:
     """Find the effect that the model or the sensors lack, and show by how much the gap shrinks on other bags."""
     settings = read_config(config, changes)
-    from ..diagnose.workflow import diagnose as run
-    from ..diagnose.workflow import write
+    from ..diagnose import diagnose as run
+    from ..diagnose.report.folder import save_diagnosis
     from ..output import OutputFolder
     from ..topics import TopicNames
 
     OutputFolder(out, force)  # refuses now what it would refuse in a minute
     names = TopicNames(namespace, remap or ())
     with progress("diagnosing") as report:
-        diagnosis = run(bags, holdout or [], settings, urdf=urdf, names=names, assume=assume or (), progress=report)
-    write(diagnosis, out, force)
+        diagnosis = run(bags, holdout or (), settings, assume=assume or (), urdf=urdf, names=names, progress=report)
+    save_diagnosis(diagnosis, out, force)
     warn(diagnosis.result["not_checked"])
     if json:
         print_json(diagnosis.result)
@@ -72,16 +72,13 @@ def diagnose(
 def _show(result: dict[str, Any], out: Path) -> None:
     print(f"verdict: {result['verdict']}: {result['sentence']}")
     held = result["gap"]["holdout"] or result["gap"]["train"]
+    before, after, floor = held["before"], held["after"], held["floor"]
+    shrinks = sorted(before, key=lambda c: -(before[c] - after[c]) / max(floor.get(c, 0), 1e-9))
+    com = [channel for channel in before if channel.startswith("com/")]
+    others = [channel for channel in shrinks if channel not in com]
     rows = [
-        [
-            channel,
-            f"{held['before'][channel]:.3g}",
-            f"{held['after'][channel]:.3g}",
-            f"{held['floor'].get(channel, 0):.3g}",
-        ]
-        for channel in sorted(
-            held["before"], key=lambda c: -(held["before"][c] - held["after"][c]) / max(held["floor"].get(c, 0), 1e-9)
-        )[:8]
+        [channel, f"{before[channel]:.3g}", f"{after[channel]:.3g}", f"{floor.get(channel, 0):.3g}"]
+        for channel in [*com, *others[:8]]
     ]
     which = "held-out" if result["gap"]["holdout"] else "training"
     print_table(f"Gap on the {which} bags, RMS in SI units", ["channel", "before", "after", "noise floor"], rows)

@@ -24,7 +24,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from ..core.config import Config
+    from ..core.config.schema import Config
     from ..tuning.identify import Estimate, Joint
 
 
@@ -41,10 +41,12 @@ def identify(
 ) -> None:
     """Find the stiffness of the joint springs from slow loads, and their damping from free oscillations."""
     settings = read_config(config, changes)
+    from ..core.config.files import save_config
+    from ..output import check_file
     from ..topics import TopicNames
     from ..tuning.identify import identified_config
     from ..tuning.identify import identify as identify_joints
-    from ..tuning.recording import check_file, motor_side, read_all, write_config
+    from ..tuning.recording import motor_side, read_all
 
     check_file(out, force)
     with progress("identifying") as report:
@@ -52,7 +54,7 @@ def identify(
         joints = identify_joints(recordings, settings)
     warn([f"{recording.bag}: {line}" for recording in recordings for line in recording.warnings])
     names = ", ".join(bag.name for bag in bags)
-    write_config(out, identified_config(settings, joints), f"springs identified from {names}", force)
+    save_config(identified_config(settings, joints), out, f"springs identified from {names}", force)
     result = _result(joints, settings, bags, out)
     if json:
         print_json(result)
@@ -72,7 +74,7 @@ def identify(
 
 
 def _result(joints: list[Joint], config: Config, bags: list[Path], out: Path) -> dict[str, Any]:
-    before = {}
+    before: dict[str, tuple[float, float]] = {}
     for leg in (config.robot.left, config.robot.right):
         before |= dict(zip(leg.joints, zip(leg.stiffness, leg.damping, strict=True), strict=True))
     return {

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,14 +26,18 @@ _ROWS = (
 
 def judge(
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder of the run; an unfinished run is gone on with.")
+        Path, typer.Option("--out", metavar="DIR", help="Folder of the run; an interrupted run continues there.")
     ],
     seeds: Annotated[
         str,
         typer.Option(
-            "--seeds", metavar="FIRST:END", help="Cases; below 1000 for choosing thresholds, from 1000 on to report."
+            "--seeds",
+            metavar="FIRST:END",
+            help="Cases, END not included. Default: those of the run in DIR, else the next 200 fresh ones: seeds on "
+            "which nothing was chosen or reported yet.",
+            show_default=False,
         ),
-    ] = "1000:1200",
+    ] = "",
     jobs: Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Processes at a time.")] = 1,
     only: Annotated[
         str, typer.Option("--only", metavar="KINDS", help="Some of clean,single,pair,unknown; default: all.")
@@ -43,27 +48,29 @@ def judge(
     ] = "",
     no_baselines: Annotated[bool, typer.Option("--no-baselines", help="Leave out the simpler methods.")] = False,
     no_oracle: Annotated[
-        bool, typer.Option("--no-oracle", help="Leave out the diagnoses that are told the effect.")
+        bool, typer.Option("--no-oracle", help="Leave out the diagnoses that are given the name of the effect.")
     ] = False,
     again: Annotated[
-        bool, typer.Option("--again", help="Judge anew on the bags of an earlier run; the score counts the rounds.")
+        bool, typer.Option("--again", help="Another round of verdicts on the bags in DIR; the score counts the rounds.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Judge `coman diagnose` on robots with hidden effects, whose answers it cannot see."""
-    from ..errors import ConfigError
-    from ..judge.cases import KINDS
-    from ..judge.run import BASELINES, DIAGNOSE, parse_seeds, run
-    from ..judge.score import score_run
+    """Judge `coman diagnose` on robots with hidden effects, whose answers it cannot see.
 
-    kinds = [kind.strip() for kind in only.split(",") if kind.strip()]
-    for kind in kinds:
-        if kind not in KINDS:
-            raise ConfigError(f"--only: {kind!r} is not allowed (allowed: {', '.join(KINDS)})")
+    Seeds on which something was chosen or reported are spent; they are listed in judge/seeds.yaml, and the result says
+    which of its seeds are. A run on fresh seeds prints the line to add to that file: they are spent from then on.
+    """
+    from ..judge.run import BASELINES, DIAGNOSE, choose_seeds, run
+    from ..judge.score import score_run
+    from ..judge.seeds import describe
+
+    kinds = _kinds(only)
+    chosen = choose_seeds(seeds, out)
+    print(f"seeds {min(chosen)} to {max(chosen)}: {describe('judge', chosen)}", file=sys.stderr)
     with progress("judging") as report:
         names = run(
             out,
-            parse_seeds(seeds),
+            chosen,
             kinds,
             jobs,
             shlex.split(workflow) or DIAGNOSE,
@@ -79,26 +86,28 @@ def judge(
         _show(result, out)
 
 
+def _kinds(only: str) -> list[str]:
+    """The kinds of cases that --only names.
+
+    Raises:
+        ConfigError: there is no such kind.
+    """
+    from ..errors import ConfigError
+    from ..judge.cases import KINDS
+
+    kinds = [kind.strip() for kind in only.split(",") if kind.strip()]
+    for kind in kinds:
+        if kind not in KINDS:
+            raise ConfigError(f"--only: {kind!r} is not allowed (allowed: {', '.join(KINDS)})")
+    return kinds
+
+
 def _show(result: dict[str, Any], out: Path) -> None:
-    methods = {"workflow": result["workflow"], **result["baselines"]}
-    count = ", ".join(f"{number} {kind}" for kind, number in result["cases"].items())
-    seeds, redrawn = result["seeds"], result["redrawn"]
-    print_table(
-        f"seeds {seeds['first']} to {seeds['last']}, for {seeds['purpose']}: {count}",
-        ["", "target", *methods],
-        [[title, target, *(_share(method[key]) for method in methods.values())] for key, title, target in _ROWS],
-    )
-    rows = [
-        [truth, ", ".join(f"{said} {n}" for said, n in counts.items())] for truth, counts in result["confusion"].items()
-    ]
-    print_table("what was hidden, and what was said of it", ["hidden", "said"], rows)
-    bad = [row for row in result["rows"] if row["result"] in ("wrong", "failed") or _alarm(row)]
-    listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
-    if listed:
-        print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "said"], listed)
+    _show_shares(result)
+    _show_cases(result["confusion"], result["rows"])
     levels = ", ".join(f"{level} {_share(value)}" for level, value in result["by_level"].items())
     print(f"right by level: {levels}; right place: {_share(result['right_place'])}")
-    gap, time = result["gap_reduction"], result["seconds"]
+    gap, time, redrawn = result["gap_reduction"], result["seconds"], result["redrawn"]
     print(
         f"held-out gap reduction, share of the oracle's: median {_number(gap['median_share_of_oracle'])} (target 0.8)"
     )
@@ -108,13 +117,48 @@ def _show(result: dict[str, Any], out: Path) -> None:
             f"{redrawn['cases']} cases were drawn again because the robot fell, {redrawn['lowered']} at a lower level"
         )
     if result["round"] > 1:
-        print(f"round {result['round']}: the answers to these bags have been opened before")
+        print(f"round {result['round']}: the answers to these bags were opened before")
     print(
         f"verdicts sealed as {result['verdicts_sha256'][:16]} before the answers were opened; all in {out}/score.json"
     )
+    _show_how_to_record(result["seeds"])
 
 
-def _alarm(row: dict[str, Any]) -> bool:
+def _show_shares(result: dict[str, Any]) -> None:
+    """Seeds, and the shares of workflow and baselines beside their targets."""
+    methods = {"workflow": result["workflow"], **result["baselines"]}
+    count = ", ".join(f"{number} {kind}" for kind, number in result["cases"].items())
+    seeds, of = result["seeds"], len(result["rows"])
+    state = f"{of - seeds['fresh']} of {of} spent" if seeds["spent"] else "fresh"
+    print_table(
+        f"seeds {seeds['first']} to {seeds['last']} ({state}): {count}",
+        ["", "target", *methods],
+        [[title, target, *(_share(method[key]) for method in methods.values())] for key, title, target in _ROWS],
+    )
+    for entry in seeds["spent"]:
+        print(f"spent: {entry['seeds']} {entry['purpose']} ({entry['commit']})")
+
+
+def _show_cases(confusion: dict[str, dict[str, int]], rows: list[dict[str, Any]]) -> None:
+    """Confusion table, and the cases with a wrong name, a false alarm or no verdict."""
+    counts = [[truth, ", ".join(f"{named} {n}" for named, n in row.items())] for truth, row in confusion.items()]
+    print_table("hidden effects and verdicts", ["hidden", "verdicts"], counts)
+    bad = [row for row in rows if row["result"] in ("wrong", "failed") or _is_false_alarm(row)]
+    listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
+    if listed:
+        print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed)
+
+
+def _show_how_to_record(seeds: dict[str, Any]) -> None:
+    """The line that records seeds as spent, if some were fresh."""
+    from ..judge.seeds import FILE, entry_to_add
+
+    if seeds["fresh"]:
+        print(f"these seeds are spent now; add to {FILE.name} under judge, with the purpose:")
+        print(entry_to_add((seeds["first"], seeds["last"])))
+
+
+def _is_false_alarm(row: dict[str, Any]) -> bool:
     return row["kind"] == "clean" and row["result"] not in ("none", "not_excited")
 
 

@@ -23,11 +23,11 @@ def live(
 ) -> None:
     """Virtual robot, trajectory and predictor, running live until Ctrl-C, with a view of the prediction."""
     settings = read_config(config, [f"gait.name={gait}"] if gait else [])
-    from ..core.gait import plan_walk
+    from ..core.gait.gait import plan_walk
     from ..errors import ComanError
     from ..resources import config_path
-    from ..ros.processes import NodeFailed, Nodes, confine, why_not
-    from ..ros.spin import Stop
+    from ..ros.runtime.processes import NodeFailed, Nodes, confine, why_not
+    from ..ros.runtime.spin import Stop
     from ..sim.robot_table import COMAN, ROBOTS
 
     stop = Stop()
@@ -40,7 +40,7 @@ def live(
     flat = settings.flat()
     walk: dict[str, Any] = {key: value for key, value in suits.items() if flat.get(key) == -1}
     walk["gait.name"] = settings.gait.name
-    from ..ros.walk import gait_of
+    from ..core.gait.walk import gait_of
 
     plan_walk(gait_of(settings.replaced(walk)))  # says what is wrong with it before anything is started
     try:
@@ -61,9 +61,9 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
 
     from ..bag.types import typestore
     from ..messages import COM_PREDICTION, prediction_from
-    from ..ros.listener import Listener
-    from ..ros.live_view import LiveView
-    from ..ros.processes import NodeFailed
+    from ..ros.runtime.processes import NodeFailed
+    from ..ros.tools.listener import Listener
+    from ..ros.tools.live_view import LiveView
 
     view, store = LiveView(), typestore()
     console = Console()

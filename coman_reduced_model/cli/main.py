@@ -13,11 +13,12 @@ import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from typing import Any
 
 import typer
 
-from .. import __version__
 from ..errors import ComanError
+from ..resources import version
 from .config import config
 from .demo import demo
 from .diagnose import diagnose
@@ -42,13 +43,13 @@ for command in (predict, record, replay, report, identify, tune, validate, judge
     app.command()(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.
-_CLICK_ERROR = typer.BadParameter.__mro__[2]
+_CLICK_ERROR: Any = typer.BadParameter.__mro__[2]
 _OUR_FAULT = (errno.ENOSPC, errno.EIO, errno.ENOMEM, errno.EDQUOT, errno.EMFILE, errno.ENFILE)
 
 
 def _version(value: bool) -> None:
     if value:
-        print(f"coman {__version__}")
+        print(f"coman {version()}")
         raise typer.Exit()
 
 
@@ -80,7 +81,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         return _say(f"{where}{error.strerror or error}", 1 if error.errno in _OUR_FAULT else 2)
     except _CLICK_ERROR as error:
-        return _say(error.format_message() or "see --help", 2)  # type: ignore[attr-defined]
+        return _say(error.format_message() or "see --help", 2)
     except Exception:
         if _interrupted:  # compiled code turns a KeyboardInterrupt into errors of its own
             return 130

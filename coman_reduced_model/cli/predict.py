@@ -41,13 +41,13 @@ def predict(
 ) -> None:
     """Predict the COM over a recorded bag, as fast as it goes: what the node would have said."""
     settings = read_config(config, changes)
-    from ..bag.reader import Bag
+    from ..bag.session import Session
     from ..offline import predict_bag
     from ..topics import TopicNames
 
     names = TopicNames(namespace, remap or ())
-    with Bag(bag) as opened, progress("predicting") as report:
-        summary = predict_bag(opened, settings, out, names=names, urdf=urdf, force=force, progress=report)
+    with Session(bag, settings, urdf=urdf, names=names) as session, progress("predicting") as report:
+        summary = predict_bag(session, out, force=force, progress=report)
     warn(summary["warnings"])
     if json:
         print_json(summary)

@@ -5,11 +5,14 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .common import ConfigOption, ForceOption, JsonOption, SetOption, print_json, progress, read_config, warn
+
+if TYPE_CHECKING:
+    from ..sim.disturbances import Disturbance
 
 
 def record(
@@ -61,14 +64,20 @@ def record(
     name = gait or settings.name
     kind = SensorOptions.exact if exact else SensorOptions
     sensors = kind(rate_hz=rate, motor_source=motor_states)
-    hidden = [] if scatter is None else [Scatter(scatter)]
+    hidden: list[Disturbance] = [] if scatter is None else [Scatter(scatter)]
     try:
         hidden += [parse(text) for text in hide or ()]
     except ConfigError as error:
         raise ConfigError(f"--hide: {error}") from None
     if joint and name != "decay":
         raise ConfigError("--joint: only with --gait decay")
-    common = {"robot": robot, "sensors": sensors, "disturbances": hidden, "seed": seed, "duration_s": duration}
+    common: dict[str, Any] = {
+        "robot": robot,
+        "sensors": sensors,
+        "disturbances": hidden,
+        "seed": seed,
+        "duration_s": duration,
+    }
     with progress("recording") as report:
         if name in EXPERIMENTS:
             result = record_experiment(name, out, joint, **common, force=force, progress=report)

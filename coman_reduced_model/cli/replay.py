@@ -14,7 +14,7 @@ from ..errors import ComanError
 from .common import BagArgument, JsonOption, NamespaceOption, RemapOption, print_json, progress, warn
 
 if TYPE_CHECKING:
-    from ..ros.replay import Progress
+    from ..ros.tools.replay import Progress
 
 _PATIENCE_S = 120.0  # a predictor that has never run on a machine compiles for a minute before it listens
 
@@ -52,7 +52,7 @@ def replay(
         import rclpy
         from rclpy.signals import SignalHandlerOptions
 
-        from ..ros.replay import Replay
+        from ..ros.tools.replay import Replay
     except ImportError as error:
         raise ComanError(f"replay needs ROS 2 and the built messages ({error}): source them, or `make setup`") from None
     arguments = [item for rule in remap or () for item in ("-r", rule)]

@@ -60,10 +60,12 @@ def tune(
 ) -> None:
     """Tune the model on recorded walks: double-support shares, then the paper's coefficients or named parameters."""
     settings = read_config(config, changes)
+    from ..core.config.files import save_config
+    from ..output import check_file
     from ..topics import TopicNames
     from ..tuning import tune as tuning
     from ..tuning.parameters import tune_parameters
-    from ..tuning.recording import check_file, read_all, write_config
+    from ..tuning.recording import read_all
     from ..tuning.shares import measure_shares, with_shares
 
     check_file(out, force)
@@ -86,7 +88,7 @@ def tune(
             )
     warn([f"{recording.bag}: {line}" for recording in recordings for line in recording.warnings])
     final = tuned.config.replaced({"prediction.horizons": settings.prediction.horizons})
-    write_config(out, final, f"tuned on {', '.join(bag.name for bag in bags)}", force)
+    save_config(final, out, f"tuned on {', '.join(bag.name for bag in bags)}", force)
     result = _result(tuned, shares, bags, out, time.perf_counter() - began)
     if json:
         print_json(result)
@@ -162,7 +164,8 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def _share(share: dict[str, Any], kind: str) -> list[str]:
-    return [f"{share['share' + kind]:.2f}", _interval(*share["interval" + kind], digits=2)]
+    low, high = share["interval" + kind]
+    return [f"{share['share' + kind]:.2f}", _interval(low, high, digits=2)]
 
 
 def _interval(low: float, high: float, digits: int = 3) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json as json_module
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -34,7 +34,15 @@ def validate(
     robots: Annotated[
         str, typer.Option("--robots", metavar="NAMES", help="Virtual robots, with commas.")
     ] = "coman,tall,small",
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the first recording; the others follow.")] = 1000,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            help="Of the first recording; the others follow. Default: the next on which nothing was chosen or reported "
+            "(judge/seeds.yaml).",
+        ),
+    ] = None,
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="About how long each recorded walk is [s].")
     ] = None,
@@ -55,8 +63,8 @@ def validate(
     settings = read_config(config, changes)
     from ..bag.reader import Bag
     from ..errors import ConfigError
-    from ..offline import to_json
-    from ..output import OutputFolder
+    from ..judge.seeds import describe, fresh_range
+    from ..output import OutputFolder, to_json
     from ..report.validation import validation_page
     from ..tuning import validate as validation
 
@@ -82,6 +90,8 @@ def validate(
     else:
         cases = [validation.virtual_case(name.strip(), settings) for name in robots.split(",")]
         train, judge = [] if untuned else ["test1", "test2"], list(validation.GAITS)[: 2 if quick else None]
+    recordings = 0 if bags else len(cases) * (len(train) + len(judge))
+    first = fresh_range("walks", recordings).start if seed is None else seed
     began = time.perf_counter()
     with OutputFolder(out, force) as folder:
         (folder / "bags").mkdir()
@@ -92,14 +102,14 @@ def validate(
                 judge,
                 folder / "bags",
                 variants,
-                seed,
+                first,
                 duration,
                 processes,
                 lambda f, w: report(0.95 * f, w),
             )
             report(0.95, "drawing")
-            result = {
-                "seed": seed,
+            result: dict[str, Any] = {
+                "seed": first,
                 "elapsed_s": time.perf_counter() - began,
                 "summary": validation.summarise(done.scores),
                 "scores": [vars(s) for s in done.scores],
@@ -114,5 +124,8 @@ def validate(
         ["model", "walks", "x", "y", "z", "worst x", "worst z", "pitch", "skill x", "skill z"],
         validation.rows(result["summary"]),
     )
+    if recordings:
+        seeds = range(first, first + recordings)
+        print(f"seeds {seeds[0]} to {seeds[-1]}: {describe('walks', seeds)}")
     print(f"{len(done.bags)} walks, {result['elapsed_s']:.0f} s")
     print(f"written: {out / 'report.html'}, {out / 'validation.json'}")

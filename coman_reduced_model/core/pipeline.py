@@ -8,17 +8,21 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from .config import Config, ModelConfig
-from .joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES, Joiner
-from .monitor import Mismatch, Monitor
-from .plausibility import Plausibility
+from .base.input_warning import InputWarning, WarningKind
+from .base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
+from .config.schema import Config
+from .config.sections import ModelConfig
+from .effects.catalogue import stream_delays
+from .monitor.monitor import Mismatch, Monitor
+from .monitor.plausibility import Plausibility
 from .predictor import Predictor
-from .streams import Refused
-from .types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
+from .streams.joiner import Joiner
+from .streams.stream import Refused
 
 if TYPE_CHECKING:
-    from .horizon import HorizonJudge
-    from .robot import Robot
+    from .evaluation.horizons import HorizonJudge
+    from .robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -47,25 +51,42 @@ class Status:
     suspect: dict[str, int]  # looks at samples (50 a second) that found wrenches of wrong sign or foot
     extra_joints: tuple[str, ...]  # in messages, not in the URDF: ignored
     unlisted_joints: tuple[str, ...]  # in the URDF, not in messages: held at zero
-    warnings: tuple[str, ...]  # what looks wrong and what to look at, a line each
+    warnings: tuple[InputWarning, ...]  # what looks wrong and what to look at
     mismatches: tuple[Mismatch, ...]  # what the robot does not keep to now, as in `Monitor`
 
 
 class Pipeline:
     """Joiner, predictor and counters of one robot.
 
-    Attributes:
-        on_sample: if set, called with each Sample before it is predicted.
+    Each `on_*` takes a message and returns the predictions that it completes: one a joint state, as soon as the other
+    streams that the prediction needs have a message with its stamp or a later one.
+
+    Example:
+        >>> import numpy as np
+        >>> import coman_reduced_model as coman
+        >>> robot = coman.open_robot(coman.bag_path("test1"))
+        >>> pipeline = coman.Pipeline(robot, coman.Config())
+        >>> stamp_ns, half = 1_000_000_000, np.array((0.0, 0.0, 0.5 * 9.81 * robot.mass))
+        >>> q = np.full(len(robot.joint_names), 0.1)
+        >>> joints = coman.JointMessage(stamp_ns, robot.joint_names, q, np.zeros_like(q), None)
+        >>> pipeline.on_motor(joints)
+        []
+        >>> pipeline.on_wrench(coman.Foot.LEFT, coman.WrenchMessage(stamp_ns, "l_sole", half, np.zeros(3)))
+        []
+        >>> pipeline.on_wrench(coman.Foot.RIGHT, coman.WrenchMessage(stamp_ns, "r_sole", half, np.zeros(3)))
+        []
+        >>> (prediction,) = pipeline.on_joint(joints)
+        >>> prediction.support.phase
+        <Phase.DOUBLE: 3>
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.config = config
-        self.joiner = Joiner(robot, config)
+        self.joiner = Joiner(robot, config, stream_delays(config.effects, robot))
         self.predictor = Predictor(robot, config)
         self.robot = self.predictor.robot  # with what effects load it with
         self.plausibility = Plausibility(self.robot, config)
         self.monitor = Monitor(self.robot, config) if config.monitor.enabled else None
-        self.on_sample: Callable[[Sample], None] | None = None
         self.samples = 0
         self.restarts = 0
         self._gap = round(config.streams.restart_gap * 1e9)
@@ -138,13 +159,17 @@ class Pipeline:
             if self.monitor is not None:
                 self.monitor.reset()
         self.samples += 1
-        if self.on_sample is not None:
-            self.on_sample(sample)
         self.plausibility.update(sample)
         prediction = self.predictor.update(sample)
         if self.monitor is not None:
             self.monitor.update(sample, self.predictor.link, prediction)
         return prediction
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over parameters that may change while it runs: those of the support phase."""
+        self.config = config
+        self.predictor.reconfigure(config)
+        self.plausibility.reconfigure(config)
 
     def status(self) -> Status:
         """Counters, rates and warnings so far."""
@@ -176,22 +201,29 @@ class Pipeline:
             () if self.monitor is None else tuple(self.monitor.mismatches),
         )
 
-    def _warnings(self, streams: dict[str, StreamStatus]) -> list[str]:
-        lines = []
+    def _warnings(self, streams: dict[str, StreamStatus]) -> list[InputWarning]:
         if not streams[JOINTS].accepted:
-            lines.append(f"{JOINTS}: no usable message yet")
-        for name, stream in streams.items():
-            if name == JOINTS or not stream.expected or not streams[JOINTS].accepted:
-                continue
-            lead = self.joiner.clock_lead_s.get(name, 0.0)
-            if not stream.accepted:
-                lines.append(f"{name}: no usable message yet, and the predictions need it")
-            elif stream.age_s > self.config.streams.restart_gap and abs(lead) < self.config.streams.restart_gap:
-                lines.append(f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}")
-            elif abs(lead) > self.config.streams.max_wait:
-                side = "behind" if lead < 0.0 else "ahead of"
-                lines.append(f"{name}: its clock is {abs(lead):.3f} s {side} {JOINTS}, or it arrives at another time")
+            found = [InputWarning(WarningKind.MISSING, JOINTS, f"{JOINTS}: no usable message yet")]
+        else:
+            others = [self._stream_warning(each) for each in streams.values() if each.expected and each.name != JOINTS]
+            found = [each for each in others if each is not None]
         given = [name for name, value in vars(self.config.model).items() if value != getattr(ModelConfig, name)]
         if given and self.predictor.model.turning:
-            lines.append(f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces")
-        return lines + self.plausibility.warnings()
+            text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
+            found.append(InputWarning(WarningKind.NO_USE, "", text))
+        return found + self.plausibility.warnings()
+
+    def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
+        """What is wrong with a stream that the predictions need beside the joint states."""
+        name, limits, lead = stream.name, self.config.streams, self.joiner.clock_lead_s.get(stream.name, 0.0)
+        if not stream.accepted:
+            text = f"{name}: no usable message yet, and the predictions need it"
+            return InputWarning(WarningKind.MISSING, name, text)
+        if stream.age_s > limits.restart_gap and abs(lead) < limits.restart_gap:
+            text = f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}"
+            return InputWarning(WarningKind.STOPPED, name, text)
+        if abs(lead) > limits.max_wait:
+            side = "behind" if lead < 0.0 else "ahead of"
+            text = f"{name}: its clock is {abs(lead):.3f} s {side} {JOINTS}, or it arrives at another time"
+            return InputWarning(WarningKind.CLOCK, name, text)
+        return None

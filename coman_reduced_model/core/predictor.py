@@ -7,22 +7,23 @@ from math import hypot
 
 import numpy as np
 
-from .config import Config
-from .dynamics import Dynamics, Now
-from .effects import Effect, loaded
-from .horizon import HorizonJudge, predict_baselines
-from .model import Model
-from .odometry import FootOdometry
-from .point_mass import Pendulum, PointMass
-from .robot import Robot
-from .support import SupportDetector
-from .trunk_model import TrunkModel, tilt
-from .types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
-from .zmp import zmp_from_wrenches
+from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
+from .config.schema import Config
+from .effects.catalogue import Effect, loaded
+from .effects.hooks import Now
+from .evaluation.baselines import predict_baselines
+from .evaluation.horizons import HorizonJudge
+from .measured.odometry import FootOdometry
+from .measured.support import SupportDetector
+from .measured.zmp import zmp_from_wrenches
+from .model.cartesian import Model
+from .model.dynamics import Dynamics
+from .model.point_mass import Pendulum, PointMass
+from .model.trunk.model import TrunkModel
+from .robot.robot import Robot
 
 _NAN3 = np.full(3, np.nan)
 _IDENTITY = np.eye(4)
-_LOST = 0.5  # [m] a free run this far from the measurement has diverged
 
 
 class Predictor:
@@ -33,9 +34,23 @@ class Predictor:
     some tenths of a second ahead.
 
     Attributes:
+        DIVERGED: [m] a free run that is this far from the measured COM has diverged.
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> with coman.Session(coman.bag_path("test1")) as session:
+        ...     predictor = coman.Predictor(session.robot, session.config)
+        ...     for sample in session.samples():
+        ...         prediction = predictor.update(sample)
+        ...         if prediction.support.phase == coman.Phase.LEFT:
+        ...             break
+        >>> [ahead.h for ahead in prediction.horizons]  # seconds ahead
+        [0.1, 0.2, 0.4]
     """
+
+    DIVERGED = 0.5
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.robot = robot = loaded(robot, config.effects)
@@ -71,6 +86,11 @@ class Predictor:
         self._stance = Foot.NONE  # the foot of the last single support
         self._steps = 0
         self._T_odom_sole = np.full((4, 4), np.nan)
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over parameters that may change while it runs: those of the support phase."""
+        self.config = config
+        self.support.config = config.support
 
     def update(self, sample: Sample) -> Prediction:
         """Take one sample.
@@ -131,7 +151,7 @@ class Predictor:
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
         if ready and self.model.turning:
-            prediction.measured_tilt, prediction.predicted_tilt = tilt(R[foot]), dynamics.tilt
+            prediction.measured_tilt, prediction.predicted_tilt = self.link.tilt(foot), dynamics.tilt
         return prediction
 
     def _free_run(self, now: Now) -> Flags:
@@ -143,7 +163,7 @@ class Predictor:
         if dynamics.state is not None and not touchdown:
             dynamics.advance(now)
             assert dynamics.state is not None
-            if hypot(*(dynamics.state[:3] - now.com)) < _LOST:  # a sum of squares could overflow
+            if hypot(*(dynamics.state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)

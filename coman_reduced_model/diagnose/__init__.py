@@ -1,2 +1,56 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The discrepancy workflow: where simulation and measurement disagree, and which effect is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # as the package loads this module, it must cost nothing
+    from ..core.config.schema import Config
+    from ..progress import Progress
+    from ..topics import TopicNames
+    from .result import Diagnosis
+
+
+def diagnose(
+    bags: str | Path | Sequence[str | Path],
+    holdout: str | Path | Sequence[str | Path] = (),
+    config: Config | None = None,
+    *,
+    assume: Sequence[str] = (),
+    urdf: str | Path | None = None,
+    names: TopicNames | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find the effect that the model or the sensors lack in recorded walks of one robot.
+
+    Takes some ten seconds a bag and a second process; a script that calls this needs the usual
+    `if __name__ == "__main__":` of programs with several processes.
+
+    Args:
+        bags: recordings to find effects in.
+        holdout: recordings to confirm it on, better of another gait: no parameter of an effect is fitted to them, but
+            their evidence counts in the choice.
+        config: nominal robot and model; default: COMAN.
+        assume: effects whose parameters are fitted instead of looking for one: `NAME` or `NAME:where=PLACE`.
+        urdf: file of the robot, instead of the one that configuration or bag name.
+        names: namespace and remappings of the topics.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        ComanError: a bag, the robot or the configuration cannot be used.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> diagnosis = coman.diagnose(coman.bag_path("test1"), holdout=coman.bag_path("test2"))
+        >>> diagnosis.verdict
+        'none'
+        >>> coman.save_diagnosis(diagnosis, "diagnosis")  # diagnosis.json, model.yaml, report.html
+    """
+    from ..core.config.schema import Config
+    from .workflow import diagnose
+
+    train, held = ([each] if isinstance(each, (str, Path)) else each for each in (bags, holdout))
+    return diagnose(train, held, config or Config(), urdf=urdf, names=names, assume=assume, progress=progress)

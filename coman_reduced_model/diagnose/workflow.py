@@ -13,36 +13,27 @@ from typing import Any
 
 import numpy as np
 
-from ..bag.reader import Bag
-from ..core.config import STANDARD_EFFECTS, Config, EffectConfig, config_to_yaml, nominal_effects, takes_standard
-from ..core.effects import CATALOGUE
-from ..core.pipeline import Pipeline
-from ..core.robot import Robot
-from ..core.types import Array, Flags, Phase
+from ..core.base.types import Array, Phase
+from ..core.config.schema import STANDARD_EFFECTS, Config, nominal_effects, takes_standard
+from ..core.effects.base import EffectConfig
+from ..core.effects.catalogue import CATALOGUE
+from ..core.evaluation.statistics import by_axis
+from ..core.robot.robot import Robot
 from ..errors import BagError, ConfigError
-from ..offline import find_robot, input_streams, predictions, to_json
-from ..output import OutputFolder
+from ..progress import Progress
 from ..topics import TopicNames
-from .case import Case, Prepared, prepare
-from .evidence import ONE_A_STEP
-from .finding import Finding, size
-from .hypotheses import PLAN, Candidate, candidates, figures
-from .masks import taken_up_anew
-from .recording import Recording, load, moving
-from .search import CLASSES, SUSPECTED, Looked, search, smallest, total
-from .words import sentence
+from .data.masks import taken_up_anew
+from .data.recording import Recording, load, moving
+from .inference.case import Case, Prepared, prepare
+from .inference.evidence import ONE_A_STEP
+from .inference.finding import Finding, size
+from .inference.limits import limit_of, limits
+from .inference.predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
+from .inference.search import CLASSES, SUSPECTED, Looked, search, smallest, total
+from .physics.hypotheses import PLAN, Candidate, candidates, figures
+from .report.words import sentence
+from .result import MODEL_FILE, Diagnosis
 
-DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "report.html"
-Progress = Callable[[float, str], None]
-
-# How much of the noise floor healthy robots leave at most, in single support: the floor is the sensors' own noise, and
-# rigid bodies on flat soles explain the rest but for this. Chosen on seeds 1280 to 1479 of the judge, with the torques
-# and floors of then: 60 healthy robots left 2.7 in force/y (they rock from edge to edge of their soles), 4.3 in the
-# air, 2.1 elsewhere.
-LIMITS = {
-    "force": 2.7, "force/y": 4.2, "moment": 2.6, "moment/x": 3.0, "torque": 3.2, "spring": 2.9, "unloaded": 6.8,
-}  # fmt: skip
-ROCKING = 2.0  # times that where no IMU tells when the robot stood on the edge of a foot
 # Where an effect that was found amounts to so many times the noise floor, so many times the limits are no surprise, nor
 # is this share of what it does: it is not exactly of the form it is given here ...
 ACTS, TOLERANCE, INEXACT = 5.0, 3.0, 0.3
@@ -51,24 +42,6 @@ EXACT = {  # ... unless it is one of these
     "ground_slope", "external_force",
 }  # fmt: skip
 CONFIDENCE = 1.96  # standard deviations of an interval
-
-
-@dataclasses.dataclass
-class Diagnosis:
-    """What was found out.
-
-    Attributes:
-        result: what diagnosis.json holds.
-        model: the configuration with the effects added.
-        finding: the evidence behind it; recordings: of the training bags, then the held-out ones.
-        com: by recording, time [s] and measured minus predicted COM (n, 3) [m] before and after.
-    """
-
-    result: dict[str, Any]
-    model: Config
-    finding: Finding
-    recordings: list[Recording]
-    com: list[tuple[Array, Array, Array]]
 
 
 def diagnose(
@@ -103,7 +76,8 @@ def diagnose(
             raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
     prepared, left_out = [], {}
     helper = ProcessPoolExecutor(1, get_context("spawn"))
-    nominal = {path: helper.submit(com_errors, path, config, urdf, names) for path in paths}
+    free_runs = FreeRuns(helper, urdf, names)
+    free_runs.start(paths, config)
     try:
         for i, path in enumerate(paths):
             recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
@@ -134,21 +108,28 @@ def diagnose(
         other = search(looked, enough=SUSPECTED)
         if not too_much(other, left := other.leftover()):
             finding, excess = other, left
-    model = with_effects(config, finding)
+    verdict = _verdict(finding, excess, recordings[: len(train)], bool(told))
     report(0.8, "predicting the COM")
-    com = []
-    # Every other bag here, the rest in the other process.
-    others = [helper.submit(com_errors, path, model, urdf, names) for path in paths[1::2]] if finding.chosen else []
-    here = [com_errors(path, model, urdf, names) for path in paths[::2]] if finding.chosen else []
-    for i, path in enumerate(paths):
-        before = nominal[path].result()
-        after = (here[i // 2] if i % 2 == 0 else others[i // 2].result()) if finding.chosen else before
-        com.append(_paired(before, after))
+    effects = _effects(finding, config)
+    every = with_effects(config, effects)
+    free_runs.start(paths[: len(train)], every)  # while the held-out bags are predicted here
+    judged = paths[len(train) :] or paths
+    _leave_out_what_worsens(
+        effects, lambda some: free_runs.of(judged, with_effects(config, some)), "held-out" if hold else "training"
+    )
+    model = with_effects(config, effects)
+    com = [errors(*both) for both in zip(free_runs.of(paths, config), free_runs.of(paths, model), strict=True)]
+    shown = errors(free_runs.of(judged, config)[0], free_runs.of(judged, every)[0])
     helper.shutdown()
+    if verdict != "effect":
+        for effect in effects:
+            effect.update(in_model=False, left_out="not enough to explain what is missing")
+    if any(effect["com"]["steps"] < 2 for effect in effects):
+        not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
     result = {
-        "verdict": (verdict := _verdict(finding, excess, recordings[: len(train)], bool(told))),
-        "effects": _effects(finding, config) if verdict == "effect" else [],
-        "suspected": _effects(finding, config) if verdict != "effect" else [],
+        "verdict": verdict,
+        "effects": effects if verdict == "effect" else [],
+        "suspected": effects if verdict != "effect" else [],
         "ranking": _ranking(finding),
         "laws": laws(finding.before[0]),
         "localisation": localisation(finding),
@@ -166,22 +147,7 @@ def diagnose(
         "seconds": time.perf_counter() - began,
     }
     result["sentence"] = sentence(result)
-    return Diagnosis(result, model if verdict == "effect" else config, finding, recordings, com)
-
-
-def write(diagnosis: Diagnosis, out: str | Path, force: bool = False) -> None:
-    """Write diagnosis.json, model.yaml and report.html into a folder.
-
-    Raises:
-        OutputError: it exists, or cannot be written.
-    """
-    from .page import diagnosis_page
-
-    with OutputFolder(out, force) as folder:
-        (folder / DIAGNOSIS_FILE).write_text(to_json(diagnosis.result) + "\n", encoding="utf-8")
-        comment = f"by coman diagnose: {diagnosis.result['sentence']}"
-        (folder / MODEL_FILE).write_text(config_to_yaml(diagnosis.model, comment), encoding="utf-8")
-        (folder / REPORT_FILE).write_text(diagnosis_page(diagnosis), encoding="utf-8")
+    return Diagnosis(result, model if verdict == "effect" else config, finding, recordings, shown)
 
 
 def _told(text: str) -> tuple[str, str]:
@@ -254,20 +220,6 @@ def too_much(finding: Finding, excess: Mapping[str, float]) -> list[str]:
     return [key for _, key in sorted(out, reverse=True)]
 
 
-def limits(finding: Finding) -> dict[str, float]:
-    """By law or channel, how much of the noise floor healthy robots leave at most with these sensors."""
-    seen = all(case.recording.up is not None for case in finding.train)
-    return {
-        kind: limit * (1.0 if seen or kind in ("spring", "unloaded") else ROCKING) for kind, limit in LIMITS.items()
-    }
-
-
-def limit_of(key: str, most: Mapping[str, float]) -> float | None:
-    """Of a group, by its channel or else its law."""
-    name = key.split("|")[0]
-    return most.get(name, most.get(name.split("/")[0]))
-
-
 def acts(finding: Finding, key: str) -> float:
     """What the chosen effects that are not exact amount to in a group of residuals, in units of the noise floor."""
     most = 0.0
@@ -280,12 +232,17 @@ def acts(finding: Finding, key: str) -> float:
 
 
 def _effects(finding: Finding, config: Config) -> list[dict[str, Any]]:
+    """What was found, all of it in the model but what that has anyway."""
+    if not finding.chosen:
+        return []
     assert finding.fit is not None
     deviation = np.sqrt(np.diag(finding.fit.covariance))
     out = []
     for effect in finding.chosen:
         option = effect.option
         known = [finding.known[i] for i in option.figures]
+        # What motors do against their plan, measured motor states show the model themselves.
+        measured = option.where == PLAN and config.prediction.reference == "motor"
         parameters = {}
         for i, figure in zip(option.figures, known, strict=True):
             value, half = figure.nominal + finding.fit.x[i], CONFIDENCE * deviation[i]
@@ -304,11 +261,33 @@ def _effects(finding: Finding, config: Config) -> list[dict[str, Any]]:
                 "parameters": parameters,
                 "evidence": effect.gain,
                 "holdout_evidence": effect.confirmed,
-                # What motors do against their plan, measured motor states tell the model themselves.
-                "in_model": not (option.where == PLAN and config.prediction.reference == "motor"),
+                "in_model": not measured,
+                "left_out": "the motor states show it, so the model needs no change for it" if measured else "",
             }
         )
     return out
+
+
+def _leave_out_what_worsens(
+    effects: Sequence[dict[str, Any]], judge: Callable[[Sequence[dict[str, Any]]], list[FreeRun]], which: str
+) -> None:
+    """Take effects out of the model that make the predicted COM worse; all get what they make of it as `com`.
+
+    Args:
+        judge: free runs of the model with some effects, over the bags that judge them.
+        which: what these bags are called.
+    """
+    inside = [effect for effect in effects if effect["in_model"]]
+    kept, changes = admitted(len(inside), lambda some: judge([inside[i] for i in some]))
+    for i, effect in enumerate(inside):
+        effect["com"] = changes[i].plain()
+        if i not in kept:
+            effect["in_model"] = False
+            effect["left_out"] = f"it makes the predicted COM of {which} walks worse, {changes[i]}"
+    for effect in effects:
+        if "com" not in effect:  # the model has it anyway
+            runs = judge([inside[i] for i in kept])
+            effect["com"] = change([errors(run, run) for run in runs]).plain()
 
 
 def _class(finding: Finding, option: Candidate) -> str | None:
@@ -328,10 +307,10 @@ def with_structure(config: Config) -> Config:
     return dataclasses.replace(config, effects=(*nominal_effects(STANDARD_EFFECTS), *config.effects))
 
 
-def with_effects(config: Config, finding: Finding) -> Config:
-    """The configuration with what was found added to its effects."""
+def with_effects(config: Config, effects: Sequence[Mapping[str, Any]]) -> Config:
+    """The configuration with those of the effects that are for the model."""
     added = []
-    for entry in _effects(finding, config) if finding.chosen else []:
+    for entry in effects:
         kind = CATALOGUE.get(entry["name"])
         if kind is None or not entry["in_model"]:
             continue
@@ -412,7 +391,7 @@ def undetectable(finding: Finding) -> dict[str, dict[str, float]]:
 
 
 def _gap(
-    before: Sequence[Case], after: Sequence[Case], finding: Finding, com: Sequence[tuple[Array, Array, Array]]
+    before: Sequence[Case], after: Sequence[Case], finding: Finding, com: Sequence[Errors]
 ) -> dict[str, dict[str, float]]:
     """Root mean square by channel: of the nominal robot, with the effects, and of the noise floor.
 
@@ -426,40 +405,19 @@ def _gap(
                 sums[which].setdefault(key.partition("|")[0], []).append(float(np.mean(value**2)))
         for key in new.problem.rows:
             sums["floor"].setdefault(key.partition("|")[0], []).append(new.floor.get(key, 0.0) ** 2)
-    for _, old_error, new_error in com:
-        for k, axis in enumerate("xyz"):
-            for which, error in (("before", old_error), ("after", new_error)):
-                if len(error):
-                    sums[which].setdefault(f"com/{axis}", []).append(float(np.mean(error[:, k] ** 2)))
-            if len(old_error):
-                sums["floor"].setdefault(f"com/{axis}", []).append(COM_FLOOR**2)
-    return {which: {key: float(np.sqrt(np.mean(v))) for key, v in entry.items()} for which, entry in sums.items()}
+    rows = {which: {key: float(np.sqrt(np.mean(v))) for key, v in entry.items()} for which, entry in sums.items()}
+    if any(len(each.times) for each in com):
+        rows["before"] |= _com_rows(rms([each.before for each in com]))
+        rows["after"] |= _com_rows(rms([each.after for each in com]))
+        rows["floor"] |= _com_rows(np.full(3, COM_FLOOR))
+    return rows
+
+
+def _com_rows(values: Array) -> dict[str, float]:
+    return {f"com/{axis}": value for axis, value in by_axis(values).items()}
 
 
 COM_FLOOR = 0.0002  # [m] of the measured COM with 12-bit encoders
-
-
-def com_errors(
-    path: str | Path, config: Config, urdf: str | Path | None = None, names: TopicNames | None = None
-) -> tuple[Array, Array]:
-    """Stamps (n,) [ns] and measured minus predicted COM (n, 3) of the free run, where there is one."""
-    names = names or TopicNames()
-    quick = dataclasses.replace(config, prediction=dataclasses.replace(config.prediction, horizons=()))
-    with Bag(path) as bag:
-        pipeline = Pipeline(find_robot(quick, bag, names, urdf), quick)
-        rows = [
-            (p.stamp_ns, p.residual)
-            for p in predictions(bag, pipeline, input_streams(bag, quick, names))
-            if not p.flags & Flags.REJECTED_STATE and np.isfinite(p.residual).all()
-        ]
-    return np.array([stamp for stamp, _ in rows], dtype=np.int64), np.array([r for _, r in rows]).reshape(-1, 3)
-
-
-def _paired(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-    """Times [s] since the first, and the errors (n, 3) at the stamps that both have: a late stream loses some."""
-    stamps, i, j = np.intersect1d(before[0], after[0], return_indices=True)
-    since = stamps - stamps[:1] if len(stamps) else stamps
-    return since * 1e-9, before[1][i], after[1][j]
 
 
 def _not_checked(prepared: Sequence[Prepared], held: bool) -> list[str]:

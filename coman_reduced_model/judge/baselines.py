@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What simpler methods say of the same bag, from the same residuals and features as the workflow.
+"""Simpler methods for comparison, on the same bag, residuals and features as the diagnosis.
 
     python -m coman_reduced_model.judge.baselines BAG --config ROBOT.yaml
 
 prints {"white_bic": verdict, "pysindy": verdict}, in the form of diagnosis.json as far as the scorer reads it:
 
-- white_bic: each effect alone by least squares, the noise taken as white, the least Bayesian information criterion wins
-  (no effect included).
+- white_bic: least squares for each effect alone, with white noise; the smallest Bayesian information criterion wins
+  (no effect is one of the candidates).
 - pysindy: sparse regression (STLSQ at its default threshold) of the residuals on all features, scaled so that
-  1 is a large effect; the term that explains most is named. Left out where pysindy is not installed
+  1 is a large effect; the term that explains most is named. Left out if pysindy is not installed
   (`pip install -r bench/requirements.txt`).
 
-Neither knows that healthy robots scatter.
+Neither has a prior for the variability of healthy robots.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
+from ..resources import config_path
 
 
 @dataclass(frozen=True)
@@ -55,15 +56,15 @@ def features(bag: Path, config: Path | None) -> Features:
     Raises:
         ComanError: the bag or the configuration cannot be used.
     """
-    from ..cli.common import read_config
-    from ..diagnose.balance import evaluate
-    from ..diagnose.evidence import assemble
-    from ..diagnose.hypotheses import candidates, figures
-    from ..diagnose.masks import masks
-    from ..diagnose.recording import load
-    from ..diagnose.world import World
+    from ..core.config.files import load_config
+    from ..diagnose.data.masks import masks
+    from ..diagnose.data.recording import load
+    from ..diagnose.data.world import World
+    from ..diagnose.inference.evidence import assemble
+    from ..diagnose.physics.balance import evaluate
+    from ..diagnose.physics.hypotheses import candidates, figures
 
-    settings = read_config(config)
+    settings = load_config(config or config_path())
     recording, robot = load(bag, settings)
     world = World.nominal(robot, settings)
     where = masks(recording, world)
@@ -81,14 +82,15 @@ def features(bag: Path, config: Path | None) -> Features:
 def white_bic(f: Features) -> dict[str, Any]:
     """The verdict of the least n log(RSS / n) + k log(n)."""
     n, energy = len(f.y), float(f.y @ f.y)
-    best, winner, values = n * np.log(energy / n), None, np.empty(0)
+    best, winner = n * np.log(energy / n), None
+    values: Array = np.empty(0)
     for term in f.terms:
         A = f.A[:, term.columns]
         x, *_ = np.linalg.lstsq(A, f.y, rcond=None)
         left = f.y - A @ x
         bic = n * np.log(float(left @ left) / n) + len(x) * np.log(n)
         if bic < best:
-            best, winner, values = bic, term, x
+            best, winner, values = bic, term, np.asarray(x, dtype=float)
     return _verdict(winner, values)
 
 
@@ -114,8 +116,8 @@ def _verdict(term: Term | None, values: Array) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Prints the verdicts of a bag."""
-    from ..offline import to_json
+    """Print the verdicts of a bag as JSON."""
+    from ..output import to_json
 
     found = features(Path(arguments[0]), Path(arguments[2]) if len(arguments) == 3 else None)
     verdicts = {"white_bic": white_bic(found)}

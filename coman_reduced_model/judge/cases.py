@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cases drawn by seed, and their bags: a robot, what is hidden in it, a training walk and two held-out ones.
 
-A seed gives the same case whatever range it is drawn in. Forty seeds from a multiple of forty on hold 12 clean robots,
+A seed gives the same case in any range. Each block of forty seeds (from a multiple of forty on) holds 12 clean robots,
 18 single effects, 5 pairs and 5 effects outside the catalogue; families and levels take turns.
 """
 
@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..core.gait import GaitParameters
+from ..core.gait.parameters import GaitParameters
 from ..errors import ConfigError
 from ..output import OutputFolder
-from ..sim.disturbances import Scatter, make
+from ..sim.disturbances import Disturbance, Scatter, make
 from ..sim.record import plan_recording, record, robot_gait
 from ..sim.robot_table import ROBOTS, RobotTable
 from ..sim.sensors import SensorOptions
@@ -37,7 +37,8 @@ GAITS: dict[str, tuple[str, dict[str, float]]] = {  # of the gait generator, wit
     "quick": ("test1", {"single_support_s": 0.4, "double_support_s": 0.15}),
 }
 ATTEMPTS = 4  # draws of place, gait and tolerances at a level before the next lower level is taken
-_BLOCK = [*["clean"] * 12, *["single"] * 18, *["pair"] * 5, *["unknown"] * 5]
+_KINDS_OF_BLOCK = [*["clean"] * 12, *["single"] * 18, *["pair"] * 5, *["unknown"] * 5]
+BLOCK = len(_KINDS_OF_BLOCK)
 PAIRS = [
     pair
     for pair in combinations(CATALOGUED, 2)
@@ -47,7 +48,7 @@ PAIRS = [
 
 @dataclass(frozen=True)
 class Case:
-    """What is hidden and how it is recorded; everything follows from it."""
+    """What is hidden in which robot, and how it is recorded."""
 
     seed: int
     kind: str
@@ -61,48 +62,56 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Of its folder: tells nothing of what is in it, not even its place in the range of seeds."""
+        """Name of the folder; it shows neither the content nor the place in the range of seeds."""
         return hashlib.sha256(f"coman case {self.seed}".encode()).hexdigest()[:10]
 
 
-def _turn(seed: int) -> tuple[str, int]:
-    """Kind of a seed, and how many of that kind came before it."""
-    block, place = divmod(seed, len(_BLOCK))
-    order = np.random.default_rng([11, block]).permutation(len(_BLOCK))
-    kind = _BLOCK[order[place]]
-    before = sum(_BLOCK[i] == kind for i in order[:place])
-    return kind, block * _BLOCK.count(kind) + before
+def _kind_and_number(seed: int) -> tuple[str, int]:
+    """Kind of a seed, and how many smaller seeds have the same kind."""
+    block, place = divmod(seed, BLOCK)
+    order = np.random.default_rng([11, block]).permutation(BLOCK)
+    kind = _KINDS_OF_BLOCK[order[place]]
+    before = sum(_KINDS_OF_BLOCK[i] == kind for i in order[:place])
+    return kind, block * _KINDS_OF_BLOCK.count(kind) + before
 
 
-def _dealt(choices: list[Any], number: int, salt: int) -> Any:
-    """The choices in a shuffled order, over and over, each round in an order of its own."""
+def _deal(choices: list[Any], number: int, salt: int) -> Any:
+    """The choice with a number, if all are dealt in rounds, each in a shuffled order of its own."""
     round_, place = divmod(number, len(choices))
     return choices[np.random.default_rng([salt, round_]).permutation(len(choices))[place]]
+
+
+def _families_and_levels(kind: str, number: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What is hidden in the case of a kind with a number."""
+    if kind == "single":
+        family, level = _deal([(family, level) for family in CATALOGUED for level in LEVELS], number, 12)
+        return (family,), (level,)
+    if kind == "unknown":  # strong ones twice as often: the target is set for those
+        levels = (*LEVELS, "strong")
+        family, level = _deal([(family, level) for family in OUTSIDE for level in levels], number, 13)
+        return (family,), (level,)
+    if kind == "pair":
+        levels = _deal([("medium", "medium"), ("medium", "strong"), ("strong", "medium")], number, 15)
+        return tuple(_deal(PAIRS, number, 14)), tuple(levels)
+    return (), ()
 
 
 def draw_case(
     seed: int, attempt: int = 0, kind: str | None = None, families: tuple[str, ...] = (), level: str | None = None
 ) -> Case:
-    """The case of a seed.
+    """Draw the case of a seed.
 
     Args:
         seed: not negative.
-        attempt: after a fall: the same families on another robot; every `ATTEMPTS` of them one level lower.
-        kind, families, level: fixed instead of drawn, for sets of examples.
+        attempt: number of earlier draws in which the robot fell: the families stay, the robot is drawn again, and
+            after every `ATTEMPTS` draws the level is one lower.
+        kind, families, level: given instead of drawn.
     """
-    drawn, number = _turn(seed)
+    drawn, number = _kind_and_number(seed)
     kind = kind or drawn
     rng = np.random.default_rng([17, seed, attempt])
-    levels: tuple[str, ...] = ()
-    if kind == "single":
-        family, one = _dealt([(f, v) for f in CATALOGUED for v in LEVELS], number, 12)
-        families, levels = families or (family,), (one,)
-    elif kind == "unknown":  # strong ones twice as often: those are what a target is set for
-        family, one = _dealt([(f, v) for f in OUTSIDE for v in (*LEVELS, "strong")], number, 13)
-        families, levels = families or (family,), (one,)
-    elif kind == "pair":
-        families = families or _dealt(PAIRS, number, 14)
-        levels = tuple(_dealt([("medium", "medium"), ("medium", "strong"), ("strong", "medium")], number, 15))
+    dealt, levels = _families_and_levels(kind, number)
+    families = families or dealt
     if level:
         levels = (level,) * len(families)
     lower = attempt // ATTEMPTS
@@ -122,7 +131,7 @@ def draw_case(
 
 @functools.lru_cache(maxsize=64)
 def _planned(robot: str, gait_name: str, seconds: float) -> tuple[GaitParameters, Any]:
-    """A walk and its motor motion: the same in every case of a run that walks it."""
+    """A gait of a duration [s] and its motor motion, the same in all cases."""
     base, changes = GAITS[gait_name]
     walk = robot_gait(ROBOTS[robot], base, **changes)
     cycle = walk.single_support_s + walk.double_support_s
@@ -132,17 +141,17 @@ def _planned(robot: str, gait_name: str, seconds: float) -> tuple[GaitParameters
 
 
 def write_case(case: Case, folder: str | Path, force: bool = False) -> dict[str, Any] | None:
-    """Records the bags of a case and the configuration of its robot, as its data sheet has it.
+    """Record the bags of a case, and write the configuration of its robot with the constants of the data sheet.
 
     Args:
         case: see draw_case.
-        folder: gets `train`, `hold1`, `hold2` and `robot.yaml`, and nothing that tells what is hidden.
+        folder: gets `train`, `hold1`, `hold2` and `robot.yaml`, and nothing that shows what is hidden.
         force: replace them.
 
     Returns:
         The answer; None: the robot fell, and nothing was written.
     """
-    hidden = [Scatter(seed=case.seed + 100_000 * case.attempt)]
+    hidden: list[Disturbance] = [Scatter(seed=case.seed + 100_000 * case.attempt)]
     hidden += [
         make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})}) for e in case.effects
     ]
@@ -172,10 +181,10 @@ def write_case(case: Case, folder: str | Path, force: bool = False) -> dict[str,
 
 
 def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any) -> tuple[Case, dict[str, Any]]:
-    """Draws the case of a seed until its robot stays on its feet, and writes it into folder / case.name.
+    """Draw the case of a seed until its robot does not fall, and write it into folder / case.name.
 
     Raises:
-        ConfigError: it never does.
+        ConfigError: the robot falls at every level.
     """
     for attempt in range(ATTEMPTS * len(LEVELS)):
         case = draw_case(seed, attempt, **fixed)
@@ -185,7 +194,7 @@ def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any)
 
 
 def answer(case: Case) -> dict[str, Any]:
-    """What is true of a case, for the scorer alone."""
+    """What is hidden in a case: only the scorer reads it."""
     return {**asdict(case), "classes": sorted({class_of(effect["name"]) for effect in case.effects})}
 
 

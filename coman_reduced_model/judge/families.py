@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the judge hides, and how much of it people would call weak, medium and strong.
+"""The hidden effects of the judge, and their sizes: weak, medium and strong.
 
-The sizes were chosen before any diagnosis was tried on them and stay as they are: weak is what a careful user would
-just accept as tolerance, medium what he would want repaired, strong what he would see with his own eyes. They are for
-COMAN (17.3 kg, COM at 0.38 m); for another robot forces go with its weight, torques with weight times COM height.
+The sizes were chosen before any diagnosis was tried on them, and do not change: weak is what a careful user just
+accepts as tolerance, medium what a user wants repaired, strong what is visible without measuring. They are for COMAN
+(17.3 kg, COM at 0.38 m); on another robot forces scale with its weight, torques with weight times COM height.
+The effects themselves are those of sim/disturbances, which knows nothing of the models and the diagnosis.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ..sim.disturbances import DISTURBANCES
 from ..sim.robot_table import COMAN, RobotTable
 
 LEVELS = ("weak", "medium", "strong")
-CLASSES = {  # effects that walking alone cannot tell apart
+CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, independent of the diagnosis
     **dict.fromkeys(("motor_lag", "transport_delay"), "drive_delay"),
     **dict.fromkeys(("ground_slope", "external_force"), "constant_force"),
 }
@@ -30,16 +31,16 @@ _DEGREE = np.pi / 180.0
 class Family:
     """One kind of hidden effect, with the sizes of its three levels."""
 
-    effect: str  # name in the vocabulary
+    effect: str  # name in sim/disturbances
     sizes: tuple[float, float, float]  # weak, medium, strong
     unit: str
     why: str
     draw: Draw  # parameters for a size: place and sign are drawn
-    scaled: str = ""  # with the robot: mass, torque, length, 1/mass, 1/torque
+    scaled: str = ""  # how the size scales with the robot: mass, torque, length, 1/mass, 1/torque
 
     @property
     def catalogued(self) -> bool:
-        """The workflow can name it."""
+        """Whether the diagnosis can name it."""
         return DISTURBANCES[self.effect].catalogued
 
     def parameters(self, rng: np.random.Generator, level: int, table: RobotTable) -> dict[str, Any]:
@@ -73,7 +74,7 @@ def _joint(rng: np.random.Generator, *kinds: str) -> str:
 
 
 def _joints(rng: np.random.Generator) -> str:
-    """One soft joint, half of the times; a side; or all."""
+    """One soft joint (half of the draws), a side, or all joints."""
     return str(rng.choice([_joint(rng, "KneeSag", "AnkSag"), _joint(rng, "KneeSag", "AnkSag"), _foot(rng, False), ""]))
 
 
@@ -100,7 +101,7 @@ def _which(kind: str) -> str:
 
 
 def _factor(rng: np.random.Generator, change: float) -> float:
-    """Softer or weaker two times of three, else stiffer by as much."""
+    """1 - change in two draws of three, else 1 + change."""
     return 1.0 - change if rng.random() < 2.0 / 3.0 else 1.0 + change
 
 
@@ -109,7 +110,7 @@ FAMILIES: dict[str, Family] = {
         "backlash",
         (0.3 * _DEGREE, 0.7 * _DEGREE, 1.5 * _DEGREE),
         "rad",
-        "0.3 degrees is a new gear train, 0.7 one that wants adjusting, 1.5 rattles",
+        "0.3 degrees is a new gear train, 0.7 one that needs adjusting, 1.5 rattles",
         lambda rng, s, table: {"where": _joint(rng), "width": s},
     ),
     "hardening": Family(
@@ -152,7 +153,7 @@ FAMILIES: dict[str, Family] = {
         "joint_damping",
         (1.5, 2.5, 4.0),
         "1",
-        "factor: damping is the figure that data sheets know least",
+        "factor: damping is the least certain value of a data sheet",
         lambda rng, s, table: {"where": _joints(rng), "scale": s if rng.random() < 0.5 else 1.0 / s},
     ),
     "motor_lag": Family(
@@ -339,5 +340,5 @@ OUTSIDE = tuple(name for name, family in FAMILIES.items() if not family.catalogu
 
 
 def class_of(effect: str) -> str:
-    """The class of an effect, or itself."""
+    """The class of an effect, or its name if it has none."""
     return CLASSES.get(effect, effect)

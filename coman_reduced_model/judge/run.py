@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run of the judge: bags, verdicts, baselines, oracles; then, and only then, the answers.
+"""One run of the judge: bags, verdicts, baselines, oracles, and only then the answers.
 
-    OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, in a copy elsewhere
+    OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/verdicts/CASE/  diagnosis.json, baselines.json, run.json (exit code, time)
-    OUT/verdicts.sha256 of all verdicts, written before any answer is read
-    OUT/oracle/CASE/    diagnosis.json of a diagnosis that was told name and place
-    OUT/rounds.txt      hashes of earlier verdicts on the same bags (--again): how often these answers have been opened
+    OUT/verdicts.sha256 hashes of all verdicts, written before any answer is read
+    OUT/oracle/CASE/    diagnosis.json of a diagnosis that is given the name and place of each effect
+    OUT/rounds.txt      a hash for each earlier round of verdicts on the same bags (--again)
     OUT/score.json
-    OUT.sealed/         CASE.json: what is true; beside OUT, so that no folder that a diagnosis sees leads to it
+    OUT.sealed/         CASE.json (the answers) and seeds.json; beside OUT, so that no folder that a diagnosis sees
+                        leads to it
 
-What is there is not made again: a run that was broken off goes on.
+Existing files are kept: an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
@@ -29,34 +30,40 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
-from .cases import BAGS, draw_case, write_seed
+from ..progress import Progress
+from .cases import BAGS, BLOCK, draw_case, write_seed
+from .seeds import fresh_range, parse_range
 
-Progress = Callable[[float, str], None]
 DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
 BASELINES = (sys.executable, "-m", "coman_reduced_model.judge.baselines")
-TUNING_SEEDS = range(0, 1000)  # for choosing thresholds; figures are reported on seeds from 1000 on
+FRESH = 200  # cases of a run by default
 TIMEOUT = 600.0  # [s] after which a diagnosis counts as failed
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Where things of a run are."""
+class RunFolder:
+    """The files of a run."""
 
     out: Path
 
     @property
     def sealed(self) -> Path:
-        """The answers."""
+        """Folder of the answers."""
         return self.out.with_name(f"{self.out.name}.sealed")
 
     @property
+    def seeds(self) -> Path:
+        """The seeds of the run; they are the answers to whoever can run this code."""
+        return self.sealed / "seeds.json"
+
+    @property
     def hashes(self) -> Path:
-        """Of the verdicts."""
+        """Hashes of the verdicts."""
         return self.out / "verdicts.sha256"
 
     @property
     def rounds(self) -> Path:
-        """Of earlier verdicts on the same bags."""
+        """Hashes of earlier verdicts on the same bags."""
         return self.out / "rounds.txt"
 
     def bags(self, case: str) -> Path:
@@ -72,22 +79,25 @@ class Layout:
         return self.sealed / f"{case}.json"
 
 
-def parse_seeds(text: str) -> range:
-    """Seeds from `FIRST:END` (END not included).
+def choose_seeds(text: str, out: str | Path) -> Sequence[int]:
+    """Seeds as asked for; else those of the run in `out`; else the next fresh range.
+
+    Args:
+        text: FIRST:END (END not included), or nothing.
+        out: folder of the run.
 
     Raises:
-        ConfigError: not of that form, empty, or across the border between tuning and reporting.
+        ConfigError: not of that form, or empty.
     """
-    first, colon, end = text.partition(":")
-    if not (colon and first.isdigit() and end.isdigit() and int(first) < int(end)):
-        raise ConfigError(f"--seeds: {text!r}: wanted: FIRST:END, such as 1000:1200")
-    seeds = range(int(first), int(end))
-    if seeds[0] in TUNING_SEEDS and seeds[-1] not in TUNING_SEEDS:
-        border = TUNING_SEEDS.stop
-        raise ConfigError(
-            f"--seeds: {text!r}: allowed: below {border} (for choosing thresholds) or from {border} on (for reporting)"
-        )
-    return seeds
+    known = RunFolder(Path(out).absolute()).seeds
+    if text:
+        try:
+            return parse_range(text)
+        except ValueError as error:
+            raise ConfigError(f"--seeds: {error}") from None
+    if known.is_file():
+        return [int(seed) for seed in json.loads(known.read_text(encoding="utf-8"))]
+    return fresh_range("judge", FRESH, BLOCK)
 
 
 def run(
@@ -101,18 +111,18 @@ def run(
     again: bool = False,
     progress: Progress | None = None,
 ) -> list[str]:
-    """Everything but the score: `score.score_run` opens the answers.
+    """Record, diagnose and seal; `score.score_run` opens the answers afterwards.
 
     Args:
-        out: folder of the run; one that is there is gone on with.
-        seeds: of the cases.
+        out: folder of the run; an existing run continues.
+        seeds: one for each case.
         kinds: only these (clean, single, pair, unknown); none: all.
         jobs: processes at a time.
         command: the workflow, to which bags and options are appended.
         baselines: the same for the simpler methods; empty: none.
-        oracle: also run diagnoses that are told name and place.
-        again: keep the bags and judge a changed workflow on them; the round is counted in the score.
-        progress: called now and then.
+        oracle: also run diagnoses that are given the name and place of each effect.
+        again: keep the bags and judge a changed workflow on them; the score counts the rounds.
+        progress: called with the fraction done and a text.
 
     Returns:
         The names of the cases.
@@ -120,72 +130,93 @@ def run(
     Raises:
         OutputError: `out` cannot be written.
     """
-    layout = Layout(Path(out).absolute())
+    folder = RunFolder(Path(out).absolute())
     chosen = [seed for seed in seeds if not kinds or draw_case(seed).kind in kinds]
     if not chosen:
         raise ConfigError(f"--only: no case of {', '.join(kinds)} among these seeds")
     names = [draw_case(seed).name for seed in chosen]
     try:
-        for folder in (layout.out / "bags", layout.out / "verdicts"):
-            folder.mkdir(parents=True, exist_ok=True)
-        layout.sealed.mkdir(mode=0o700, exist_ok=True)
+        for name in ("bags", "verdicts"):
+            (folder.out / name).mkdir(parents=True, exist_ok=True)
+        folder.sealed.mkdir(mode=0o700, exist_ok=True)
+        _write_sealed(folder.seeds, list(seeds))
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
     if again:
-        _forget(layout)
-    _all(_case, [(layout, s, tuple(command), tuple(baselines)) for s in chosen], jobs, progress, "cases", 0.0)
-    seal(layout, names)
+        _drop_verdicts(folder)
+    tasks = [(folder, seed, tuple(command), tuple(baselines)) for seed in chosen]
+    _run_all(_judge_case, tasks, jobs, _part(progress, 0.0, 0.85, "cases"))
+    seal(folder, names)
     if oracle:
-        _all(_oracle, [(layout, name, tuple(command)) for name in names], jobs, progress, "oracles", 0.85)
+        asked = [(folder, name, tuple(command)) for name in names]
+        _run_all(_run_oracle, asked, jobs, _part(progress, 0.85, 1.0, "oracles"))
     return names
 
 
-def _forget(layout: Layout) -> None:
-    """Drops all verdicts, but not the memory that there were some."""
-    if layout.hashes.is_file():
-        digest = hashlib.sha256(layout.hashes.read_bytes()).hexdigest()
-        with layout.rounds.open("a", encoding="utf-8") as file:
+def _drop_verdicts(folder: RunFolder) -> None:
+    """Remove all verdicts; `rounds.txt` keeps their hash."""
+    if folder.hashes.is_file():
+        digest = hashlib.sha256(folder.hashes.read_bytes()).hexdigest()
+        with folder.rounds.open("a", encoding="utf-8") as file:
             file.write(f"{digest}\n")
-        layout.hashes.unlink()
-    for folder in ("verdicts", "oracle"):
-        shutil.rmtree(layout.out / folder, ignore_errors=True)
-        (layout.out / folder).mkdir()
+        folder.hashes.unlink()
+    for name in ("verdicts", "oracle"):
+        shutil.rmtree(folder.out / name, ignore_errors=True)
+        (folder.out / name).mkdir()
 
 
-def _all(
-    work: Callable[..., None], tasks: list[Any], jobs: int, progress: Progress | None, what: str, at: float
-) -> None:
-    share = 0.85 if at == 0.0 else 0.15
+def _part(progress: Progress | None, begin: float, end: float, what: str) -> Callable[[int, int], None]:
+    """Report a number of tasks done as a part of the whole run."""
+
+    def report(done: int, of: int) -> None:
+        if progress:
+            progress(begin + (end - begin) * done / of, f"{done} of {of} {what}")
+
+    return report
+
+
+def _run_all(work: Callable[..., None], tasks: list[Any], jobs: int, report: Callable[[int, int], None]) -> None:
+    """Run `work(*task)` for each task in processes; the first error ends all."""
     with ProcessPoolExecutor(max(1, jobs)) as pool:
         futures = [pool.submit(work, *task) for task in tasks]
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()
-                if progress:
-                    progress(at + share * done / len(tasks), f"{done} of {len(tasks)} {what}")
+                report(done, len(tasks))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _case(layout: Layout, seed: int, command: Sequence[str], baselines: Sequence[str]) -> None:
+def _judge_case(folder: RunFolder, seed: int, command: Sequence[str], baselines: Sequence[str]) -> None:
     """Bags, verdict and baselines of one case."""
     name = draw_case(seed).name
-    if not (layout.bags(name).is_dir() and layout.answer(name).is_file()):
-        _, answer = write_seed(seed, layout.out / "bags", force=True)
-        layout.answer(name).write_text(json.dumps(answer, indent=1), encoding="utf-8")
-        layout.answer(name).chmod(0o600)
-    if not (layout.verdict(name) / "run.json").is_file():
-        diagnose(layout.bags(name), layout.verdict(name), command)
-    if baselines and not (layout.verdict(name) / "baselines.json").is_file():
-        with _Copy(layout.bags(name)) as (copy, environment):
-            result = _call([*baselines, *_arguments(copy)[:1], *_arguments(copy)[-2:]], copy, environment)
-            text = result.stdout if result.returncode == 0 else json.dumps({"failed": _last_line(result.stderr)})
-        (layout.verdict(name) / "baselines.json").write_text(text, encoding="utf-8")
+    if not (folder.bags(name).is_dir() and folder.answer(name).is_file()):
+        _, answer = write_seed(seed, folder.out / "bags", force=True)
+        _write_sealed(folder.answer(name), answer)
+    if not (folder.verdict(name) / "run.json").is_file():
+        run_diagnosis(folder.bags(name), folder.verdict(name), command)
+    if baselines and not (folder.verdict(name) / "baselines.json").is_file():
+        _run_baselines(folder.bags(name), folder.verdict(name), baselines)
 
 
-class _Copy:
-    """A copy of a case's bags under a name of its own, far from the run: what a diagnosis can see of it."""
+def _write_sealed(path: Path, value: Any) -> None:
+    """Write JSON that only its owner can read."""
+    path.write_text(json.dumps(value, indent=1), encoding="utf-8")
+    path.chmod(0o600)
+
+
+def _run_baselines(bags: Path, verdict: Path, command: Sequence[str]) -> None:
+    """Run the simpler methods on a copy of the training walk of a case."""
+    with _CaseCopy(bags) as (copy, environment):
+        train, config = copy / BAGS[0], copy / "robot.yaml"
+        result = _run_command([*command, str(train), "--config", str(config)], copy, environment)
+    text = result.stdout if result.returncode == 0 else json.dumps({"failed": _last_line(result.stderr)})
+    (verdict / "baselines.json").write_text(text, encoding="utf-8")
+
+
+class _CaseCopy:
+    """A temporary copy of the bags of a case, outside the run: all that a diagnosis can see."""
 
     def __init__(self, bags: Path) -> None:
         self._bags = bags
@@ -197,8 +228,8 @@ class _Copy:
             (shutil.copytree if source.is_dir() else shutil.copy2)(source, self._folder / name)
         # Nothing inherited names the run: neither the working directory nor the command line that started the judge.
         hidden = str(self._bags.parents[1])
-        needed, telling = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME"), ("OLDPWD", "PWD", "_")
-        environment = {k: v for k, v in os.environ.items() if k in needed or (hidden not in v and k not in telling)}
+        needed, revealing = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME"), ("OLDPWD", "PWD", "_")
+        environment = {k: v for k, v in os.environ.items() if k in needed or (hidden not in v and k not in revealing)}
         return self._folder, environment
 
     def __exit__(self, *_: object) -> None:
@@ -210,7 +241,7 @@ def _arguments(copy: Path) -> list[str]:
     return [str(copy / BAGS[0]), *held, "--config", str(copy / "robot.yaml")]
 
 
-def _call(command: Sequence[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+def _run_command(command: Sequence[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
     try:
         return subprocess.run(
             command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
@@ -225,47 +256,54 @@ def _last_line(text: str) -> str:
     return (text.strip().splitlines() or [""])[-1]
 
 
-def diagnose(bags: Path, verdict: Path, command: Sequence[str], extra: Sequence[str] = ()) -> None:
-    """Runs the workflow on a copy of a case's bags and keeps its diagnosis and how the run went."""
+def run_diagnosis(bags: Path, verdict: Path, command: Sequence[str], extra: Sequence[str] = ()) -> None:
+    """Run the workflow on a copy of the bags of a case; keep its diagnosis, exit code, times and last message."""
     verdict.mkdir(parents=True, exist_ok=True)
-    with _Copy(bags) as (copy, environment):
+    with _CaseCopy(bags) as (copy, environment):
         out = copy / "out"
         before = os.times()
         began = time.perf_counter()
-        result = _call([*command, *_arguments(copy), "--out", str(out), "--json", *extra], copy, environment)
+        result = _run_command([*command, *_arguments(copy), "--out", str(out), "--json", *extra], copy, environment)
         seconds, after = time.perf_counter() - began, os.times()
         cpu = after.children_user + after.children_system - before.children_user - before.children_system
         if (out / "diagnosis.json").is_file():
             shutil.copy2(out / "diagnosis.json", verdict / "diagnosis.json")
-    report = {"exit": result.returncode, "seconds": seconds, "cpu_seconds": cpu, "said": _last_line(result.stderr)}
+    report = {"exit": result.returncode, "seconds": seconds, "cpu_seconds": cpu, "message": _last_line(result.stderr)}
     (verdict / "run.json").write_text(json.dumps(report), encoding="utf-8")
 
 
-def _oracle(layout: Layout, name: str, command: Sequence[str]) -> None:
-    """The same diagnosis, told the name and the place of its effects; run after the verdicts are sealed."""
-    answer = json.loads(layout.answer(name).read_text(encoding="utf-8"))
-    if answer["kind"] not in ("single", "pair") or (layout.oracle(name) / "run.json").is_file():
+def _run_oracle(folder: RunFolder, name: str, command: Sequence[str]) -> None:
+    """The same diagnosis, given the name and the place of each effect; run after the verdicts are sealed."""
+    answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
+    if answer["kind"] not in ("single", "pair") or (folder.oracle(name) / "run.json").is_file():
         return
-    told = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in answer["effects"]]
-    diagnose(layout.bags(name), layout.oracle(name), command, [part for text in told for part in ("--assume", text)])
+    assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in answer["effects"]]
+    options = [part for text in assumed for part in ("--assume", text)]
+    run_diagnosis(folder.bags(name), folder.oracle(name), command, options)
 
 
-def seal(layout: Layout, names: Sequence[str]) -> str:
-    """The hash of all verdicts, written before an answer is read; a run that goes on must find the same verdicts.
+def seal(folder: RunFolder, names: Sequence[str]) -> str:
+    """Write the hash of each verdict before an answer is read, and check those written before.
+
+    Returns:
+        The hash of all.
 
     Raises:
         OutputError: a verdict was changed after its answer could have been read.
     """
     lines = []
     for name in sorted(names):
-        parts = [layout.verdict(name) / file for file in ("diagnosis.json", "run.json")]
+        parts = [folder.verdict(name) / file for file in ("diagnosis.json", "run.json")]
         digest = hashlib.sha256(b"".join(part.read_bytes() for part in parts if part.is_file())).hexdigest()
         lines.append(f"{digest}  {name}")
-    path = layout.hashes
-    known = dict(reversed(line.split()) for line in path.read_text().splitlines()) if path.is_file() else {}
+    path = folder.hashes
+    written = [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
+    known = {name: digest for digest, name in written}
     for line in lines:
         digest, name = line.split()
         if known.setdefault(name, digest) != digest:
-            raise OutputError(f"{layout.verdict(name)}: changed since the answers were opened; --again judges anew")
+            raise OutputError(
+                f"{folder.verdict(name)}: changed since the answers were opened; --again starts another round"
+            )
     path.write_text("".join(f"{digest}  {name}\n" for name, digest in sorted(known.items())), encoding="utf-8")
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

@@ -11,31 +11,33 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
-from .. import __version__
+from ..resources import version
 from .cases import ATTEMPTS
 from .families import CLASSES, class_of
-from .run import TUNING_SEEDS, Layout, seal
+from .run import RunFolder, seal
+from .seeds import spent_among
 
 OTHER = ("none", "unknown", "not_excited")
 NOMINAL = {"scale": 1.0}  # of every other parameter: 0
 
 
 def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What one verdict is worth.
+    """Compare one verdict with the answer.
 
     Args:
         answer: of `cases.answer`.
         verdict: of diagnosis.json; None: there is none.
 
     Returns:
-        result (see above), named (what was named, or the verdict), place (right names that sit at the right place, of
-        those that have one), error (relative error of the parameters of right names).
+        result (see above), named (the names, or the verdict), place (for each right name that has a place: whether
+        it is right), error (relative error of the parameters of right names).
     """
     kind = (verdict or {}).get("verdict")
     if verdict is None or kind not in ("effect", *OTHER):
@@ -48,23 +50,24 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     true = {class_of(effect["name"]): effect for effect in answer["effects"] if answer["kind"] != "unknown"}
     classes = {class_of(name) for name in named}
     result = "wrong" if classes - set(true) else "right" if classes == set(true) else "partly"
-    places, errors = [], {}
-    for told in verdict["effects"]:
-        real = true.get(class_of(told["name"]))
+    places: list[bool] = []
+    errors: dict[str, Any] = {}
+    for effect in verdict["effects"]:
+        real = true.get(class_of(effect["name"]))
         if real is None:
             continue
-        if real["where"] or told.get("where"):
-            places.append(real["where"] == told.get("where", ""))
-        if real["name"] == told["name"]:
-            errors |= {f"{real['name']}.{p}": e for p, e in _errors(real, told).items()}
+        if real["where"] or effect.get("where"):
+            places.append(real["where"] == effect.get("where", ""))
+        if real["name"] == effect["name"]:
+            errors |= {f"{real['name']}.{p}": e for p, e in _errors(real, effect).items()}
     return {"result": result, "named": named, "place": places, "error": errors}
 
 
-def _errors(real: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, float]:
-    """Error of each parameter over its true distance from nominal, where there is a distance."""
+def _errors(real: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, float]:
+    """Error of each parameter over its true distance from nominal; without a distance it is left out."""
     found = {}
     for name, value in real["parameters"].items():
-        estimate = told.get("parameters", {}).get(name, {}).get("value")
+        estimate = named.get("parameters", {}).get(name, {}).get("value")
         distance = abs(value - NOMINAL.get(name, 0.0)) if isinstance(value, float) else 0.0
         if distance > 0.0 and estimate is not None:
             found[name] = abs(estimate - value) / distance
@@ -72,7 +75,7 @@ def _errors(real: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, float
 
 
 def gap_reduction(verdict: Mapping[str, Any] | None) -> float:
-    """By how much the held-out gap shrank: sum over channels of (before^2 - after^2) / floor^2; nan: not told."""
+    """By how much the held-out gap shrank: sum over channels of (before^2 - after^2) / floor^2; nan: not given."""
     try:
         gap = verdict["gap"]["holdout"]  # type: ignore[index]
         before, after, floor = gap["before"], gap["after"], gap["floor"]
@@ -91,48 +94,29 @@ def rate(hits: int, of: int) -> dict[str, Any]:
 
 
 def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The figures of a run.
+    """Count the outcomes of a run.
 
     Args:
-        cases: one a case: name, answer, verdict (or None), oracle (or None), baselines, run.
+        cases: for each case: name, answer, verdict (or None), oracle (or None), baselines, run.
+
+    Returns:
+        seeds with the entries of seeds.yaml that hold any of them, shares with 95 % intervals, times, rows by case.
     """
-    rows = []
-    for case in cases:
-        found = outcome(case["answer"], case["verdict"])
-        found |= {
-            "case": case["name"],
-            **{k: case["answer"][k] for k in ("seed", "kind", "families", "levels", "robot", "attempt")},
-        }
-        found["truth"] = [effect["name"] for effect in case["answer"]["effects"]]
-        found["seconds"] = (case.get("run") or {}).get("seconds")
-        found["cpu_seconds"] = (case.get("run") or {}).get("cpu_seconds")
-        best = gap_reduction(case.get("oracle"))
-        found["gap_share"] = gap_reduction(case["verdict"]) / best if best > 0.0 else None
-        found["baselines"] = {
-            method: outcome(case["answer"], verdict)["result"]
-            for method, verdict in (case.get("baselines") or {}).items()
-            if isinstance(verdict, Mapping)
-        }
-        rows.append(found)
+    rows = [_row(case) for case in cases]
     seconds = [row["seconds"] for row in rows if row["seconds"] is not None]
     shares = [row["gap_share"] for row in rows if row["gap_share"] is not None and np.isfinite(row["gap_share"])]
     methods = sorted({method for row in rows for method in row["baselines"]})
     return {
-        "seeds": {
-            "first": min(r["seed"] for r in rows),
-            "last": max(r["seed"] for r in rows),
-            "purpose": _purpose(rows),
-        },
+        "seeds": _seeds([row["seed"] for row in rows]),
         "cases": dict(Counter(row["kind"] for row in rows)),
-        "redrawn": {  # because the robot fell: on another robot or at another place, and, after that, one level lower
+        "redrawn": {  # because the robot fell: first another robot or place, then one level lower
             "cases": sum(row["attempt"] > 0 for row in rows),
             "lowered": sum(row["attempt"] >= ATTEMPTS for row in rows),
         },
         "workflow": _figures(rows, lambda row: row["result"]),
-        "baselines": {m: _figures(rows, lambda row, m=m: row["baselines"].get(m, "failed")) for m in methods},
+        "baselines": {m: _figures(rows, partial(_by_baseline, m)) for m in methods},
         "by_level": {
-            level: rate(*_count(rows, lambda r, v=level: r["kind"] == "single" and r["levels"][0] == v, "right"))
-            for level in ("weak", "medium", "strong")
+            level: rate(*_count(rows, partial(_of_level, level), "right")) for level in ("weak", "medium", "strong")
         },
         "right_place": rate(sum(sum(row["place"]) for row in rows), sum(len(row["place"]) for row in rows)),
         "parameter_error": _medians(rows),
@@ -149,8 +133,44 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _purpose(rows: Sequence[Mapping[str, Any]]) -> str:
-    return "choosing thresholds" if all(row["seed"] in TUNING_SEEDS for row in rows) else "reporting"
+def _row(case: Mapping[str, Any]) -> dict[str, Any]:
+    """Outcome, truth and times of one case."""
+    answer, run = case["answer"], case.get("run") or {}
+    best = gap_reduction(case.get("oracle"))
+    return {
+        **outcome(answer, case["verdict"]),
+        "case": case["name"],
+        **{key: answer[key] for key in ("seed", "kind", "families", "levels", "robot", "attempt")},
+        "truth": [effect["name"] for effect in answer["effects"]],
+        "seconds": run.get("seconds"),
+        "cpu_seconds": run.get("cpu_seconds"),
+        "gap_share": gap_reduction(case["verdict"]) / best if best > 0.0 else None,
+        "baselines": {
+            method: outcome(answer, verdict)["result"]
+            for method, verdict in (case.get("baselines") or {}).items()
+            if isinstance(verdict, Mapping)
+        },
+    }
+
+
+def _seeds(seeds: Sequence[int]) -> dict[str, Any]:
+    entries = spent_among("judge", seeds)
+    return {
+        "first": min(seeds),
+        "last": max(seeds),
+        "fresh": sum(not any(seed in entry.seeds for entry in entries) for seed in seeds),
+        "spent": [
+            {"seeds": f"{e.seeds.start}:{e.seeds.stop}", "purpose": e.purpose, "commit": e.commit} for e in entries
+        ],
+    }
+
+
+def _by_baseline(method: str, row: Any) -> str:
+    return str(row["baselines"].get(method, "failed"))
+
+
+def _of_level(level: str, row: Any) -> bool:
+    return bool(row["kind"] == "single" and row["levels"][0] == level)
 
 
 def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple[int, int]:
@@ -159,7 +179,7 @@ def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple
 
 
 def _figures(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]:
-    """The targets of the issue, for one method."""
+    """The shares that have a target, for one method."""
 
     def share(of: Callable[[Any], bool], *hits: str) -> dict[str, Any]:
         chosen = [result(row) for row in rows if of(row)]
@@ -193,36 +213,36 @@ def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
     table: dict[str, Counter[str]] = {}
     for row in rows:
         truth = "pair" if row["kind"] == "pair" else "+".join(row["truth"]) or "clean"
-        said = "+".join(sorted(row["named"])) if row["kind"] != "pair" else row["result"]
-        if row["kind"] != "pair" and len(row["truth"]) == 1 and row["result"] == "right" and said != truth:
-            said = CLASSES.get(truth, truth)  # or more than one instance of it
-        table.setdefault(truth, Counter())[said] += 1
+        named = "+".join(sorted(row["named"])) if row["kind"] != "pair" else row["result"]
+        if row["kind"] != "pair" and len(row["truth"]) == 1 and row["result"] == "right" and named != truth:
+            named = CLASSES.get(truth, truth)  # one effect named at several places counts once
+        table.setdefault(truth, Counter())[named] += 1
     return {truth: dict(counts.most_common()) for truth, counts in sorted(table.items())}
 
 
 def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
-    """Opens the answers of a run whose verdicts are sealed, and writes OUT/score.json.
+    """Open the answers of a run whose verdicts are sealed, and write OUT/score.json.
 
     Raises:
         OutputError: a verdict was changed after sealing.
     """
-    layout = Layout(Path(out).absolute())
-    digest = seal(layout, names)
+    folder = RunFolder(Path(out).absolute())
+    digest = seal(folder, names)
     cases = []
     for name in names:
         cases.append(
             {
                 "name": name,
-                "answer": _json(layout.answer(name)),
-                "verdict": _json(layout.verdict(name) / "diagnosis.json"),
-                "run": _json(layout.verdict(name) / "run.json"),
-                "baselines": _json(layout.verdict(name) / "baselines.json"),
-                "oracle": _json(layout.oracle(name) / "diagnosis.json"),
+                "answer": _json(folder.answer(name)),
+                "verdict": _json(folder.verdict(name) / "diagnosis.json"),
+                "run": _json(folder.verdict(name) / "run.json"),
+                "baselines": _json(folder.verdict(name) / "baselines.json"),
+                "oracle": _json(folder.oracle(name) / "diagnosis.json"),
             }
         )
-    rounds = len(layout.rounds.read_text(encoding="utf-8").splitlines()) if layout.rounds.is_file() else 0
-    result = {"version": __version__, "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
-    (layout.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
+    rounds = len(folder.rounds.read_text(encoding="utf-8").splitlines()) if folder.rounds.is_file() else 0
+    result = {"version": version(), "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
+    (folder.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
     return result
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pages and figures about results, in `prediction` and `validation`. Others are made of `run`, `figures`, `page`.
 
-Nothing is imported here: tuning needs `run` alone, and the drawing library takes seconds.
+Nothing is imported here: the drawing library takes seconds.
 """

@@ -11,21 +11,22 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 
-from ..core.types import Array, Phase
-from .run import Booleans, Run
+from ..core.base.types import Array, Phase
+from ..core.evaluation.run import Booleans, Run
 
 # Okabe and Ito's palette, safe for colour-blind readers; every series differs in its dashes or markers as well.
 INK, FAINT, GRID = "#1a1c21", "#5b606b", "#d9dce3"
-STYLES: dict[str, dict[str, object]] = {
+STYLES: dict[str, dict[str, Any]] = {
     "measured": {"color": INK, "linewidth": 1.5},
     "predicted": {"color": "#d55e00", "linewidth": 1.5, "linestyle": (0, (5, 1.2))},
     "reference": {"color": "#0072b2", "linewidth": 1.3, "linestyle": (0, (1.2, 1.2))},
@@ -56,7 +57,7 @@ VARIABLES = {
 }
 
 _POINTS = 1200  # buckets a line: a pixel wide on a wide screen, each with its minimum and maximum
-_RC = {
+_RC: Any = {
     "font.family": "sans-serif",
     "font.size": 10.5,
     "axes.edgecolor": FAINT,
@@ -82,7 +83,7 @@ _RC = {
 }
 
 
-def new_figure(rows: int, columns: int = 1, height: float = 0.0, **options: object) -> tuple[Figure, list[Axes]]:
+def new_figure(rows: int, columns: int = 1, height: float = 0.0, **options: Any) -> tuple[Figure, list[Axes]]:
     """A figure of the page's width with axes, row by row.
 
     Args:
@@ -136,7 +137,7 @@ def title(ax: Axes, text: str) -> None:
     ax.set_title(text, loc="left", fontsize=10.5, fontweight="bold")
 
 
-def log_ticks(axis: Axis) -> None:
+def log_ticks(axis: XAxis | YAxis) -> None:
     """A logarithmic scale with plain numbers at 1, 2, 5 of each decade (at 1 alone over many decades)."""
     axis.axes.set(**{f"{axis.axis_name}scale": "log"})
     low, high = axis.get_data_interval()

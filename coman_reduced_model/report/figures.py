@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.mlab import detrend_mean, psd
 from matplotlib.patches import Polygon
 
-from ..core.statistics import AXES
-from ..core.types import Array, Flags, Foot, Phase
+from ..core.base.types import Array, Flags, Foot, Phase
+from ..core.evaluation.run import Run
+from ..core.evaluation.statistics import AXES
 from .draw import FAINT, INK, SERIES, STYLES, legend, line, log_ticks, new_figure, phase_patches, shade, thin, title
-from .run import Run
 
 DIRECTIONS = {"x": "x, forward", "y": "y, left", "z": "z, up"}
 MEASURED, PREDICTED, REFERENCE = "measured", "predicted", "reference (rigid robot)"
@@ -92,11 +92,21 @@ def horizon_error(errors: Mapping[str, Mapping[str, Mapping[str, float | None]]]
     markers = dict(zip(_LABELS, "osD^", strict=True))
     for ax, axis in zip(plots, AXES, strict=True):
         for name in names:
-            known = [(float(h), 1e3 * by[name][axis]) for h, by in errors.items() if _number(by[name].get(axis))]
+            values = {float(h): by[name].get(axis) for h, by in errors.items()}
+            known = [(h, 1e3 * value) for h, value in values.items() if value is not None and np.isfinite(value)]
             colour = SERIES[list(_LABELS).index(name)]
-            style = {"linewidth": 2.2, "markersize": 7} if name == "model" else {"linewidth": 1.3, "markersize": 5}
+            width, size = (2.2, 7) if name == "model" else (1.3, 5)
             if known:
-                ax.plot(*zip(*known, strict=True), color=colour, marker=markers[name], label=_LABELS[name], **style)
+                x, y = zip(*known, strict=True)
+                ax.plot(
+                    x,
+                    y,
+                    color=colour,
+                    marker=markers[name],
+                    label=_LABELS[name],
+                    linewidth=width,
+                    markersize=size,
+                )
         title(ax, DIRECTIONS[axis])
         ax.set_xlabel("horizon [s]")
         log_ticks(ax.yaxis)
@@ -215,7 +225,7 @@ def spectrum(run: Run) -> Figure:
         for column, ax in enumerate(plots):
             filled = np.interp(grid, run.time[known], values[known, column]) * 1e3
             window = min(len(filled), round(4.0 / dt))
-            power, frequency = psd(filled, window, 1.0 / dt, detrend_mean, noverlap=window // 2)
+            power, frequency = map(np.asarray, psd(filled, window, 1.0 / dt, detrend_mean, noverlap=window // 2))
             use = (frequency > 0) & (frequency <= 25.0) & (power > 0)
             if use.any():
                 ax.plot(frequency[use], np.sqrt(power[use]), color=colour, linestyle=dashes, linewidth=1.3, label=label)

@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from .. import __version__
+from ..resources import version
 from .draw import Drawing, draw
 from .figures import NoData
 
@@ -103,7 +103,7 @@ def page(title: str, lead: str, sections: Sequence[Section], facts: Sequence[tup
         for number, section in enumerate(sections, 1)
         if section.parts
     ]
-    return _template().render(title=title, lead=lead, sections=filled, facts=facts, version=__version__)
+    return _template().render(title=title, lead=lead, sections=filled, facts=facts, version=version())
 
 
 @cache

@@ -5,21 +5,21 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..core.config import parameter_table
-from ..core.statistics import AXES
+from ..core.config.schema import parameter_table
+from ..core.evaluation.run import Run
+from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
+from ..progress import Progress
 from . import figures
 from .draw import PHASE_NAMES
 from .page import Notice, Part, Section, Table, Text, page, picture
-from .run import Run, load_run
+from .run import load_run
 from .verdict import millimetres, percent, sentence
 
-Progress = Callable[[float, str], None]  # fraction done, what is being done
 REPORT_FILE, PLOTS_FOLDER = "report.html", "plots"
 _SUMMARY_FILE, _PREDICTIONS_BAG = "summary.json", "predictions"
 _PREDICTORS = {"model": "this model", "rigid": "rigid robot", "persistence": "persistence", "lipm": "LIPM"}
@@ -57,7 +57,7 @@ def write_report(directory: str | Path, progress: Progress | None = None) -> Pat
         plots.mkdir(exist_ok=True)
         html = prediction_page(summary, run, plots, lambda fraction, text: tell(0.3 + 0.7 * fraction, text))
         temporary.write_text(html, encoding="utf-8")
-        os.replace(temporary, target)
+        temporary.replace(target)
     except OSError as error:
         raise OutputError(f"{target}: cannot be written: {error.strerror or error}") from None
     tell(1.0, str(target))
@@ -149,13 +149,11 @@ def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
         )
     )
     config = summary.get("config") or {}
-    if config and "lateral_compliance" not in (config.get("effects.active") or []):
-        if config.get("prediction.reference") != "none":
-            parts.append(
-                Text(
-                    "y is not modelled here: sideways, the predicted COM is the reference (effect lateral_compliance)."
-                )
-            )
+    sideways = "lateral_compliance" in (config.get("effects.active") or [])
+    if config and not sideways and config.get("prediction.reference") != "none":
+        parts.append(
+            Text("y is not modelled here: sideways, the predicted COM is the reference (effect lateral_compliance).")
+        )
     return Section("Errors", parts, "errors")
 
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..core.config import Config
+from ..core.config.schema import Config
+from ..core.evaluation.run import run_of
 from ..tuning.recording import read_recording
 from ..tuning.validate import PAPER, QUICK, VARIANTS, Case, Score, Validation, rows
 from . import figures
 from .draw import SERIES, legend, new_figure, title
 from .page import Part, Section, Table, Text, page, picture
-from .run import run_of
 
 _SHOWN = ("rigid robot", "paper", "paper, tuned", "all effects", "all effects, tuned")
 PICTURE = "validation"

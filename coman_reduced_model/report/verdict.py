@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..core.statistics import AXES
+from ..core.evaluation.statistics import AXES
 
 # What the ratio of the model's error to the rigid robot's is called. Words only: nothing is decided by them.
 _WELL, _PARTLY, _SAME, _EQUAL = 0.5, 0.9, 1.1, 0.005

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from .spin import run
+from .runtime.spin import run
 
 
 def _find(module: str, kind: str) -> Callable[[], Callable[[], Any]]:
@@ -17,14 +17,14 @@ def _find(module: str, kind: str) -> Callable[[], Callable[[], Any]]:
 
 def predictor() -> None:
     """`ros2 run coman_reduced_model predictor`."""
-    sys.exit(run("predictor", _find("predictor_node", "PredictorNode")))
+    sys.exit(run("predictor", _find("nodes.predictor", "PredictorNode")))
 
 
 def trajectory() -> None:
     """`ros2 run coman_reduced_model trajectory`."""
-    sys.exit(run("trajectory", _find("trajectory_node", "TrajectoryNode")))
+    sys.exit(run("trajectory", _find("nodes.trajectory", "TrajectoryNode")))
 
 
 def virtual_robot() -> None:
     """`ros2 run coman_reduced_model virtual_robot`."""
-    sys.exit(run("virtual_robot", _find("virtual_robot_node", "VirtualRobotNode")))
+    sys.exit(run("virtual_robot", _find("nodes.virtual_robot", "VirtualRobotNode")))

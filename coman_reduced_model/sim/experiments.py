@@ -14,11 +14,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ..core.types import Array, Phase
+from ..core.base.types import Array, Phase
 from ..errors import ConfigError
+from ..progress import Progress
 from .disturbances import Disturbance
 from .motion import LegKinematics, MotorMotion, Posture
-from .record import Progress, Recording, record_motion
+from .record import Recording, record_motion
 from .robot_table import ROBOTS, RobotTable
 from .sensors import SensorOptions
 from .virtual_robot import VirtualRobot

@@ -17,8 +17,8 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 
-from ..core.gait import WalkPlan
-from ..core.types import Array, Phase, Reference
+from ..core.base.types import Array, Phase, Reference
+from ..core.gait.gait import WalkPlan
 from ..errors import ConfigError
 from .describe import urdf
 from .robot_table import RobotTable

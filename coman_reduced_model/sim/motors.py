@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ The truth is a file of its own next to the bag (`OUT.truth.npz`), which nothing 
 from __future__ import annotations
 
 import heapq
-import os
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import count
 from pathlib import Path
@@ -20,12 +19,14 @@ import numpy as np
 
 from ..bag.types import bag_types
 from ..bag.writer import BagWriter
-from ..core.gait import GaitParameters, WalkPlan, gait, plan_walk
-from ..core.joiner import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.types import Foot
+from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.types import Foot
+from ..core.gait.gait import WalkPlan, plan_walk
+from ..core.gait.parameters import GaitParameters, gait
 from ..errors import ConfigError, OutputError
 from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
 from ..output import OutputFolder
+from ..progress import Progress
 from ..topics import DESCRIPTION, INPUT_TOPICS
 from .describe import urdf
 from .disturbances import Disturbance
@@ -35,7 +36,6 @@ from .robot_table import COMAN, ROBOTS, RobotTable
 from .sensors import SensorOptions
 from .virtual_robot import Motion, Truth, VirtualRobot
 
-Progress = Callable[[float, str], None]  # fraction done, what is being done
 REFERENCE_RATE = 200.0  # [Hz] of com/reference at most
 PREVIEW_DT, PREVIEW_N = 0.02, 25  # half a second: farther than any horizon
 CONTACT_FORCE = 1.0  # [N] above which the truth says that a foot touches the floor
@@ -217,7 +217,7 @@ def _run(
         partial = temporary.with_name(f"{temporary.name}.truth.npz")
         try:
             save_truth(partial, truths, robot)
-            os.replace(partial, destination.truth)
+            partial.replace(destination.truth)
         except OSError as error:
             raise OutputError(f"{destination.truth}: cannot be written: {error.strerror or error}") from None
         finally:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 
 SIDES = (("L", "l_", 1.0), ("R", "r_", -1.0))  # prefix of joints, prefix of frames, sign of y
 

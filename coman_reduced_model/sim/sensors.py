@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
-from ..core.types import Array, ImuMessage, JointMessage, WrenchMessage
+from ..core.base.types import Array, ImuMessage, JointMessage, WrenchMessage
 from ..errors import ConfigError
 from .robot_table import RobotTable
 
@@ -78,7 +79,7 @@ class SensorOptions:
     @classmethod
     def exact(cls, **overrides: object) -> SensorOptions:
         """No imperfection at all, all streams in step."""
-        zeros = {
+        zeros: dict[str, Any] = {
             f.name: (0.0, 0.0, 0.0) if isinstance(f.default, tuple) else type(f.default)(0)
             for f in fields(cls)
             if isinstance(f.default, (int, float, tuple)) and not isinstance(f.default, bool)

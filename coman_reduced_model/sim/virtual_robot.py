@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ..core.types import Array
+from ..core.base.types import Array
 from .describe import mujoco_spec
 from .disturbances.base import Disturbance, foot_body, overrides
 from .disturbances.floor import plate_body

@@ -14,20 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.compiled import compiled
-from ..core.config import Config
-from ..core.integrator import going_on, step
-from ..core.model import Model, Terms
+from ..core.base.compiled import compiled
+from ..core.base.types import Array, Flags, Phase, Sample, SupportState
+from ..core.config.schema import Config
+from ..core.model.cartesian import Model, Terms
+from ..core.model.integrator import Forcing, extrapolate, free_run_step, free_run_switch
 from ..core.predictor import Predictor
-from ..core.robot import Posture
-from ..core.types import Array, Flags, Phase, Sample, SupportState
+from ..core.robot.robot import Posture
 from ..errors import ConfigError
 
 COEFFICIENTS = ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")  # of K_xx D_xx K_xz D_xz K_zz D_zz K_zx D_zx
 _PAIRS = (("a1", "a2"), ("b1", "b2"), ("c1", "c2"), ("e1", "e2"))  # one of each row: told apart by the row of the force
-_LOST = 0.25  # [m^2] as the predictor has it
 _STOP, _GO, _RESTART = 0, 1, 2
-_going_on = compiled(going_on)
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,7 @@ class FreeRun:
     phase: Array  # (n,)
     axes: Array  # integrated coordinates
     mass: float
+    diverged: float  # [m] distance from the measured COM at which it restarts, as `Predictor.DIVERGED`
 
     def run(self, coefficients: Array, given: int = -1, data: Array | None = None) -> Array:
         """COM and velocity (n, 6) of the free run; NaN where there is none.
@@ -62,8 +61,8 @@ class FreeRun:
         c = np.asarray(coefficients, dtype=float)
         known = self.measured if data is None else data
         return _run(
-            c, given, axes, self.mass, self.stamp, self.event, self.switched, self.began, self.R, self.moved,
-            self.K, self.D, self.force, self.pull, self.reference, self.measured, known,
+            c, given, axes, self.mass, self.diverged, self.stamp, self.event, self.switched, self.began, self.R,
+            self.moved, self.K, self.D, self.force, self.pull, self.reference, self.measured, known,
         )  # fmt: skip
 
 
@@ -73,7 +72,7 @@ def compile_loop() -> None:
     go = np.full(2, _GO)
     FreeRun(
         stamps, go, go > _GO, stamps, zeros, one[:, :3].copy(), zeros, zeros, one[:, :3].copy(), np.zeros((2, 8)),
-        one, one, go, np.array([0, 2]), 1.0,
+        one, one, go, np.array([0, 2]), 1.0, Predictor.DIVERGED,
     ).run(np.ones(8))  # fmt: skip
 
 
@@ -138,7 +137,7 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
         before, T_before = support, p.T_odom_sole
     return FreeRun(
         stamp, event, switched, began, R, moved, K, D, force, pull, reference, measured, phases,
-        predictor.model.axes, predictor.model.mass,
+        predictor.model.axes, predictor.model.mass, predictor.DIVERGED,
     )  # fmt: skip
 
 
@@ -149,17 +148,15 @@ def _probe(predictor: Predictor, config: Config, ones: tuple[str, ...]) -> Model
 
 @compiled
 def _run(
-    c: Array, given: int, axes: Array, mass: float, stamp: Array, event: Array, switched: Array, began: Array,
-    R: Array, moved: Array, K_all: Array, D_all: Array, force: Array, pull: Array, reference: Array, measured: Array,
-    data: Array,
+    c: Array, given: int, axes: Array, mass: float, diverged: float, stamp: Array, event: Array, switched: Array,
+    began: Array, R: Array, moved: Array, K_all: Array, D_all: Array, force: Array, pull: Array, reference: Array,
+    measured: Array, data: Array,
 ) -> Array:  # fmt: skip
     n = stamp.shape[0]
     M = np.eye(3) * mass
     out = np.full((n, 6), np.nan)
     K, D, F = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
-    following = np.ones(3, dtype=np.bool_)
-    for a in axes:
-        following[a] = False
+    following = np.array([a for a in range(3) if a not in axes])
     running = False
     first = 0  # first sample of the past of this phase
     state, state_ns = np.zeros(6), 0
@@ -183,44 +180,30 @@ def _run(
             for row in range(3):
                 F[i, row] -= K[i, row, given] * data[i, given] + D[i, row, given] * data[i, 3 + given]
                 K[i, row, given], D[i, row, given] = 0.0, 0.0
-        moment = (K[i], D[i], F[i], reference[i, :3], reference[i, 3:])
+        forcing = Forcing(K[i], D[i], F[i], reference[i, :3], reference[i, 3:])
         if running and switched[i]:
             last = i - 1
             while last > first and stamp[last] > began[i]:
                 last -= 1
-            state = out[last].copy()
-            old = (K[last], D[last], F[last], reference[last, :3], reference[last, 3:])
+            old = Forcing(K[last], D[last], F[last], reference[last, :3], reference[last, 3:])
             dt = max(0, began[i] - stamp[last]) * 1e-9
             state_ns = max(stamp[last], began[i])
-            end = _going_on(old, dt)
-            state = step(state, M, axes, old, end, dt)
-            for a in range(3):
-                if following[a]:
-                    state[a], state[3 + a] = end[3][a], end[4][a]
-            turned = np.empty(6)
-            for a in range(3):
-                turned[a], turned[3 + a] = moved[i, a], 0.0
-                for b in range(3):
-                    turned[a] += R[i, a, b] * state[b]
-                    turned[3 + a] += R[i, a, b] * state[3 + b]
-            state = turned
+            state = free_run_switch(out[last], M, axes, following, old, dt, R[i], moved[i])
             first = i
         restart = not running or event[i] == 2
         if not restart:
             dt = (stamp[i] - state_ns) * 1e-9
             if switched[i]:
-                start = _going_on(moment, -dt)
+                start = extrapolate(forcing, -dt)
             else:
-                start = (K[i - 1], D[i - 1], F[i - 1], reference[i - 1, :3], reference[i - 1, 3:])
-            state = step(state, M, axes, start, moment, dt)
+                start = Forcing(K[i - 1], D[i - 1], F[i - 1], reference[i - 1, :3], reference[i - 1, 3:])
+            state = free_run_step(state, M, axes, following, start, forcing, dt)
             error = 0.0
             for a in range(3):
-                if following[a]:
-                    state[a], state[3 + a] = reference[i, a], reference[i, 3 + a]
                 if a == given:
                     state[a], state[3 + a] = data[i, a], data[i, 3 + a]
                 error += (state[a] - measured[i, a]) ** 2
-            restart = not error < _LOST
+            restart = not np.sqrt(error) < diverged
         if restart:
             state = measured[i].copy()
             first = i

@@ -16,9 +16,9 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 from scipy.signal import periodogram
 
-from ..core.config import Config
-from ..core.robot import Robot
-from ..core.types import Array, Foot, Phase
+from ..core.base.types import Array, Foot, Phase
+from ..core.config.schema import Config
+from ..core.robot.robot import Robot
 from ..errors import BagError
 from .recording import Recording
 from .statistics import hac_covariance, quantile

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.config import Config, parameter_table
-from ..core.types import Array
+from ..core.base.types import Array
+from ..core.config.schema import Config, parameter_table
+from ..core.evaluation.run import Run, run_of
 from ..errors import ConfigError
-from ..report.run import Run, run_of
-from .recording import Progress, Recording
+from ..progress import Progress
+from .recording import Recording
 from .tune import Errors, Tuned, _known, _steps_of, describe, judged
 
 JOINTS = ("joint_stiffness", "joint_damping")
@@ -89,9 +90,9 @@ def _joint_knobs(config: Config, name: str) -> list[Knob]:
     return found
 
 
-def changed(config: Config, knobs: Sequence[Knob], values: Sequence[float]) -> Config:
+def changed(config: Config, knobs: Sequence[Knob], values: Sequence[float] | Array) -> Config:
     """The configuration with the knobs set."""
-    flat = config.flat()
+    flat: dict[str, Any] = config.flat()
     changes: dict[str, Any] = {}
     for knob, value in zip(knobs, values, strict=True):
         old = changes.get(knob.key, flat[knob.key])
@@ -99,7 +100,7 @@ def changed(config: Config, knobs: Sequence[Knob], values: Sequence[float]) -> C
             changes[knob.key] = float(value)
             continue
         new = list(old)
-        new[knob.index] = float(f"{flat[knob.key][knob.index] * value if knob.ratio else value:.6g}")  # type: ignore[index]
+        new[knob.index] = float(f"{flat[knob.key][knob.index] * value if knob.ratio else value:.6g}")
         changes[knob.key] = new
     return config.replaced(changes, "tuned")
 
@@ -110,7 +111,7 @@ _work: tuple[Sequence[Recording], Config, Sequence[Knob], Sequence[Array], tuple
 
 def _begin(*work: Any) -> None:
     global _work
-    _work = work  # type: ignore[assignment]
+    _work = work
 
 
 def _runs(values: Array) -> list[Run]:
@@ -186,10 +187,12 @@ def tune_parameters(
         [k.name for k in chosen], start, found.x, found.jac, found.fun, groups, lags, np.array([low, high]), steps
     )
     tuned = changed(config, chosen, found.x)
+    before, after = (_errors(recordings, [run.residual for run in part]) for part in runs)
     return Tuned(
         tuned,
         parameters,
-        *(_errors(recordings, [run.residual for run in part]) for part in runs),
+        before,
+        after,
         _errors(recordings, [run.deflection for run in runs[0]]),
         condition,
         [f"{', '.join(names)}: {found.nfev} iterations"],

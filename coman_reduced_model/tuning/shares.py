@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.config import Config
-from ..core.types import Array, Foot, Phase
+from ..core.base.types import Array, Foot, Phase
+from ..core.config.schema import Config
 from .recording import Recording
 from .statistics import quantile
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import stdtrit
 
-from ..core.types import Array
+from ..core.base.types import Array
 
 CONFIDENCE = 0.95
 

@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.config import Config, parameter_table
-from ..core.types import Array
+from ..core.base.types import Array
+from ..core.config.schema import Config, parameter_table
+from ..core.evaluation.run import run_of
 from ..errors import BagError, ConfigError
-from ..report.run import run_of
+from ..progress import Progress
 from .free_run import COEFFICIENTS, FreeRun, collect
-from .recording import Progress, Recording
+from .recording import Recording
 from .statistics import hac_covariance, quantile
 
 _CORRELATED = 0.98
@@ -88,7 +89,8 @@ def tune_coefficients(
     table = parameter_table()
     bounds = np.array([(table[f"model.{name}"].low, table[f"model.{name}"].high) for name in COEFFICIENTS]).T
     start = np.array([getattr(config.model, name) for name in COEFFICIENTS])
-    c, words = start.copy(), []
+    c = start.copy()
+    words: list[str] = []
 
     def stage(names: str, axes: tuple[int, ...], simulate: Callable[[FreeRun, Array, int], Array], title: str) -> None:
         """Fit some coefficients on the errors along some axes, in place."""

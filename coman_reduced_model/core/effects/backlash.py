@@ -6,11 +6,11 @@ from __future__ import annotations
 from math import exp, log1p
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..springs import LegSprings
+    from .hooks import LegSprings
 
 _SMOOTH = 0.1  # of half the play: how gradually it ends
 _LEFT = 0.01  # share of the stiffness that is left inside: without any the leg would have no equilibrium

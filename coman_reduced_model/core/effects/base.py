@@ -4,19 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ...errors import ConfigError
-from ..parameter import Parameter
-from ..types import Foot
+from ..base.parameter import Parameter
+from ..base.types import Foot
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
-    from ..robot import Robot
-    from ..springs import LegSprings
-    from ..types import Array, Sample, SupportState
+    from ..base.types import Array, Sample, SupportState
+    from ..robot.robot import Robot
+    from .hooks import LegSprings, Now, Push
 
 PLACES = {
     "robot": ("",),
@@ -87,7 +87,7 @@ class Effect:
         self.joints = np.concatenate([robot.legs[foot][self.leg_joints[foot]] for foot in self.feet])
 
     def late(self, stream: str) -> float:
-        """By how much the stamps of an input stream (`core/streams.py`) are later than the truth [s]."""
+        """By how much the stamps of an input stream (`core/streams/stream.py`) are later than the truth [s]."""
         return 0.0
 
     def correct(self, sample: Sample) -> None:
@@ -110,3 +110,12 @@ class Effect:
 
     def push(self, push: Push, now: Now) -> None:
         """Add to the force and moment that act on the robot besides gravity and springs, in place."""
+
+
+@dataclass(frozen=True)
+class EffectConfig:
+    """One effect at one place, with the values of its parameters."""
+
+    name: str
+    where: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)

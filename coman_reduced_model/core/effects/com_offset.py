@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robot.robot import Robot
 
 
 class ComOffset(Effect):
@@ -19,9 +19,9 @@ class ComOffset(Effect):
 
     name: ClassVar[str] = "com_offset"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("x", "float", 0.0, "m", "shift of the trunk's COM, in the trunk's frame, forward", -0.5, 0.5),
-        Parameter("y", "float", 0.0, "m", "to the left", -0.5, 0.5),
-        Parameter("z", "float", 0.0, "m", "upward", -0.5, 0.5),
+        Parameter("x", "float", 0.0, "m", "shift of the trunk's COM along x of robot.base_frame", -0.5, 0.5),
+        Parameter("y", "float", 0.0, "m", "the same, along its y", -0.5, 0.5),
+        Parameter("z", "float", 0.0, "m", "the same, along its z", -0.5, 0.5),
     )
 
     def load(self, robot: Robot) -> None:

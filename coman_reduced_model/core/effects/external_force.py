@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
-    from ..robot import Robot
+    from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 
 class ExternalForce(Effect):
-    """A constant force at the COM of the trunk, along the axes of `odom`."""
+    """A constant force at the COM of the trunk, along the axes of `odom`: those of the first support sole."""
 
     name: ClassVar[str] = "external_force"
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -27,10 +27,10 @@ class ExternalForce(Effect):
     def bind(self, robot: Robot) -> None:
         super().bind(robot)
         self._force = np.array([self.values["x"], self.values["y"], 0.0])
-        frame = robot.model.frames[robot.base_id]
-        self._point = robot.model.inertias[frame.parentJoint].lever.copy()
+        self._trunk = robot.model.frames[robot.base_id].parentJoint
+        self._com = robot.model.inertias[self._trunk].lever.copy()
 
     def push(self, push: Push, now: Now) -> None:
         force = push.posture.R[now.foot] @ push.R_odom_sole.T @ self._force
         push.trunk[:3] += force
-        push.trunk[3:] += np.cross(self._point, force)
+        push.trunk[3:] += np.cross(push.posture.data.oMi[self._trunk].act(self._com), force)

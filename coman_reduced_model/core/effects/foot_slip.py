@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
-from ..types import Foot, Phase
+from ..base.parameter import Parameter
+from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
-    from ..robot import Robot
-    from ..types import SupportState
+    from ..base.types import SupportState
+    from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 _FROM, SLIPS_TO = 0.05, 0.2  # [s] after the landing: when it slips, as it takes over the load
 
@@ -27,7 +27,7 @@ class FootSlip(Effect):
     name: ClassVar[str] = "foot_slip"
     place: ClassVar[str] = "foot"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("distance", "float", 0.0, "m", "that the foot slides backwards in each step", -0.2, 0.2),
+        Parameter("distance", "float", 0.0, "m", "that the foot slides in each step, against x of its sole", -0.2, 0.2),
     )
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:

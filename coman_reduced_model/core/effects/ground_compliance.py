@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
-from ..types import Foot
+from ..base.parameter import Parameter
+from ..base.types import Foot
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..robot import Robot
-    from ..springs import LegSprings
-    from ..types import Array, Sample
+    from ..base.types import Array, Sample
+    from ..robot.robot import Robot
+    from .hooks import LegSprings
 
 _DAMPED = 1e-6  # of the inverse of the leg's Jacobian, where the knee is straight
 
@@ -32,7 +32,7 @@ class GroundCompliance(Effect):
     place: ClassVar[str] = "foot"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("vertical", "float", 0.0, "m/N", "of the ground under one foot", 0.0, 1e-3),
-        Parameter("rotational", "float", 0.0, "rad/Nm", "the same, about x and y", 0.0, 0.1),
+        Parameter("rotational", "float", 0.0, "rad/Nm", "the same, about x and y of the sole", 0.0, 0.1),
     )
 
     def bind(self, robot: Robot) -> None:

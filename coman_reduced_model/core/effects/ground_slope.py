@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
-    from ..robot import Robot
+    from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 
 class GroundSlope(Effect):
     """The floor is level ground turned by Ry(pitch) Rx(roll), so that gravity pulls aslant in the frame of the sole.
 
-    Downhill ahead for pitch > 0, to the right for roll > 0, along the axes of `odom`.
+    Downhill along x for pitch > 0, along -y for roll > 0, of `odom`: of the first support sole.
     """
 
     name: ClassVar[str] = "ground_slope"

@@ -6,11 +6,11 @@ from __future__ import annotations
 from math import tanh
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..springs import LegSprings
+    from .hooks import LegSprings
 
 CREEP = 0.03  # [rad/s] unless told
 

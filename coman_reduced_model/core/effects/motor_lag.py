@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..types import Array, Reference, Sample
+    from ..base.types import Array, Reference, Sample
 
 _GAP = 0.25  # [s] after a longer one the filter starts anew
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..springs import LegSprings
+    from .hooks import LegSprings
 
 _SOFTEST = 0.2  # a softening spring goes on straight where its tangent has fallen to this share: it stays a spring
 

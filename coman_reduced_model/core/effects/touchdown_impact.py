@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
-from ..types import Foot, Phase
+from ..base.parameter import Parameter
+from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..dynamics import Now, Push
-    from ..robot import Robot
+    from ..robot.robot import Robot
+    from .hooks import Now, Push
 
 _DURATION = 0.02  # [s] of the blow, or four samples if those take longer
 

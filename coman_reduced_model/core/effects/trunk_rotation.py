@@ -5,15 +5,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 
 class TrunkRotation(Effect):
-    """Replaces the point mass by the trunk on its legs with all six freedoms (`core/trunk_model.py`).
+    """Replaces the point mass by the trunk on its legs with all six freedoms (`core/model/trunk/model.py`).
 
     The ground presses on the corners of the soles (the URDF's collision boxes, or `robot.foot_length` and
-    `foot_width`) and holds them by `friction` (`core/contact.py`); in double support on those of both.
+    `foot_width`) and holds them by `friction` (`core/model/trunk/contact.py`); in double support on those of both.
     """
 
     name: ClassVar[str] = "trunk_rotation"

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..parameter import Parameter
+from ..base.parameter import Parameter
 from .base import Effect
 
 if TYPE_CHECKING:
-    from ..types import Sample
+    from ..base.types import Sample
 
 _FORCES, _MOMENTS = ("fx", "fy", "fz"), ("tx", "ty", "tz")
 
@@ -23,8 +23,8 @@ class WrenchBias(Effect):
     name: ClassVar[str] = "wrench_bias"
     place: ClassVar[str] = "foot"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        *(Parameter(f, "float", 0.0, "N", f"force {f[1]} read too much", -500.0, 500.0) for f in _FORCES),
-        *(Parameter(t, "float", 0.0, "Nm", f"moment {t[1]} read too much", -100.0, 100.0) for t in _MOMENTS),
+        *(Parameter(f, "float", 0.0, "N", f"force {f[1]} of the sole, too much", -500.0, 500.0) for f in _FORCES),
+        *(Parameter(t, "float", 0.0, "Nm", f"moment {t[1]} of the sole, too much", -100.0, 100.0) for t in _MOMENTS),
     )
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:

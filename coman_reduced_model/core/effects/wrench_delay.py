@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..parameter import Parameter
-from ..streams import WRENCHES
+from ..base.parameter import Parameter
+from ..base.stream_names import WRENCHES
 from .base import Effect
 
 

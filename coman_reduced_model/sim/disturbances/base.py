@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...core.types import Array
+from ...core.base.types import Array
 from ...errors import ConfigError
 from ..motors import MotorOptions
 from ..robot_table import SIDES, RobotTable
@@ -159,7 +160,7 @@ def foot_body(foot: int) -> str:
     return f"{SIDES[foot][1]}foot"
 
 
-def take_mass(body: mujoco.MjsBody, mass: float, position: Sequence[float]) -> None:
+def take_mass(body: mujoco.MjsBody, mass: float, position: ArrayLike) -> None:
     """Takes a point mass [kg] at a position [m] out of a body, so that a new body there changes no static figure.
 
     Raises:

@@ -10,8 +10,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from ...core.parameter import par
-from ...core.types import Array
+from ...core.base.parameter import par
+from ...core.base.types import Array
 from ..describe import foot_box
 from ..robot_table import SIDES, RobotTable
 from ..sensors import Signals, cross

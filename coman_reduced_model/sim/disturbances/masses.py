@@ -9,7 +9,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from ...core.parameter import par
+from ...core.base.parameter import par
 from ..describe import set_spring
 from ..robot_table import RobotTable
 from .base import Disturbance

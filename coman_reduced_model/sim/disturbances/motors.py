@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
-from ...core.parameter import par
-from ...core.types import Array
+from ...core.base.parameter import par
+from ...core.base.types import Array
 from ..motors import MotorOptions
 from ..robot_table import RobotTable
 from .base import Disturbance

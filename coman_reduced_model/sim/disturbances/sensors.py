@@ -9,8 +9,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from ...core.parameter import par
-from ...core.types import Array
+from ...core.base.parameter import par
+from ...core.base.types import Array
 from ..robot_table import RobotTable
 from ..sensors import Signals
 from .base import Disturbance, feet, joint_indices

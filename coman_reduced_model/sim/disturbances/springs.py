@@ -9,8 +9,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from ...core.parameter import par
-from ...core.types import Array
+from ...core.base.parameter import par
+from ...core.base.types import Array
 from ..describe import set_spring
 from ..robot_table import RobotTable
 from .base import Disturbance, joint_indices

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag, open together with its robot, its input streams and the pipeline that predicts it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.types import Prediction, Sample
+from ..core.config.schema import Config
+from ..core.pipeline import Pipeline
+from ..core.robot.robot import Robot
+from ..errors import BagError, ConfigError
+from ..messages import INPUT_TYPES, STRING
+from ..progress import Progress
+from ..topics import DESCRIPTION, INPUT_TOPICS, TopicNames
+from .decode import decoder
+from .reader import Bag, missing_topics
+
+_BATCH = 200  # samples joined before they are predicted: switching for each would cost a fifth of the time
+
+
+class Session:
+    """One recording and all that is needed to predict it. Use it in a `with` statement, or call `close`.
+
+    Messages are read as they are asked for; the bag is never loaded whole. A session is for one pass: `batches`,
+    `samples` and `predictions` all go through the same pipeline, which keeps its state.
+
+    Attributes:
+        bag: what is read.
+        config: robot, streams and model.
+        names: of the topics.
+        streams: input stream by topic, for the topics that the bag has.
+        robot: from `urdf`, from the configuration, or as the bag describes it.
+
+    Example:
+        >>> from coman_reduced_model import Session, bag_path
+        >>> with Session(bag_path("test1")) as session:
+        ...     print(f"{session.robot.mass:.1f} kg, {session.bag.duration_s:.1f} s")
+        ...     first = next(session.predictions())
+        17.3 kg, 12.0 s
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        config: Config | None = None,
+        *,
+        urdf: str | Path | None = None,
+        names: TopicNames | None = None,
+    ) -> None:
+        """Open a bag.
+
+        Args:
+            path: folder of a rosbag2 recording, or one of its files.
+            config: default: the nominal robot and model.
+            urdf: file of the robot, instead of the one that configuration or bag name.
+            names: namespace and remappings of the topics.
+
+        Raises:
+            BagError: the bag cannot be read, lacks a topic that is needed, or describes no robot.
+            ConfigError, RobotError: the configuration or the URDF cannot be used.
+        """
+        self.config = config or Config()
+        self.names = names or TopicNames()
+        self.bag = Bag(path)
+        try:
+            self.streams = input_streams(self.bag, self.config, self.names)
+            self.robot = find_robot(self.config, self.bag, self.names, urdf)
+        except BaseException:
+            self.close()
+            raise
+
+    @cached_property
+    def pipeline(self) -> Pipeline:
+        """Joins the messages and predicts the samples; its counters and warnings grow as the bag is read.
+
+        Raises:
+            ConfigError: an effect of the configuration does not fit the robot.
+        """
+        return Pipeline(self.robot, self.config)
+
+    @cached_property
+    def decoders(self) -> dict[str, Callable[[bytes], Any]]:
+        """By stream, what makes a message of its bytes."""
+        return {stream: decoder(stream, self.bag.typestore) for stream in self.streams.values()}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What could not be read and what looks wrong so far, a line each."""
+        return (*self.bag.warnings, *map(str, self.pipeline.status().warnings))
+
+    def messages(self) -> Iterator[tuple[str, int, bytes]]:
+        """Stream, log time [ns] and serialised message of the input topics, one after the other."""
+        streams = self.streams
+        for topic, log_time, raw in self.bag.raw(streams):
+            yield streams[topic], log_time, raw
+
+    def batches(self, progress: Progress | None = None) -> Iterator[list[Sample]]:
+        """The samples of the bag in order, some hundred at a time; no effect has corrected them."""
+        span = max(self.bag.end_ns - self.bag.start_ns, 1)
+        take, decoders = self.pipeline.take, self.decoders
+        count, samples = 0, []
+        for stream, log_time, raw in self.messages():
+            samples += take(stream, raw, decoders[stream])
+            if len(samples) >= _BATCH:
+                yield samples
+                count, samples = count + len(samples), []
+                if progress is not None:
+                    progress((log_time - self.bag.start_ns) / span, f"{count} samples")
+        samples += self.pipeline.joiner.flush()  # what still waits for other streams goes without them
+        yield samples
+        if progress is not None:
+            progress(1.0, f"{count + len(samples)} samples")
+
+    def samples(self, progress: Progress | None = None) -> Iterator[Sample]:
+        """The samples of the bag, for a `Predictor` of one's own."""
+        for batch in self.batches(progress):
+            yield from batch
+
+    def predictions(self, progress: Progress | None = None) -> Iterator[Prediction]:
+        """The predictions of the pipeline, one a sample."""
+        for batch in self.batches(progress):
+            yield from self.pipeline.predict(batch)
+
+    def close(self) -> None:
+        """Close the bag."""
+        self.bag.close()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def read_urdf(path: str | Path) -> str:
+    """The text of a URDF file.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: the URDF cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not a text file") from None
+
+
+def find_robot(config: Config, bag: Bag, names: TopicNames, urdf: str | Path | None = None) -> Robot:
+    """The robot: of the file `urdf`, else of the configuration (robot.urdf), else as the bag describes it.
+
+    Raises:
+        ConfigError, BagError, RobotError: there is none, or it cannot be used.
+    """
+    if urdf is None and config.robot.urdf:
+        urdf = config.directory / config.robot.urdf
+    if urdf is not None:
+        return Robot(read_urdf(urdf), config.robot, str(urdf))
+    topic = names(DESCRIPTION)
+    if topic not in bag.topics:
+        raise BagError(f"{missing_topics(bag, [topic])}; name a URDF with --urdf or robot.urdf")
+    if bag.topics[topic] != STRING:
+        raise BagError(f"{bag.path}: {topic}: of type {bag.topics[topic]}, wanted {STRING}")
+    message = bag.first(topic)
+    if message is None:
+        raise BagError(f"{bag.path}: {topic}: no message; name a URDF with --urdf or robot.urdf")
+    return Robot(message.data, config.robot, f"{bag.path}: {topic}")
+
+
+def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]:
+    """Stream by topic, for the topics of the bag that the predictor takes.
+
+    Raises:
+        BagError: one that is needed is missing, or has another type.
+        ConfigError: two streams have one topic.
+    """
+    source = config.prediction.reference
+    needed = [JOINTS, *WRENCHES.values(), *{"motor": [MOTORS], "topic": [REFERENCE]}.get(source, [])]
+    topics: dict[str, str] = {}
+    for stream, topic in INPUT_TOPICS.items():
+        twin = topics.setdefault(names(topic), stream)
+        if twin != stream:
+            raise ConfigError(f"--remap: {INPUT_TOPICS[twin]} and {topic} would both be {names(topic)}")
+    missing = [topic for topic, stream in topics.items() if stream in needed and not bag.counts.get(topic)]
+    if missing:
+        by_choice = any(topics[topic] in (MOTORS, REFERENCE) for topic in missing)
+        hint = f" (prediction.reference: {source}; `none` does without)" if by_choice else ""
+        raise BagError(missing_topics(bag, missing) + hint)
+    for topic, stream in topics.items():
+        if topic in bag.topics and bag.topics[topic] != INPUT_TYPES[stream]:
+            raise BagError(f"{bag.path}: {topic}: of type {bag.topics[topic]}, wanted {INPUT_TYPES[stream]}")
+    return {topic: stream for topic, stream in topics.items() if topic in bag.topics}

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What everything else is made of: data types, parameters, compilation and small linear algebra."""

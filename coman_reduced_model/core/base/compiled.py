@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Numba for code that runs at the rate of the sensors, and linear algebra for matrices too small for BLAS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numba import njit
+
+from .types import Array
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def compiled(function: _Function) -> _Function:
+    """Compile a function: once a machine, beside the source or, where that is read-only, in the user's cache.
+
+    Where neither can be written, once a process. A division by zero gives infinity or NaN as in numpy instead of an
+    exception, since no message may stop a node.
+    """
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no place for a cache
+        return njit(error_model="numpy")(function)
+
+
+def _drop_stale_caches() -> None:
+    """Forget what was compiled before the newest source: numba watches the file of a function, not what it calls.
+
+    Also what lies outside of the core and calls what is in it.
+    """
+    package = Path(__file__).parents[1]
+    newest = max(source.stat().st_mtime_ns for source in package.rglob("*.py"))
+    for index in package.parent.rglob("__pycache__/*.nbi"):
+        try:
+            if index.stat().st_mtime_ns < newest:
+                index.unlink()
+        except OSError:  # read-only, or another process was faster
+            continue
+
+
+_drop_stale_caches()
+
+
+# Loops instead of array expressions: they compile several times faster, and run as fast.
+
+
+@compiled
+def mul(A: Array, B: Array) -> Array:
+    """The product (n, m) of A (n, k) and B (k, m)."""
+    C = np.empty((A.shape[0], B.shape[1]))
+    mul_into(C, A, B)
+    return C
+
+
+@compiled
+def mul_into(C: Array, A: Array, B: Array) -> None:
+    """`mul` into a matrix (n, m) that there is already, and that is neither A nor B."""
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            C[i, j] = 0.0
+        for k in range(A.shape[1]):
+            a = A[i, k]
+            for j in range(B.shape[1]):
+                C[i, j] += a * B[k, j]
+
+
+@compiled
+def apply(A: Array, x: Array) -> Array:
+    """The product (n,) of A (n, k) and x (k,)."""
+    y = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            y[i] += A[i, k] * x[k]
+    return y
+
+
+@compiled
+def pick(x: Array, axes: Array) -> Array:
+    """The entries `axes` (n,) of x (d,)."""
+    y = np.empty(axes.shape[0])
+    for i in range(axes.shape[0]):
+        y[i] = x[axes[i]]
+    return y
+
+
+@compiled
+def inverse(A: Array) -> Array:
+    """The inverse of A (n, n) by Gauss and Jordan with row pivots; infinite or NaN where there is none."""
+    n = A.shape[0]
+    L, B = A.copy(), np.eye(n)
+    for c in range(n):
+        pivot = c
+        for i in range(c + 1, n):
+            if abs(L[i, c]) > abs(L[pivot, c]):
+                pivot = i
+        scale = 1.0 / L[pivot, c]
+        for j in range(n):
+            L[c, j], L[pivot, j] = L[pivot, j], L[c, j]
+            B[c, j], B[pivot, j] = B[pivot, j], B[c, j]
+            L[c, j] *= scale
+            B[c, j] *= scale
+        for i in range(n):
+            factor = L[i, c]
+            if i != c and factor != 0.0:
+                for j in range(n):
+                    L[i, j] -= factor * L[c, j]
+                    B[i, j] -= factor * B[c, j]
+    return B
+
+
+@compiled
+def inverse_positive(A: Array) -> Array:
+    """The inverse of a symmetric positive definite A (n, n), in a third of the time of `inverse`."""
+    n = A.shape[0]
+    B = A.copy()
+    column = np.empty(n)
+    for k in range(n):
+        d = 1.0 / B[k, k]
+        for i in range(n):
+            column[i] = B[i, k]
+        for i in range(n):
+            if i != k:
+                c = column[i] * d
+                for j in range(n):
+                    B[i, j] -= c * B[k, j]
+                B[i, k] = -c
+        for j in range(n):
+            B[k, j] *= d
+        B[k, k] = d
+    return B

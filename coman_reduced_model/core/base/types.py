@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What flows through the package: messages in, Sample, Prediction out. Plain data, SI units.
+
+The way through is: message or bag -> (JointMessage, WrenchMessage, Reference) -> Joiner -> Sample ->
+Predictor -> Prediction -> topic, bag, summary. Nothing here knows ROS, bags or Pinocchio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_NAN2 = np.full(2, np.nan)
+
+
+class Phase(IntEnum):
+    """Support phase; the numbers are those of coman_reduced_model_msgs/SupportState."""
+
+    FLIGHT = 0
+    LEFT = 1
+    RIGHT = 2
+    DOUBLE = 3
+
+
+class Foot(IntEnum):
+    """A foot; the numbers are those of coman_reduced_model_msgs/SupportState."""
+
+    NONE = 0
+    LEFT = 1
+    RIGHT = 2
+
+    @property
+    def other(self) -> Foot:
+        return _OTHER[self]
+
+
+_OTHER = (Foot.NONE, Foot.RIGHT, Foot.LEFT)
+
+
+@dataclass(slots=True)
+class JointMessage:
+    """One sensor_msgs/JointState as it came: link side or motor side.
+
+    Arrays have one entry a name; velocity and effort are None when the message leaves them empty.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position: Array  # [rad]
+    velocity: Array | None  # [rad/s]
+    effort: Array | None  # [Nm]
+
+
+@dataclass(slots=True)
+class WrenchMessage:
+    """What the ground exerts on one foot, in the frame that the message names."""
+
+    stamp_ns: int
+    frame_id: str
+    force: Array  # (3,) [N]
+    torque: Array  # (3,) [Nm], about the origin of frame_id
+
+
+@dataclass(slots=True)
+class ImuMessage:
+    """Orientation and rates of the body that carries the IMU."""
+
+    stamp_ns: int
+    frame_id: str
+    orientation: Array | None  # (4,) quaternion x y z w, world <- frame_id; None: not given
+    angular_velocity: Array  # (3,) [rad/s] in frame_id
+    linear_acceleration: Array  # (3,) [m/s^2] in frame_id
+
+
+@dataclass(slots=True)
+class Reference:
+    """One point of the planned motion, in `odom` (ComReference)."""
+
+    stamp_ns: int
+    com: Array  # (3,) [m]
+    com_vel: Array  # (3,) [m/s]
+    com_acc: Array  # (3,) [m/s^2]
+    zmp: Array  # (3,) [m]
+    T_odom_left: Array  # (4, 4) planned pose of the left sole
+    T_odom_right: Array  # (4, 4) planned pose of the right sole
+    phase: Phase
+    step: int  # index of the step, from 0; -1 before the first
+    preview_dt: float = 0.0  # [s] interval of the preview; 0: no preview
+    preview_com: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m], first at stamp + preview_dt
+    preview_com_vel: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m/s]
+
+
+@dataclass(slots=True)
+class Sample:
+    """All streams at the stamp of one joint state; what is missing is None, never zero.
+
+    Joint arrays are in the order of `Robot.joint_names` (actuated joints of the URDF; joints that no
+    message lists are held at zero position, as interfaces.md says).
+    """
+
+    stamp_ns: int
+    q: Array  # (nj,) link positions [rad]
+    qd: Array  # (nj,) link velocities [rad/s]
+    tau: Array | None = None  # (nj,) measured torques [Nm]; NaN where a joint has none
+    motor_q: Array | None = None  # (nj,) motor-side positions [rad]
+    motor_qd: Array | None = None  # (nj,) [rad/s]
+    left_wrench: Array | None = None  # (6,) force [N], torque [Nm] of the ground on the foot, in the sole frame
+    right_wrench: Array | None = None  # (6,) the same for the right foot
+    reference: Reference | None = None
+    imu: ImuMessage | None = None
+
+
+class Flags(IntFlag):
+    """Why (part of) a prediction is not valid; the bits of ComPrediction.flags."""
+
+    OK = 0
+    NO_REFERENCE = 1  # no reference of the configured source: reference and predictions are NaN
+    STALE_WRENCH = 2  # a foot wrench is missing or too old: phase held
+    NOT_INITIALISED = 4  # the free run has not started yet (no support phase so far)
+    NO_SUPPORT = 8  # flight, or the phase is not known yet
+    NEAR_SINGULAR = 16  # the support leg is close to a singular posture: stiffness was limited
+    RESET = 32  # the free run was initialised from the measurement at this sample
+    REJECTED_STATE = 64  # the prediction diverged and was restarted
+
+
+@dataclass(slots=True)
+class SupportState:
+    """Support phase at one instant."""
+
+    phase: Phase = Phase.FLIGHT
+    support_foot: Foot = Foot.NONE
+    left_share: float = float("nan")  # share of the vertical force on the left foot, 0..1
+    phase_time: float = 0.0  # [s] since the phase began
+    total_force: float = float("nan")  # [N] sum of the vertical forces
+    foot_time: float = 0.0  # [s] since the support foot became it
+
+
+@dataclass(slots=True)
+class HorizonPrediction:
+    """COM predicted h seconds ahead of the stamp, in the frame of the current support sole."""
+
+    h: float  # [s]
+    com: Array  # (3,) [m]
+
+
+@dataclass(slots=True)
+class Prediction:
+    """Predicted against measured COM at one joint state, in the frame of the support sole.
+
+    Vectors are (3,), in m and m/s; NaN where not valid (see flags). residual = measured - predicted.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    support: SupportState
+    measured_com: Array
+    measured_com_vel: Array
+    reference_com: Array
+    reference_com_vel: Array
+    predicted_com: Array
+    predicted_com_vel: Array
+    T_odom_sole: Array  # (4, 4) pose of the support sole in odom
+    horizons: list[HorizonPrediction]
+    flags: Flags
+    # (2,) roll, pitch of the trunk about x, y of the support sole [rad]; NaN without trunk_rotation
+    measured_tilt: Array = field(default_factory=lambda: _NAN2)
+    predicted_tilt: Array = field(default_factory=lambda: _NAN2)
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted COM (3,) [m]."""
+        return self.measured_com - self.predicted_com

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Configurations as ROS 2 parameter files: read and write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ...errors import ConfigError, OutputError
+from ...output import check_file
+from ...resources import config_path
+from .schema import NOTHING, Config, config_from_flat, parameter_table
+
+
+def load_config(path: str | Path | None = None, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
+    """Read a ROS 2 parameter file: the sections `/**` and then that of the node, if any.
+
+    Args:
+        path: of the file; default: the shipped coman.yaml.
+        node: whose section counts.
+        ignored: keys that are not looked at, nor are those that every ROS 2 node has.
+
+    Raises:
+        ConfigError: the file cannot be read or a value in it is not allowed.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> config = coman.load_config(coman.config_path("coman_paper")).replaced({"prediction.horizons": [0.2]})
+        >>> config.prediction.horizons, config.active
+        ((0.2,), ())
+        >>> path = coman.save_config(config, "mine.yaml")
+        >>> coman.load_config(path).flat() == config.flat()
+        True
+    """
+    path = Path(config_path() if path is None else path)
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not a text file") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise ConfigError(f"{path}: is not YAML{where}: {getattr(error, 'problem', error)}") from None
+    if not isinstance(document, dict):
+        raise ConfigError(f"{path}: wanted a ROS 2 parameter file: '/**:' with 'ros__parameters:' below it")
+    values: dict[str, Any] = {}
+    for section, body in document.items():
+        if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
+            raise ConfigError(f"{path}: {section}: wanted 'ros__parameters:' below a node's name or '/**'")
+        flat = _flat_yaml(body["ros__parameters"])
+        flat = {key: value for key, value in flat.items() if key not in ignored and not _foreign(key)}
+        name = str(section).rsplit("/", 1)[-1]
+        if name in ("**", "*", node):
+            values.update(flat)
+        else:  # meant for another node: checked all the same, so that a mistake is found now and not there
+            config_from_flat(flat, f"{path}: {section}")
+    return config_from_flat(values, str(path), path.parent)
+
+
+def _foreign(key: str) -> bool:
+    """Parameters that every ROS 2 node has."""
+    return key in ("use_sim_time", "start_type_description_service") or key.startswith("qos_overrides.")
+
+
+def _flat_yaml(tree: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            flat.update(_flat_yaml(value, name + "."))
+        else:
+            flat[name] = value
+    return flat
+
+
+def config_to_yaml(config: Config, comment: str = "") -> str:
+    """The configuration as a ROS 2 parameter file, each value with its description and unit."""
+    table = parameter_table()
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += ["/**:", "  ros__parameters:"]
+    for key, value in config.flat().items():
+        if key == "effects.active":
+            value = config.active or (NOTHING,)
+        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
+            continue
+        parameter = table[key]
+        plain = list(value) if isinstance(value, tuple) else value
+        # Quoted where a text holds line breaks and the like: one line a key.
+        quotes = None if str(value).isprintable() and "\\" not in str(value) else '"'
+        text = yaml.safe_dump(plain, default_flow_style=True, default_style=quotes, width=10**6)
+        text = text.removesuffix("...\n").strip("\n")
+        unit = f" [{parameter.unit}]" if parameter.unit not in ("", "1") else ""
+        lines.append(f"    {key}: {text}  # {parameter.description}{unit}")
+    return "\n".join(lines) + "\n"
+
+
+def save_config(config: Config, path: str | Path, comment: str = "", force: bool = False) -> Path:
+    """Write a configuration as a parameter file, whole or not at all; a URDF that it names is found from there as well.
+
+    Args:
+        config: to be written.
+        path: of the file.
+        comment: its first lines.
+        force: replace a file that exists.
+
+    Raises:
+        OutputError: it exists (without `force`), or cannot be written.
+    """
+    path = check_file(path, force)
+    if config.robot.urdf:
+        config = config.replaced({"robot.urdf": os.path.relpath(config.directory / config.robot.urdf, path.parent)})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.part")
+        partial.write_text(config_to_yaml(config, comment), encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plans of walks: gait, footsteps, LIPM, and the walk that follows a plan."""

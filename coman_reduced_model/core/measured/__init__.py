@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the sensors say before any model: support phase, odometry, ZMP."""

@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the motors will do: what they did one stride ago, as long as the robot repeats itself.
+
+A prediction ahead needs the future course of the motors, of the phases and of the posture. No message tells them, but
+a walking robot repeats itself every two steps. The stride before is remembered sample by sample, as the motors and the
+equations of motion that `TrunkModel` assembled there; the state is not: it starts from the measurement and goes its own
+way through those equations. Where the robot does not repeat itself (it sets off, stops, or changes its gait) there is
+no course, and `Stride.ahead` says so.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.compiled import apply, compiled, mul
+from ...base.types import Array, Phase
+from ...effects.hooks import Now
+from .contact import ROWS, Linear, Solver, State, make_solver, step_soles, switch_support
+from .kinematics import TrunkTerms
+
+_STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
+_EVERY = 0.0395  # [s] between two simulations: in between the last one is read further
+_SPACING = 0.0095  # [s] between remembered samples at least
+_CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
+_WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
+_SEARCH = np.arange(-8, 9) * 0.005  # [s] about the lag between the phases
+_ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
+_PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
+
+
+class Memory(NamedTuple):
+    """Samples of the past, oldest first; fields as in `TrunkTerms`, joints of the support leg first.
+
+    Rows of the other foot hold nothing of use where it did not stand, but for C and height.
+    T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
+    """
+
+    stamp: NDArray[np.int64]
+    foot: NDArray[np.int64]
+    double: NDArray[np.bool_]
+    theta: Array
+    y: Array
+    com: Array
+    J: Array
+    inverse: Array  # with by_impulse and contact as in `Solver`, for steps of _STEP
+    by_impulse: Array
+    contact: Array
+    K: Array
+    D: Array
+    f: Array
+    C: Array
+    height: Array
+    T_odom_sole: Array
+    plan: Array
+
+
+class Stride:
+    """Remembers samples, finds the stride before, and simulates the model through it."""
+
+    def __init__(self, friction: float, soles: Array) -> None:
+        """`friction` between soles and ground; edges (2, 4) of the left and the right sole [m]."""
+        self._friction, self._soles = friction, soles
+        self._memory: Memory | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._n = 0
+        self._lag_ns = 0  # 0: no stride known
+        self._phase = Phase.FLIGHT
+        self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
+        self._course_ns = 0
+        self._course: Array | None = None  # (k, 3) COM in odom [m] from _course_ns on, every _STEP
+
+    def add(self, now: Now, terms: TrunkTerms) -> None:
+        """Remember a sample; at a change of phase, find out how long the stride is."""
+        stamp, plan = now.sample.stamp_ns, now.sample.reference
+        if not np.isfinite(terms.linear.f).all():  # of a free run that has diverged
+            return
+        if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
+            linear, g = terms.linear, terms.geometry
+            solver = make_solver(terms.M, linear.K, linear.D, linear.C, _STEP)
+            row: dict[str, Any] = {
+                **linear._asdict(), **solver._asdict(), "stamp": stamp, "foot": terms.foot, "double": terms.double,
+                "theta": terms.theta, "com": g.com, "J": g.J, "T_odom_sole": now.T_odom_sole,
+                "plan": np.nan if plan is None else plan.com,
+            }  # fmt: skip
+            memory = self._room(terms)
+            for name, column in zip(Memory._fields, memory, strict=True):
+                column[self._n] = row[name]
+            self._n += 1
+        if (phase := now.support.phase) != self._phase:
+            change, self._phase = (self._phase, phase), phase
+            before, self._began[change] = self._began.get(change), now.began_ns
+            self._lag_ns = 0
+            if before is not None and before - _WINDOW * 1e9 > self._past.stamp[0] - _SEARCH[0] * 1e9:
+                self._lag_ns = find_lag(stamp, now.began_ns - before, self._past, self._n)
+
+    def ahead(self, now: Now, terms: TrunkTerms, state: State, horizons: Array) -> Array | None:
+        """COM (k, 3) [m] in the support sole at horizons (k,) ascending [s]; None: the robot does not repeat itself.
+
+        Args:
+            now: this sample.
+            terms: the equations of motion at it.
+            state: the filtered measurement.
+            horizons: (k,) ascending [s].
+        """
+        if self._memory is None:
+            return None
+        stamp = now.sample.stamp_ns
+        if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < _EVERY:
+            self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + _EVERY)
+        if self._course is None:
+            return None
+        return along(self._course, (stamp - self._course_ns) * 1e-9, horizons, now.T_odom_sole)
+
+    @property
+    def _past(self) -> Memory:
+        assert self._memory is not None
+        return self._memory
+
+    def _room(self, terms: TrunkTerms) -> Memory:
+        if self._memory is None:
+            m, r = len(terms.theta), 2 * ROWS
+            shapes = {
+                "theta": (m,), "y": (m + 6,), "com": (3,), "J": (6, m), "inverse": (m + 6, m + 6),
+                "by_impulse": (m + 6, r), "contact": (r, r), "K": (m, m), "D": (m, m), "f": (m + 6,),
+                "C": (r, m + 6), "height": (r,), "T_odom_sole": (4, 4), "plan": (3,),
+            }  # fmt: skip
+            types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
+            self._memory = Memory(
+                *(np.zeros((_CAPACITY, *shapes.get(f, ())), types.get(f, np.float64)) for f in Memory._fields)
+            )
+            # Compiled or loaded now, not in the middle of a walk.
+            find_lag(0, 0, self._memory, 0)
+            replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, 0, self._memory, 2)
+            zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(r))
+            self._follow(0, 0, 1, terms, zero, np.eye(4))
+        if self._n == _CAPACITY:
+            for column in self._memory:
+                column[:_KEPT] = column[-_KEPT:]
+            self._n = _KEPT
+        return self._memory
+
+    def _simulate(self, now: Now, terms: TrunkTerms, state: State, span: float) -> Array | None:
+        past, n, stamp = self._past, self._n, now.sample.stamp_ns
+        then = stamp - self._lag_ns
+        if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
+            return None
+        moved = np.zeros((int(np.ceil(span / _STEP)) + 1, 3))
+        plan = now.sample.reference
+        if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
+            if not replanned(moved, plan.com, plan.preview_com, plan.preview_dt, then, past, n) < _PLAN:
+                return None
+            sole = (plan.T_odom_left if now.foot == 1 else plan.T_odom_right)[:3, :3]
+            moved = moved @ sole @ now.T_odom_sole[:3, :3].T  # the plan's odom is not ours
+        course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
+        return course + moved if len(course) else None
+
+    def _follow(self, stamp: int, then: int, points: int, terms: TrunkTerms, state: State, T_odom_sole: Array) -> Array:
+        start = Start(stamp, terms.foot, terms.theta, terms.linear, state, T_odom_sole)
+        return follow(start, then, points, self._past, self._n, self._soles, self._friction)
+
+
+class Start(NamedTuple):
+    """From where a simulation ahead starts."""
+
+    stamp: int  # [ns]
+    foot: int  # support foot
+    theta: Array  # (m,) motor positions [rad], as in `TrunkTerms`
+    linear: Linear
+    state: State  # the filtered measurement
+    T_odom_sole: Array  # (4, 4) pose of the support sole
+
+
+@compiled
+def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> Array:
+    """Points (k, 3) of a course (n, 3) in odom, every `_STEP`, in the support sole: at since + horizons (k,) [s]."""
+    out = np.zeros((horizons.shape[0], 3))
+    for k in range(horizons.shape[0]):
+        at = (since + horizons[k]) / _STEP
+        i = min(int(at), course.shape[0] - 2)
+        for axis in range(3):
+            com = course[i, axis] + (at - i) * (course[i + 1, axis] - course[i, axis]) - T_odom_sole[axis, 3]
+            for j in range(3):
+                out[k, j] += com * T_odom_sole[axis, j]
+    return out
+
+
+@compiled
+def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, past: Memory, n: int) -> float:
+    """What the plan has changed since the stride before, filled into `moved` (k, 3) [m], every `_STEP`; the most of it.
+
+    Args:
+        com, preview, dt: planned COM (3,) now, and (p, 3) every dt [s] from then on.
+        then: this point of the stride before [ns].
+        past, n: the memory.
+    """
+    largest, i = 0.0, nearest(then, past.stamp, n, n - 1)
+    for k in range(moved.shape[0]):
+        stamp = then + int(k * _STEP * 1e9)
+        i = nearest(stamp, past.stamp, n, i)
+        j = i - 1 if (past.stamp[i] > stamp and i > 0) or i + 1 >= n else i
+        past_share = min(1.0, max(0.0, (stamp - past.stamp[j]) / (past.stamp[j + 1] - past.stamp[j])))
+        at = min(k * _STEP / dt, float(preview.shape[0]))  # a plan that ends stands still
+        ahead = min(int(at), preview.shape[0] - 1)
+        for axis in range(3):
+            own = com[axis] if ahead == 0 else preview[ahead - 1, axis]
+            own += (at - ahead) * (preview[ahead, axis] - own)
+            before = past.plan[j, axis] + past_share * (past.plan[j + 1, axis] - past.plan[j, axis])
+            moved[k, axis] = own - before
+    first = moved[0].copy()
+    for k in range(moved.shape[0]):
+        for axis in range(3):
+            moved[k, axis] -= first[axis]
+            if np.isnan(moved[k, axis]):  # the stride before had no plan
+                return np.inf
+            largest = max(largest, abs(moved[k, axis]))
+    return largest
+
+
+@compiled
+def swapped(v: Array) -> Array:
+    """Joints of both legs (m,) with the other leg's first."""
+    n = v.shape[0] // 2
+    return np.concatenate((v[n:], v[:n]))
+
+
+@compiled
+def nearest(t: int, stamp: NDArray[np.int64], n: int, i: int) -> int:
+    """Index below n of the stamp nearest to t, searched from i."""
+    while i > 0 and abs(stamp[i - 1] - t) <= abs(stamp[i] - t):
+        i -= 1
+    while i + 1 < n and abs(stamp[i + 1] - t) < abs(stamp[i] - t):
+        i += 1
+    return i
+
+
+@compiled
+def motors_at(t: int, past: Memory, n: int, i: int, foot: int) -> Array:
+    """Motor positions (m,) at a stamp t near sample i, linear between samples, the leg of `foot` first."""
+    if (past.stamp[i] > t and i > 0) or i + 1 >= n:
+        i -= 1
+    w = (t - past.stamp[i]) / (past.stamp[i + 1] - past.stamp[i])
+    a = past.theta[i] if past.foot[i] == foot else swapped(past.theta[i])
+    b = past.theta[i + 1] if past.foot[i + 1] == foot else swapped(past.theta[i + 1])
+    return (1.0 - w) * a + w * b
+
+
+@compiled
+def mismatch(stamp: int, lag: int, past: Memory, n: int) -> tuple[float, float]:
+    """Largest and mean square difference of the motors [rad], [rad^2] over `_WINDOW` to what they did a lag before."""
+    largest, square, count = 0.0, 0.0, 0
+    i = j = n - 1
+    while i >= 0 and past.stamp[i] >= stamp - _WINDOW * 1e9:
+        j = nearest(past.stamp[i] - lag, past.stamp, n, j)
+        off = np.abs(past.theta[i] - motors_at(past.stamp[i] - lag, past, n, j, past.foot[i]))
+        largest = max(largest, off.max())
+        square += (off * off).mean()
+        count += 1
+        i -= 1
+    return largest, square / max(1, count)
+
+
+@compiled
+def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
+    """The lag [ns] near a guess at which the last `_WINDOW` is most like what was then."""
+    costs = np.empty(_SEARCH.shape[0])
+    for k in range(costs.shape[0]):
+        costs[k] = mismatch(stamp, guess + int(_SEARCH[k] * 1e9), past, n)[1]
+    k = min(max(int(np.argmin(costs)), 1), costs.shape[0] - 2)
+    bend = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
+    shift = 0.5 * (costs[k - 1] - costs[k + 1]) / bend if bend > 0.0 else 0.0
+    step = _SEARCH[1] - _SEARCH[0]
+    return guess + int((_SEARCH[k] + min(1.0, max(-1.0, shift)) * step) * 1e9)
+
+
+@compiled
+def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Array, friction: float) -> Array:
+    """The model from a measured state through the stride before.
+
+    Args:
+        start: now.
+        then: the same point of the stride before [ns].
+        points: of the course, every _STEP.
+        past, n: the memory.
+        soles: (2, 4) edges of the left and the right sole [m].
+        friction: coefficient.
+
+    Returns:
+        COM (points, 3) [m] in odom; empty where the last stride was another one.
+    """
+    nothing = np.empty((0, 3))
+    if n < 2:
+        return nothing
+    q, foot = nearest(then, past.stamp, n, n - 1), start.foot
+    if not repeats(start.stamp, then, past, n, q):
+        return nothing
+    same = same_support(past, n, q, foot)
+    if past.foot[same] != foot:
+        return nothing
+    # The stride before in odom of now.
+    R_then = past.T_odom_sole[same, :3, :3]
+    R = mul(start.T_odom_sole[:3, :3].copy(), R_then.T.copy())
+    p = start.T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
+
+    m = start.theta.shape[0]
+    off = start.theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
+    state = State(start.state.y, start.state.w, np.zeros(2 * ROWS))
+    linear, out = start.linear, np.empty((points, 3))
+    for k in range(points):
+        t = then + int(k * _STEP * 1e9)
+        if k > 0:
+            q = nearest(t - int(0.5 * _STEP * 1e9), past.stamp, n, q)
+            if past.foot[q] != foot:  # the support changes
+                foot = past.foot[q]
+                state = switch_support(state, linear, soles[foot - 1])
+                off = swapped(off)
+            linear, solver = remembered(past, q, start.linear.reach)
+            before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
+            state = step_soles(state, linear, solver, before + off, after + off, 1, friction)
+        q = nearest(t, past.stamp, n, q)
+        x = state.y[:m] if past.foot[q] == foot else swapped(state.y[:m])
+        sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x - past.y[q, :m])
+        out[k] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
+    return out
+
+
+@compiled
+def repeats(stamp: int, then: int, past: Memory, n: int, q: int) -> bool:
+    """Whether the motors do now what they did then, at sample q, within a share of their range since."""
+    low, high = past.theta[q].copy(), past.theta[q].copy()
+    for i in range(q, n, 4):
+        there = past.theta[i] if past.foot[i] == past.foot[q] else swapped(past.theta[i])
+        low, high = np.minimum(low, there), np.maximum(high, there)
+    return mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * (high - low).max()
+
+
+@compiled
+def same_support(past: Memory, n: int, q: int, foot: int) -> int:
+    """The sample near q at which `foot` was the support foot: it may have become it a little later or earlier."""
+    for i in range(40):
+        if q + i < n and past.foot[q + i] == foot:
+            return q + i
+        if q - i >= 0 and past.foot[q - i] == foot:
+            return q - i
+    return q
+
+
+@compiled
+def remembered(past: Memory, q: int, reach: float) -> tuple[Linear, Solver]:
+    """The equations of motion of a remembered sample, and their solver for steps of _STEP."""
+    r = 2 * ROWS if past.double[q] else ROWS
+    linear = Linear(past.y[q], past.K[q], past.D[q], past.f[q], past.C[q], past.height[q], reach)
+    solver = Solver(
+        _STEP, past.inverse[q], past.by_impulse[q, :, :r].copy(), past.contact[q, :r, :r].copy()
+    )  # fmt: skip
+    return linear, solver

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Faults that no single message shows: wrenches of the wrong sign, feet that are swapped, forces that never end.
+
+They are told, never corrected: what is wrong is for a person to decide.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..base.input_warning import InputWarning, WarningKind
+from ..base.stream_names import WRENCHES
+from ..base.types import Foot, Sample
+from ..config.schema import Config
+
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
+
+_INTERVAL_NS = 20_000_000  # looking every 20 ms is enough, and costs nothing
+_ENOUGH = 50  # looks before a verdict: 1 s
+_CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
+_NEGATIVE = 0.02  # share of the weight: a mean force below minus this is no bias of a sensor
+_STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
+_CARRIES = 0.8  # share of the total force on the one foot of a single support
+
+
+class Plausibility:
+    """Watches Samples at 50 Hz."""
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        self._robot = robot
+        self._weight = config.support.weight or robot.mass * config.robot.gravity
+        self._posture = robot.posture()
+        self.reconfigure(config)
+        self.reset()
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over the thresholds of the support phase."""
+        self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more never lifts
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._next = 0
+        self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
+        self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
+        self._looks = 0
+        self._lower_carries = self._higher_carries = 0
+        self._air = {Foot.LEFT: 0, Foot.RIGHT: 0}  # looks at the foot in the air by the joints
+        self._air_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
+
+    def update(self, sample: Sample) -> None:
+        """Take one sample; stamps must increase between resets."""
+        if sample.stamp_ns < self._next:
+            return
+        self._next = sample.stamp_ns + _INTERVAL_NS
+        if sample.left_wrench is None or sample.right_wrench is None:
+            return
+        left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
+        for foot, force in ((Foot.LEFT, left), (Foot.RIGHT, right)):
+            self._force[foot] += force
+            self._negative[foot] += force < -_NEGATIVE * self._weight
+        self._looks += 1
+        self._posture.update(sample.q, sample.qd)
+        height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
+        if abs(height) <= _CLEARANCE:
+            return
+        higher = Foot.RIGHT if height > 0.0 else Foot.LEFT
+        self._air[higher] += 1
+        self._air_force[higher] += left if higher is Foot.LEFT else right
+        # With the sign wrong as well, the foot that carries is the one with the larger magnitude.
+        total = abs(left) + abs(right)
+        if total < 0.5 * self._weight or max(abs(left), abs(right)) < _CARRIES * total:
+            return
+        if (abs(left) > abs(right)) == (higher is Foot.LEFT):
+            self._higher_carries += 1
+        else:
+            self._lower_carries += 1
+
+    def counts(self) -> dict[str, int]:
+        """Looks (50 a second) that found something odd; some do on a good robot, touching down for one."""
+        counts = {f"{name}/negative": self._negative[foot] for foot, name in WRENCHES.items()}
+        counts["wrenches/swapped"] = self._higher_carries
+        return {name: count for name, count in counts.items() if count}
+
+    def warnings(self) -> list[InputWarning]:
+        """What looks wrong."""
+        found = []
+        if self._looks >= _ENOUGH:
+            for foot, name in WRENCHES.items():
+                mean = self._force[foot] / self._looks
+                if mean < -_NEGATIVE * self._weight:
+                    text = (
+                        f"{name}: the mean vertical force is {mean:.0f} N: wrong sign? wanted is what the ground "
+                        "exerts on the foot (positive while it stands)"
+                    )
+                    found.append(InputWarning(WarningKind.SIGN, name, text))
+        looks = self._lower_carries + self._higher_carries
+        if looks >= _ENOUGH // 2 and self._higher_carries > 0.8 * looks:
+            text = (
+                f"wrenches: in {self._higher_carries} of {looks} looks at single support the foot in the air by "
+                "the joints carries the robot by the wrenches: left and right swapped?"
+            )
+            return [*found, InputWarning(WarningKind.SWAPPED, "", text)]
+        for foot, name in WRENCHES.items():
+            mean = self._air_force[foot] / max(self._air[foot], 1)
+            if self._air[foot] >= _ENOUGH // 2 and self._lifts < mean < _STANDS * self._weight:
+                text = (
+                    f"{name}: reads {mean:.0f} N on average while the foot is in the air by the joints: a bias? above "
+                    f"{self._lifts:.0f} N (support.contact_off) lift-offs are missed"
+                )
+                found.append(InputWarning(WarningKind.BIAS, name, text))
+        return found

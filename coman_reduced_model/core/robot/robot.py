@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Kinematics of the robot by Pinocchio: COM, soles and Jacobians, for any URDF with two legs.
+
+Everything is computed with the root link of the URDF at the origin and then told in the frame of a sole, which is
+assumed flat on the ground. Frames: `base` is the root link, `sole` the named sole. `robot.base_frame` names the trunk,
+whose axes may be others: loads on it are in these, and its z is what leans.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import RobotError
+from ..base.compiled import compiled
+from ..base.types import Array, Foot
+from .configuration import LegConfig, RobotConfig
+from .leg import leg_jacobian
+
+_LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
+
+
+class Robot:
+    """A URDF and the two legs in it.
+
+    Attributes:
+        joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
+        legs: indices of the joints of each leg in `joint_names`, hip to ankle.
+        leg_columns: their columns in Jacobians.
+        sole_columns: columns of all joints between the root link and each sole.
+        soles: x of the back and the front edge, y of the right and the left edge (4,) of each sole in its frame [m].
+    """
+
+    def __init__(self, urdf: str, config: RobotConfig, source: str = "robot_description") -> None:
+        """Build the model from URDF text.
+
+        Raises:
+            RobotError: the URDF cannot be read, has no mass, or lacks a joint or frame of the configuration.
+        """
+        self.config = config
+        self.urdf = urdf
+        self.model = _build(urdf, source)
+        if not self.mass > 0.0:
+            raise RobotError(f"{source}: the URDF has no mass (sum of all links {self.mass:g} kg)")
+        joints = [
+            (name, joint)
+            for name, joint in zip(self.model.names[1:], self.model.joints[1:], strict=True)
+            if joint.nv == 1
+        ]
+        self.joint_names = tuple(name for name, _ in joints)
+        self.idx_v = np.array([joint.idx_v for _, joint in joints], dtype=np.intp)
+        simple = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 1]
+        self._continuous = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 2]
+        self._from = np.array([i for i, _ in simple], dtype=np.intp)
+        self._to = np.array([idx for _, idx in simple], dtype=np.intp)
+        self.base_id = self._frame(config.base_frame, "robot.base_frame", source)
+        self.sole_ids: dict[Foot, int] = {}
+        self.legs: dict[Foot, Array] = {}
+        self.leg_columns: dict[Foot, Array] = {}
+        self.sole_columns: dict[Foot, Array] = {}
+        for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right)):
+            self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{_LEG_NAMES[foot]}.sole_frame", source)
+            self.legs[foot] = self._leg(foot, leg, source)
+            self.leg_columns[foot] = self.idx_v[self.legs[foot]]
+            chain = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
+            self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(chain)[2:]], dtype=np.intp)
+        self.soles = {foot: self._outline(foot) for foot in self.sole_ids}
+        self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
+
+    def _frame(self, name: str, key: str, source: str) -> int:
+        if not self.model.existFrame(name, pin.FrameType.BODY):
+            known = ", ".join(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
+            raise RobotError(f"{source}: no frame {name!r} ({key}); links of the URDF: {known[:300]}")
+        return int(self.model.getFrameId(name, pin.FrameType.BODY))
+
+    def _leg(self, foot: Foot, leg: LegConfig, source: str) -> Array:
+        key = f"robot.{_LEG_NAMES[foot]}.joints"
+        if not leg.joints:
+            raise RobotError(f"{source}: {key}: no joints named")
+        for name in leg.joints:
+            if name not in self.joint_names:
+                raise RobotError(
+                    f"{source}: no movable joint {name!r} ({key}); "
+                    f"joints of the URDF: {', '.join(self.joint_names)[:300]}"
+                )
+        chain = list(self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint])
+        base = list(self.model.supports[self.model.frames[self.base_id].parentJoint])
+        between = [self.model.names[j] for j in chain if j not in base and self.model.joints[j].nv == 1]
+        if between != list(leg.joints):
+            raise RobotError(
+                f"{source}: {key}: the joints from {self.config.base_frame!r} to {leg.sole_frame!r} are "
+                f"{', '.join(between) or 'none'}, not {', '.join(leg.joints)}"
+            )
+        return np.array([self.joint_names.index(name) for name in leg.joints], dtype=np.intp)
+
+    def _outline(self, foot: Foot) -> Array:
+        """Edges of a sole: of the collision boxes of the foot, or else as long and wide as the configuration says."""
+        sole, corners = self.model.frames[self.sole_ids[foot]], []
+        for link in ElementTree.fromstring(self.urdf.strip()).iterfind("link"):
+            name = str(link.get("name"))
+            if not self.model.existFrame(name, pin.FrameType.BODY):
+                continue
+            frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
+            if frame.parentJoint != sole.parentJoint:
+                continue
+            for collision in link.iterfind("collision"):
+                box, origin = collision.find("geometry/box"), collision.find("origin")
+                if box is None:
+                    continue
+                place = {} if origin is None else origin.attrib
+                xyz, rpy = (np.array(place.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+                at = sole.placement.actInv(frame.placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz))
+                half = 0.5 * np.array(box.get("size", "0 0 0").split(), dtype=float)
+                corners += [at.act(half * (2.0 * np.array(corner) - 1.0)) for corner in np.ndindex(2, 2, 2)]
+        if not corners:
+            x, y = 0.5 * self.config.foot_length, 0.5 * self.config.foot_width
+            return np.array([-x, x, -y, y])
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        return np.array([low[0], high[0], low[1], high[1]])
+
+    @property
+    def mass(self) -> float:
+        """Of all links [kg]."""
+        return float(pin.computeTotalMass(self.model))
+
+    def sensor_frame(self, name: str) -> int | None:
+        """The frame of an IMU: `robot.base_frame` if the URDF lacks it; None if it is neither on the root nor trunk."""
+        if not self.model.existFrame(name, pin.FrameType.BODY):
+            return self.base_id
+        found = int(self.model.getFrameId(name, pin.FrameType.BODY))
+        bodies = (1, self.model.frames[self.base_id].parentJoint)
+        return found if self.model.frames[found].parentJoint in bodies else None
+
+    def copy(self) -> Robot:
+        """The same robot with a model of its own, whose inertias may be changed."""
+        robot = copy(self)
+        robot.model = self.model.copy()
+        return robot
+
+    def posture(self) -> Posture:
+        """A workspace for one posture; link and motor side each hold one."""
+        return Posture(self)
+
+    def wrench_to_sole(self, foot: Foot, frame_id: str, force: Array, torque: Array) -> Array:
+        """A wrench on the foot, told in any frame fixed to it, as (6,) force [N], torque [Nm] in its sole frame.
+
+        Raises:
+            RobotError: the frame does not exist or is not fixed to that foot.
+        """
+        try:
+            R, p = self._wrench_maps[foot, frame_id]
+        except KeyError:
+            R, p = self._wrench_maps[foot, frame_id] = self._wrench_map(foot, frame_id)
+        wrench = np.empty(6)
+        wrench[:3] = R @ force
+        wrench[3:] = R @ torque
+        wrench[3] += p[1] * wrench[2] - p[2] * wrench[1]
+        wrench[4] += p[2] * wrench[0] - p[0] * wrench[2]
+        wrench[5] += p[0] * wrench[1] - p[1] * wrench[0]
+        return wrench
+
+    def _wrench_map(self, foot: Foot, frame_id: str) -> tuple[Array, Array]:
+        name = frame_id.lstrip("/")
+        if not self.model.existFrame(name, pin.FrameType.BODY):
+            raise RobotError(
+                f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which the URDF lacks"
+            )
+        sole = self.model.frames[self.sole_ids[foot]]
+        frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
+        if frame.parentJoint != sole.parentJoint:
+            raise RobotError(
+                f"the wrench of the {_LEG_NAMES[foot]} foot is in frame {frame_id!r}, which is not fixed to that foot"
+            )
+        M = sole.placement.actInv(frame.placement)
+        return M.rotation.copy(), M.translation.copy()
+
+    def scatter(self, q: Array, out: Array) -> None:
+        """Write joint positions (nj,) into a configuration vector of the model, in place."""
+        if self._continuous:
+            out[self._to] = q[self._from]
+            for i, idx in self._continuous:
+                out[idx], out[idx + 1] = np.cos(q[i]), np.sin(q[i])
+        else:
+            out[self._to] = q
+
+
+class Posture:
+    """The robot at one set of joint positions and velocities; `update` refreshes all quantities in place.
+
+    Attributes, all in the base frame (views into Pinocchio's data: copy what is to be kept):
+        com: (3,) [m].
+        R, p: by foot, rotation (3, 3) and position (3,) [m] of the sole.
+        up: (3,) z of the trunk (`robot.base_frame`).
+        J: (6, nv) velocity [linear; angular] of the point at the base origin that moves with what a joint carries.
+        J_com: (3, nv) velocity of the COM.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.data = robot.model.createData()
+        self._q = pin.neutral(robot.model)
+        self._v = np.zeros(robot.model.nv)
+        self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
+        # Pinocchio's containers keep their addresses, so that the views stay valid and cost nothing to read.
+        self.com, self.J, self.J_com = self.data.com[0], self.data.J, self.data.Jcom
+        self._soles = {foot: self.data.oMf[index] for foot, index in robot.sole_ids.items()}
+        self.R = {foot: placement.rotation for foot, placement in self._soles.items()}
+        self.p = {foot: placement.translation for foot, placement in self._soles.items()}
+        self.up = self.orientation(robot.base_id)[:, 2]
+
+    def update(self, q: Array, qd: Array) -> None:
+        """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
+        robot = self.robot
+        robot.scatter(q, self._q)
+        self._v[robot.idx_v] = qd
+        pin.jacobianCenterOfMass(robot.model, self.data, self._q, False)  # COM, J_com, J, and where the joints are
+        pin.updateFramePlacements(robot.model, self.data)
+
+    def tilt(self, foot: Foot) -> Array:
+        """Roll and pitch (2,) [rad] of the trunk about x, y of a sole that lies flat."""
+        return np.array(tilt(self.R[foot], self.up))
+
+    def orientation(self, frame: int) -> Array:
+        """Rotation (3, 3) of any frame of the model; a view."""
+        rotation: Array = self.data.oMf[frame].rotation
+        return rotation
+
+    def leg_jacobian(self, foot: Foot) -> Array:
+        """The Jacobian of (8), (6, n): see `stiffness.leg_jacobian`."""
+        return leg_jacobian(self.J, self.robot.leg_columns[foot], self.com, self.R[foot])
+
+    def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
+        """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
+        out = np.empty((2, 3))  # what compiled code fills costs less than what it returns
+        columns = self.robot.sole_columns[foot]
+        _com_in_sole(self.com, self.J_com, self.J, columns, self._v, self.R[foot], self.p[foot], out)
+        return out[0], out[1]
+
+    def sole_pose(self, foot: Foot, other: Foot) -> Array:
+        """Pose (4, 4) of the sole `other` in the frame of the sole `foot`."""
+        T = np.empty((4, 4))
+        _pose_in(self.R[foot], self.p[foot], self.R[other], self.p[other], T)
+        return T
+
+    def sole_to_sole(self, foot: Foot, other: Foot) -> tuple[Array, Array]:
+        """The same as rotation (3, 3) and position (3,)."""
+        T = self.sole_pose(foot, other)
+        return T[:3, :3], T[:3, 3]
+
+
+@compiled
+def _com_in_sole(com: Array, J_com: Array, J: Array, columns: Array, v: Array, R: Array, p: Array, out: Array) -> None:
+    t0 = t1 = t2 = w0 = w1 = w2 = 0.0  # twist of the sole, as J tells it
+    for c in columns:
+        t0, t1, t2 = t0 + J[0, c] * v[c], t1 + J[1, c] * v[c], t2 + J[2, c] * v[c]
+        w0, w1, w2 = w0 + J[3, c] * v[c], w1 + J[4, c] * v[c], w2 + J[5, c] * v[c]
+    v0 = -t0 - (w1 * com[2] - w2 * com[1])
+    v1 = -t1 - (w2 * com[0] - w0 * com[2])
+    v2 = -t2 - (w0 * com[1] - w1 * com[0])
+    for c in range(v.shape[0]):
+        v0, v1, v2 = v0 + J_com[0, c] * v[c], v1 + J_com[1, c] * v[c], v2 + J_com[2, c] * v[c]
+    for i in range(3):
+        out[0, i] = R[0, i] * (com[0] - p[0]) + R[1, i] * (com[1] - p[1]) + R[2, i] * (com[2] - p[2])
+        out[1, i] = R[0, i] * v0 + R[1, i] * v1 + R[2, i] * v2
+
+
+@compiled
+def tilt(R: Array, up: Array) -> tuple[float, float]:
+    """Roll and pitch [rad] of the trunk about x, y of a flat sole, whatever way the axes of root link and trunk point.
+
+    Args:
+        R, up: orientation (3, 3) of the sole and z (3,) of the trunk in the base frame.
+    """
+    x, y, z = (R[:, 0] * up).sum(), (R[:, 1] * up).sum(), (R[:, 2] * up).sum()
+    return -np.arcsin(max(-1.0, min(1.0, y))), np.arctan2(x, z)
+
+
+@compiled
+def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array, out: Array) -> None:
+    for i in range(3):
+        out[i, 3] = out[3, i] = 0.0
+        for j in range(3):
+            out[i, j] = R[0, i] * R_other[0, j] + R[1, i] * R_other[1, j] + R[2, i] * R_other[2, j]
+            out[i, 3] += R[j, i] * (p_other[j] - p[j])
+    out[3, 3] = 1.0
+
+
+def _build(urdf: str, source: str) -> pin.Model:
+    text = urdf.strip()
+    if not text:
+        raise RobotError(f"{source}: the URDF is empty")
+    try:  # checked here, because urdfdom writes its complaints to the terminal
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise RobotError(f"{source}: the URDF is not XML: {error}") from None
+    if root.tag != "robot" or root.find("link") is None:
+        raise RobotError(f"{source}: not a URDF: wanted <robot> with links, found <{root.tag}>")
+    children = {child.get("link") for child in root.iterfind("joint/child")}
+    roots = [str(link.get("name")) for link in root.iterfind("link") if link.get("name") not in children]
+    if len(roots) != 1:
+        raise RobotError(
+            f"{source}: a URDF has one root link, this one {len(roots)}: {', '.join(roots)[:300] or 'a loop'}"
+        )
+    try:
+        # A free-flyer root, because Pinocchio drops the root link's mass from the COM of a fixed base.
+        return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    except Exception as error:  # urdfdom's complaints reach Python as several types
+        reason = " ".join(str(error).split())[:200]
+        raise RobotError(f"{source}: the URDF cannot be read: {reason}") from None

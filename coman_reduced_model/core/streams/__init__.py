@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Input streams: which messages count, and how they are joined into samples by stamp."""

@@ -1,0 +1,409 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Joins the streams by stamp: messages in, one Sample for each joint state out.
+
+A joint state at time t waits until every *expected* stream has a message with a stamp of t or later: both
+wrenches, and the motor states or the reference if the prediction needs them. If one is late or gone, it waits until
+a joint state `streams.max_wait` newer has come. Other streams never delay anything: their nearest message so far is
+taken. Streams with equal stamps therefore complete at once; a slower stream delays by its period.
+
+Values at t are interpolated between the two messages around it; where only one is near enough, it is taken as it
+is; where none is, the value is None. A message later than t counts only within half of `max_wait`. So long as
+the streams arrive at most that far apart, Samples do not depend on the order of arrival, to the last bit: each
+stream is judged by itself (`streams.Stream`), and what is joined is decided by stamps that have surely come.
+
+Effects may know that the stamps of a stream are late (`encoder_delay`, `wrench_delay`). It is taken off as messages
+come in: all else, the stamps of Samples included, is in true time, and joint states wait for late streams that much
+longer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import RobotError
+from ..base.compiled import compiled
+from ..base.stream_names import (
+    IMU,
+    JOINTS,
+    MOTORS,
+    REFERENCE,
+    WRENCHES,
+)
+from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
+from ..config.schema import Config
+from .differentiate import Differentiator
+from .joint_map import JointMap, JointState
+from .preview import later
+from .stream import (
+    CAPACITY,
+    Item,
+    Refused,
+    Rejections,
+    Stream,
+    fault,
+    usable,
+)
+
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
+
+
+class Joiner:
+    """Joins one robot's streams. Each `add_*` returns the Samples that are complete now, oldest first.
+
+    Attributes:
+        streams: by name, for rates and ages.
+        rejections: what was not used and why.
+        incomplete: by stream, the number of Samples that went without an expected value.
+        extra_joints: joints in messages that the URDF lacks (ignored).
+        clock_lead_s: by expected stream, how far its stamps are ahead of those of the joint states as they arrive,
+            smoothed; about zero if clocks agree and nothing is delayed.
+    """
+
+    def __init__(self, robot: Robot, config: Config, delays: Mapping[str, float] | None = None) -> None:
+        """Streams as a configuration limits them; `delays`: by stream, how much its stamps are late [s]."""
+        limits = config.streams
+        self._robot = robot
+        self._max_wait = round(limits.max_wait * 1e9)
+        self._reach = self._max_wait // 2
+        self._gap = round(limits.restart_gap * 1e9)
+        self.rejections = Rejections()
+
+        def stream(name: str, max_age_s: float) -> Stream:
+            return Stream(name, max_age_s, limits.restart_gap, self.rejections)
+
+        self._joints = stream(JOINTS, 0.0)
+        self._motors = stream(MOTORS, limits.max_motor_age)
+        self._wrenches = {foot: stream(name, limits.max_wrench_age) for foot, name in WRENCHES.items()}
+        self._reference = stream(REFERENCE, limits.max_reference_age)
+        self._imu = stream(IMU, limits.max_wrench_age)
+        self._others = (*self._wrenches.values(), self._motors, self._reference, self._imu)
+        self.streams = {each.name: each for each in (self._joints, *self._others)}
+        self._fields = [(self._wrenches[Foot.LEFT], "left_wrench"), (self._wrenches[Foot.RIGHT], "right_wrench")]
+        if config.prediction.reference == "motor":
+            self._fields.append((self._motors, "motor_q"))
+        elif config.prediction.reference == "topic":
+            self._fields.append((self._reference, "reference"))
+        self._expected = tuple(each for each, _ in self._fields)
+        for each in self.streams.values():
+            each.late = round(1e9 * (delays or {}).get(each.name, 0.0))
+        self._max_wait += max(0, *(each.late - self._joints.late for each in self._expected))
+        self.incomplete = {each.name: 0 for each in self._expected}
+        self.clock_lead_s: dict[str, float] = {}
+        self._seen = dict.fromkeys(self.incomplete, 0)
+
+        legs = config.robot.left.joints + config.robot.right.joints
+        size = len(robot.joint_names)
+        # A joint without motor-side encoder is rigid: its motor position is the link's, filled in by _sample.
+        self._maps = {JOINTS: JointMap(robot.joint_names, legs), MOTORS: JointMap(robot.joint_names, legs, math.nan)}
+        self._differentiators = {
+            name: Differentiator(limits.velocity_window, limits.restart_gap, size) for name in self._maps
+        }
+        self._waiting: deque[Item] = deque()
+        self._wrench_maps: dict[tuple[Foot, str], Array | RobotError] = {}
+
+    @property
+    def extra_joints(self) -> tuple[str, ...]:
+        """Joints that messages listed and the URDF lacks."""
+        return tuple(sorted(set().union(*(each.extra for each in self._maps.values()))))
+
+    @property
+    def unlisted_joints(self) -> tuple[str, ...]:
+        """Joints of the URDF that no joint state listed: held at zero."""
+        return self._maps[JOINTS].unlisted
+
+    @property
+    def waiting(self) -> int:
+        """Joint states that wait for other streams."""
+        return len(self._waiting)
+
+    def add_joint(self, message: JointMessage) -> list[Sample]:
+        """A joint state, link side."""
+        accepted = self._joint_items(self._joints, message)
+        if not accepted:
+            return []
+        samples = self._restart(accepted[0][0]) if self._joints.jumped else []
+        self._watch_clocks()
+        for stamp, state in accepted:
+            if self._velocity(JOINTS, stamp, state):
+                self._waiting.append((stamp, state))
+        return samples + self._ready() if samples else self._ready()
+
+    def add_motor(self, message: JointMessage) -> list[Sample]:
+        """A joint state, motor side."""
+        accepted = self._joint_items(self._motors, message)
+        samples = self._went_back(self._motors) if self._motors.jumped else []
+        self._motors.items.extend(item for item in accepted if self._velocity(MOTORS, *item))
+        return samples + self._ready()
+
+    def add_wrench(self, foot: Foot, message: WrenchMessage) -> list[Sample]:
+        """What the ground exerts on a foot."""
+        stream = self._wrenches[foot]
+        stream.received += 1
+        to_sole = self._wrench_maps.get((foot, message.frame_id))
+        if to_sole is None:
+            to_sole = self._wrench_map(foot, message.frame_id)
+        if isinstance(to_sole, RobotError):
+            good = usable(message.force) and usable(message.torque)
+        else:
+            wrench = np.empty(6)
+            good = _to_sole(to_sole, message.force, message.torque, wrench)
+        if not good:
+            values = np.concatenate((message.force, message.torque))
+            return self._reject_values(stream, values, f"force {message.force}, torque {message.torque}")
+        if isinstance(to_sole, RobotError):
+            self._reject(stream, "frame", str(to_sole))
+            return []
+        return self._add(stream, message.stamp_ns, wrench)
+
+    def add_reference(self, message: Reference) -> list[Sample]:
+        """A point of the planned motion."""
+        self._reference.received += 1
+        values = (
+            message.com,
+            message.com_vel,
+            message.com_acc,
+            message.zmp,
+            message.T_odom_left,
+            message.T_odom_right,
+            message.preview_com,
+            message.preview_com_vel,
+        )
+        if message.preview_com_vel.shape != message.preview_com.shape:
+            told = f"{len(message.preview_com)} positions and {len(message.preview_com_vel)} velocities in its preview"
+            self._reject(self._reference, "length", told)
+            return []
+        if not _all_usable(*values):
+            worst = next(each for each in values if not usable(each))
+            return self._reject_values(self._reference, worst, f"a vector of it is {worst[:3]}")
+        return self._add(self._reference, message.stamp_ns, message)
+
+    def add_imu(self, message: ImuMessage) -> list[Sample]:
+        """Orientation and rates of the trunk."""
+        self._imu.received += 1
+        for values in (message.angular_velocity, message.linear_acceleration):
+            if not usable(values):
+                return self._reject_values(self._imu, values, f"a vector of it is {values}")
+        return self._add(self._imu, message.stamp_ns, message)
+
+    def flush(self) -> list[Sample]:
+        """The end: joint states that still wait become Samples with what is there."""
+        for stream in self.streams.values():
+            stream.finish()
+        return self._drain()
+
+    # --- taking messages in ---
+
+    def _reject(self, stream: Stream, reason: str, sentence: str) -> None:
+        self.rejections.add(stream.name, reason, sentence)
+
+    def _reject_values(self, stream: Stream, values: Array, sentence: str) -> list[Sample]:
+        self._reject(stream, fault(float(values.sum())), " ".join(sentence.split()))
+        return []
+
+    def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
+        accepted = stream.accept(stream.true_stamp(stamp), value)
+        samples = self._went_back(stream) if stream.jumped else []
+        stream.items.extend(accepted)
+        if stream not in self._expected:  # nothing waits for it
+            return samples
+        return samples + self._ready() if samples else self._ready()
+
+    def _joint_items(self, stream: Stream, message: JointMessage) -> tuple[Item, ...]:
+        stream.received += 1
+        try:
+            state = self._maps[stream.name].sort(message)
+        except Refused as refused:
+            self._reject(stream, refused.reason, str(refused))
+            return ()
+        return stream.accept(stream.true_stamp(message.stamp_ns), state)
+
+    def _velocity(self, name: str, stamp: int, state: JointState) -> bool:
+        """Fill in a velocity that the message does not give; False while there is none."""
+        if state.qd is not None:
+            return True
+        state.qd = self._differentiators[name].update(stamp, state.q)
+        if state.qd is None:
+            self.rejections.add(name, "no_velocity", "gives no velocities, and one position makes none")
+        return state.qd is not None
+
+    def _wrench_map(self, foot: Foot, frame_id: str) -> Array | RobotError:
+        """(6, 6) matrix from wrenches in a frame to the sole's, or why there is none."""
+        result: Array | RobotError
+        try:
+            unit = np.eye(6)
+            result = np.array([self._robot.wrench_to_sole(foot, frame_id, e[:3], e[3:]) for e in unit]).T.copy()
+        except RobotError as error:
+            result = error
+        if len(self._wrench_maps) >= 64:  # a broken driver may name another frame every time
+            self._wrench_maps.clear()
+        self._wrench_maps[foot, frame_id] = result
+        return result
+
+    # --- clocks that differ or go back ---
+
+    def _watch_clocks(self) -> None:
+        """Compare clocks at a joint state, with the streams that came since the last: one that stopped is no clock.
+
+        Nor is one that a restart has emptied (`last` is None): what came before belongs to the run before.
+        """
+        for stream in self._expected:
+            if stream.last is not None and stream.accepted != self._seen[stream.name]:
+                self._seen[stream.name] = stream.accepted
+                # What the clocks say, whatever is known of them: a configured delay is no news.
+                lead = (stream.last + stream.late - self._joints.last - self._joints.late) * 1e-9  # type: ignore[operator]
+                before = self.clock_lead_s.get(stream.name, lead)
+                self.clock_lead_s[stream.name] = before + 0.05 * (lead - before)
+
+    def _restart(self, stamp: int) -> list[Sample]:
+        """The joint states went back (bag loop): finish what waits, forget what belongs to the run before."""
+        self._joints.jumped = False
+        samples = self._drain()
+        for stream in self._others:
+            if stream.last is not None and stream.last > stamp + self._gap:
+                stream.start_afresh()
+        self.clock_lead_s.clear()
+        return samples
+
+    def _went_back(self, stream: Stream) -> list[Sample]:
+        """Another stream went back: its messages so far serve the joint states that wait, and no others."""
+        stream.jumped = False
+        samples = self._drain()
+        stream.items.clear()
+        return samples
+
+    # --- giving samples out ---
+
+    def _ready(self) -> list[Sample]:
+        samples: list[Sample] = []
+        waiting = self._waiting
+        while waiting:
+            stamp = waiting[0][0]
+            overdue = self._joints.last - stamp > self._max_wait or len(waiting) > CAPACITY  # type: ignore[operator]
+            if not overdue:
+                for stream in self._expected:
+                    if stream.last is None or stream.last < stamp:
+                        return samples
+            samples.append(self._sample(*waiting.popleft()))
+        return samples
+
+    def _drain(self) -> list[Sample]:
+        samples = [self._sample(*item) for item in self._waiting]
+        self._waiting.clear()
+        return samples
+
+    def _sample(self, stamp: int, state: JointState) -> Sample:
+        sample = Sample(
+            stamp,
+            state.q,
+            state.qd,  # type: ignore[arg-type]
+            state.tau,
+            left_wrench=self._wrench_at(Foot.LEFT, stamp),
+            right_wrench=self._wrench_at(Foot.RIGHT, stamp),
+        )
+        if self._motors.items:
+            self._join_motors(sample)
+        if self._reference.items:
+            sample.reference = self._reference_at(stamp)
+        if self._imu.items:
+            sample.imu = self._imu.nearest(stamp)
+        for stream, field in self._fields:
+            if getattr(sample, field) is None:
+                self.incomplete[stream.name] += 1
+        return sample
+
+    # What follows copies what it takes as it is: effects correct Samples in place.
+
+    def _wrench_at(self, foot: Foot, stamp: int) -> Array | None:
+        before, after = self._wrenches[foot].bracket(stamp, self._reach)
+        if before is None:
+            return None if after is None else after[1].copy()
+        if after is None or before[0] == stamp:
+            return before[1].copy()
+        wrench = np.empty(6)
+        _mix(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), wrench)
+        return wrench
+
+    def _join_motors(self, sample: Sample) -> None:
+        stamp = sample.stamp_ns
+        before, after = self._motors.bracket(stamp, self._reach)
+        if before is not None and after is not None and before[0] != stamp:
+            weight = (stamp - before[0]) / (after[0] - before[0])
+            old, new = before[1], after[1]
+            sample.motor_q = old.q + weight * (new.q - old.q)
+            sample.motor_qd = old.qd + weight * (new.qd - old.qd)
+        elif (found := before or after) is not None:
+            sample.motor_q, sample.motor_qd = found[1].q.copy(), found[1].qd.copy()
+        if sample.motor_q is not None and self._maps[MOTORS].unlisted:
+            rigid = np.isnan(sample.motor_q)
+            sample.motor_q[rigid] = sample.q[rigid]
+            sample.motor_qd[rigid] = sample.qd[rigid]  # type: ignore[index]
+
+    def _reference_at(self, stamp: int) -> Reference | None:
+        before, after = self._reference.bracket(stamp, self._reach)
+        if before is None or after is None or before[0] == stamp:
+            found = before or after
+            return None if found is None else later(found[1], stamp - found[0])
+        return _mixed(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), stamp)
+
+
+@compiled
+def _all_usable(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, h: Array) -> bool:
+    return usable(a) and usable(b) and usable(c) and usable(d) and usable(e) and usable(f) and usable(g) and usable(h)
+
+
+@compiled
+def _to_sole(matrix: Array, force: Array, torque: Array, out: Array) -> bool:
+    """Write a wrench (6,) by the matrix (6, 6) to its sole; whether it was usable."""
+    for i in range(6):
+        out[i] = 0.0
+        for j in range(3):
+            out[i] += matrix[i, j] * force[j] + matrix[i, 3 + j] * torque[j]
+    return usable(force) and usable(torque)
+
+
+@compiled
+def _mix(first: Array, second: Array, weight: float, out: Array) -> None:
+    """Write the point that is `weight` of the way from the first to the second (n,)."""
+    for i in range(out.shape[0]):
+        out[i] = first[i] + weight * (second[i] - first[i])
+
+
+@compiled
+def _mix_plans(
+    weight: float, com_0: Array, com_1: Array, vel_0: Array, vel_1: Array, acc_0: Array, acc_1: Array, zmp_0: Array,
+    zmp_1: Array, now: Array, preview_0: Array, preview_1: Array, preview_vel_0: Array, preview_vel_1: Array,
+    ahead: Array,
+) -> None:  # fmt: skip
+    """The same for all vectors of two plans: now (4, 3) and their previews (n, 3), ahead (2, n, 3)."""
+    _mix(com_0, com_1, weight, now[0])
+    _mix(vel_0, vel_1, weight, now[1])
+    _mix(acc_0, acc_1, weight, now[2])
+    _mix(zmp_0, zmp_1, weight, now[3])
+    for k in range(preview_0.shape[0]):
+        _mix(preview_0[k], preview_1[k], weight, ahead[0, k])
+        _mix(preview_vel_0[k], preview_vel_1[k], weight, ahead[1, k])
+
+
+def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Reference:
+    """The plan between two of its points: vectors interpolated, feet and phase those of the nearer one.
+
+    Where the previews do not match, the nearer point is taken whole, with its own stamp.
+    """
+    nearer = new if weight > 0.5 else old
+    if old.preview_dt != new.preview_dt or old.preview_com.shape != new.preview_com.shape:
+        return nearer
+    now, ahead = np.empty((4, 3)), np.empty((2, *new.preview_com.shape))
+    _mix_plans(
+        weight, old.com, new.com, old.com_vel, new.com_vel, old.com_acc, new.com_acc, old.zmp, new.zmp, now,
+        old.preview_com, new.preview_com, old.preview_com_vel, new.preview_com_vel, ahead,
+    )  # fmt: skip
+    return Reference(
+        stamp, now[0], now[1], now[2], now[3], nearer.T_odom_left, nearer.T_odom_right, nearer.phase, nearer.step,
+        nearer.preview_dt, ahead[0], ahead[1],
+    )  # fmt: skip

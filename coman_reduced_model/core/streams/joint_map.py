@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Joint arrays of a message, in whatever order it lists them, into the order of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.compiled import compiled
+from ..base.types import Array, JointMessage
+from .stream import LIMIT, Refused, fault, usable
+
+
+@dataclass(slots=True)
+class JointState:
+    """A joint message in the order of `Robot.joint_names`; arrays (nj,)."""
+
+    q: Array  # [rad]; `fill` where the message does not list the joint
+    qd: Array | None  # [rad/s], likewise; None: not given
+    tau: Array | None  # [Nm]; NaN where not given; None: not given at all
+
+
+class _Order:
+    """How one tuple of names maps to the robot."""
+
+    def __init__(self, names: tuple[str, ...], joint_names: tuple[str, ...], needed: Sequence[str]) -> None:
+        self.refused: Refused | None = None
+        position = {name: i for i, name in enumerate(names)}
+        if len(position) != len(names):
+            twice = next(name for i, name in enumerate(names) if position[name] != i)
+            self.refused = Refused("repeated_joint", f"joint {twice!r} is listed twice")
+        missing = [name for name in needed if name not in position]
+        if len(missing) == len(needed):
+            # Grippers and heads often publish on the same topic; that is no fault of the legs' driver.
+            self.refused = Refused(
+                "no_leg_joint", f"no joint of the legs among {', '.join(names)[:120] or 'no joints'}"
+            )
+        elif missing:
+            self.refused = Refused("missing_joint", f"joint {', '.join(map(repr, missing))} of the legs is missing")
+        listed = [name for name in joint_names if name in position]
+        self.take = np.array([position[name] for name in listed], dtype=np.intp)
+        self.put = np.array([i for i, name in enumerate(joint_names) if name in position], dtype=np.intp)
+        self.complete = len(listed) == len(joint_names)
+        self.extra = tuple(name for name in names if name not in joint_names)
+        self.unlisted = tuple(name for name in joint_names if name not in position)
+
+    def taken(self, values: Array) -> tuple[Array, bool]:
+        """The robot's joints of a message, as an array of its own, and whether they are usable."""
+        out = np.empty(len(self.take))
+        return out, _take(values, self.take, out)  # what compiled code fills costs less than what it returns
+
+    def place(self, values: Array, fill: float, size: int) -> Array:
+        """Values taken from a message in the order of the robot; `fill` where it lists no such joint."""
+        if self.complete:
+            return values
+        result = np.full(size, fill)
+        result[self.put] = values
+        return result
+
+
+class JointMap:
+    """Sorts joint messages; remembers each order of names that it has seen.
+
+    Every message must list all joints of both legs: legs split over several messages are refused. Joints that the
+    URDF lacks are ignored; other joints of the URDF that no message lists get `fill`.
+
+    Attributes:
+        extra: joints in messages that the URDF lacks, each once.
+        unlisted: joints of the URDF that the last usable message did not list.
+    """
+
+    def __init__(self, joint_names: Sequence[str], needed: Sequence[str], fill: float = 0.0) -> None:
+        self._names = tuple(joint_names)
+        self._needed = tuple(needed)
+        self._fill = fill
+        self._orders: dict[tuple[str, ...], _Order] = {}
+        self.extra: set[str] = set()
+        self.unlisted: tuple[str, ...] = ()
+
+    def sort(self, message: JointMessage) -> JointState:
+        """The message in the order of the robot.
+
+        Raises:
+            Refused: arrays of unequal length, a missing or repeated joint, NaN or infinite values.
+        """
+        names = message.names
+        velocity, effort = message.velocity, message.effort
+        if len(message.position) != len(names):
+            raise Refused("length", f"{len(message.position)} positions for {len(names)} names")
+        if velocity is not None and len(velocity) != len(names):
+            raise Refused("length", f"{len(velocity)} velocities for {len(names)} names")
+        if effort is not None and len(effort) != len(names):
+            raise Refused("length", f"{len(effort)} efforts for {len(names)} names")
+        order = self._orders.get(names) or self._learn(names)
+        if order.refused is not None:
+            raise order.refused
+        size = len(self._names)
+        position, good = order.taken(message.position)
+        if not good:
+            self._refuse("position", position, order)
+        q = order.place(position, self._fill, size)
+        qd = tau = None
+        if velocity is not None:
+            velocity, good = order.taken(velocity)
+            # All NaN is how some drivers say "none".
+            if good or not np.isnan(velocity).all():
+                if not good:
+                    self._refuse("velocity", velocity, order)
+                qd = order.place(velocity, self._fill, size)
+        if effort is not None:
+            effort, good = order.taken(effort)
+            if not good:  # NaN: that joint measures none
+                known = np.nan_to_num(effort, nan=0.0, posinf=np.inf, neginf=-np.inf)
+                if not usable(known):
+                    self._refuse("effort", known, order)
+            tau = order.place(effort, np.nan, size)
+        return JointState(q, qd, tau)
+
+    def _learn(self, names: tuple[str, ...]) -> _Order:
+        if len(self._orders) >= 64:  # a broken driver may send other names every time
+            self._orders.clear()
+        order = self._orders[names] = _Order(names, self._names, self._needed)
+        if order.refused is None:
+            self.extra.update(order.extra)
+            self.unlisted = order.unlisted
+        return order
+
+    def _refuse(self, label: str, values: Array, order: _Order) -> NoReturn:
+        worst = int((~(np.abs(values) < LIMIT)).argmax())
+        name = self._names[int(order.put[worst])]
+        raise Refused(fault(values[worst]), f"{label} of {name!r} is {values[worst]}")
+
+
+@compiled
+def _take(values: Array, take: NDArray[np.intp], out: Array) -> bool:
+    for i in range(take.shape[0]):
+        out[i] = values[take[i]]
+    return usable(out)

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Landings: how far each foot slides after it has touched the ground, and the blow that it gets from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ...core.base.types import Array, Foot, Phase
+from ...core.effects.foot_slip import SLIPS_TO, glide
+from .recording import FEET, RATE, Recording
+from .world import World
+
+CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
+_BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
+_LANDING_S = 0.16  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
+_SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be told
+_SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
+_LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
+_SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
+_SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
+STUMBLE, STUMBLE_SHARE = 0.002, 0.5  # [m], and share of the usual, by which a slide differs when a robot stumbles
+UNLIKE = 0.01  # [m/s], and STUMBLE_SHARE of the usual, by which a blow at landing differs from most
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A landing after which the other foot stands for long enough that a slide would show."""
+
+    tick: int  # before it
+    foot: Foot  # that has landed
+    first: slice  # of the grid: it has just come down
+    last: slice  # ... and slid
+    share: float  # of a slide that is gone by between the two
+
+
+def usual_slides(recording: Recording, ticks: Array, world: World) -> tuple[Slide, ...]:
+    """Landings whose slides are much like most of the same foot: when a robot stumbles, it does so now and then."""
+    slides = _slides(recording, ticks)
+    whole = slide_lengths(world, recording.q, slides) / np.array([slide.share for slide in slides])
+    usual = np.zeros(len(slides), dtype=bool)
+    for foot in FEET:
+        mine = np.array([slide.foot == foot for slide in slides], dtype=bool)
+        if not mine.any():
+            continue
+        alike = _alike(whole[mine], STUMBLE)
+        if alike.mean() > 0.5:
+            usual[np.flatnonzero(mine)[alike]] = True
+    return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
+
+
+def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
+    """Landings at which a slide would show."""
+    out = []
+    for landed, tick, _, i, leaves in _landings(recording.phase, ticks):
+        end = min(i + round(SLIPS_TO * RATE), leaves - round(CONTACT_S * RATE))
+        if end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
+            continue
+        first = slice(i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE))
+        last = slice(end - round(_SLID_S * RATE), end)
+        gone = [np.mean([glide((k - i) / RATE)[0] for k in range(w.start, w.stop)]) for w in (first, last)]
+        out.append(Slide(tick, landed, first, last, float(gone[1] - gone[0])))
+    return tuple(out)
+
+
+def slide_lengths(world: World, q: Array, slides: Sequence[Slide]) -> Array:
+    """(k,) [m] along its x axis, by each foot that landed, against the other foot."""
+    posture, still = world.robot.posture(), np.zeros(q.shape[1])
+
+    def at(slide: Slide, window: slice) -> tuple[Array, Array]:
+        posture.update(q[window].mean(axis=0), still)
+        return posture.sole_to_sole(slide.foot.other, slide.foot)
+
+    out = np.empty(len(slides))
+    for k, slide in enumerate(slides):
+        (R, landed), (_, now) = at(slide, slide.first), at(slide, slide.last)
+        out[k] = R[:, 0] @ (now - landed)
+    return out
+
+
+def blows(recording: Recording, ticks: Array, mass: float) -> Array:
+    """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
+    out = np.full(len(ticks), np.nan)
+    if recording.period > _SELDOM_S:
+        return out
+    for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
+        end = min(i + round(_LANDING_S * RATE), leaves)
+        if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
+            out[tick] = blow(recording.wrench[landed][i:end, 2])
+    # A blow that comes after the next foot has left is not heard: most landings tell, if they are alike.
+    heard = np.flatnonzero(np.isfinite(out))
+    if len(heard) and (alike := _alike(out[heard], UNLIKE * mass)).mean() > 0.5:
+        out[heard[~alike]] = np.nan
+    return out
+
+
+def blow(force: Array) -> float:
+    """The largest impulse [Ns] of a few samples beyond what the foot bears before and after, at RATE.
+
+    A force (n,) [N] that only rises after the landing gives nothing; NaN if there is too little of it. The node
+    (monitor/laws.py) judges a landing by its first touch; this also finds the blow of a foot whose edge came first.
+    """
+    if len(force) < _BLOW + _BESIDE:
+        return float("nan")
+    force = np.concatenate([np.zeros(_BESIDE), force])  # in the air before
+    around = sliding_window_view(force, _BLOW + 2 * _BESIDE)
+    before, felt, after = np.split(around, [_BESIDE, _BESIDE + _BLOW], axis=1)
+    borne = np.maximum(before.mean(axis=1), after.mean(axis=1)).clip(0.0)
+    return max(0.0, float((felt - borne[:, None]).sum(axis=1).max()) / RATE)
+
+
+def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int, int]]:
+    """Each foot that lands, the tick before it, and on the grid when it left the ground, lands, and what is next."""
+    changes = np.concatenate([[0], np.flatnonzero(np.diff(phase)) + 1, [len(phase)]])
+    for left, i, leaves in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
+        tick = int(np.searchsorted(ticks, i)) - 1
+        if tick >= 0 and phase[i] == Phase.DOUBLE and phase[i - 1] in (Phase.LEFT, Phase.RIGHT):
+            yield Foot(phase[i - 1]).other, tick, left, i, leaves
+
+
+def _alike(values: Array, least: float) -> Array:
+    """(k,) those of values (k,) that are much like their median: within `least`, or a share of it."""
+    middle = float(np.median(values))
+    return np.abs(values - middle) < max(least, STUMBLE_SHARE * abs(middle))

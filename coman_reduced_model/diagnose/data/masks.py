@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which samples of a recording each law may use: it stands steadily, flat on its soles, has a foot in the air."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ...core.base.types import Array, Foot, Phase
+from .landings import CONTACT_S, Slide, blows, usual_slides
+from .recording import RATE, Recording
+from .signals import SMOOTHING, lagged, smooth
+from .world import World
+
+TICKS = 25.0  # [Hz] at which residuals are looked at
+_REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
+_AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
+SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
+TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
+TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
+TIPPED_SHARE = 0.8  # of the time
+EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
+SEEN = 0.001  # [rad] of play that smoothed encoders surely show
+
+
+@dataclass(frozen=True)
+class Masks:
+    """Where each residual means something; fixed by the measurement, the same for every hypothesis but `taken_up`."""
+
+    ticks: Array  # (m,) indices into the grid
+    steady: Array  # (m,) no change of contact near, on the ground
+    air: dict[Foot, Array]  # (m,) the foot is unloaded
+    double: Array  # (m,) both feet stand
+    touchdown: Array  # (m,) index of the tick at which this double support was first steady
+    share: Array  # (m,) smooth share of the left foot
+    segment: Array  # (m,) number of the phase: what belongs together
+    slides: tuple[Slide, ...]  # landings that show whether the foot slides
+    blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
+    taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
+    staggers: bool = False  # nearly always on the edge of a foot
+
+
+def masks(recording: Recording, world: World) -> Masks:
+    """Of one recording, with the nominal world."""
+    phase, n = recording.phase, len(recording.t)
+    step = round(RATE / TICKS)
+    ticks = np.arange(_REACH, n - _REACH, step)
+    changes = np.flatnonzero(np.diff(phase)) + 1
+    number = np.searchsorted(changes, np.arange(n), side="right")
+    near = np.zeros(n, dtype=bool)
+    for change in changes:
+        near[max(0, change - round(CONTACT_S * RATE)) : change + round(CONTACT_S * RATE)] = True
+    gap = np.convolve(~recording.valid, np.ones(2 * _REACH + 1), "same") > 0
+    steady = ~near & ~gap & (phase != Phase.FLIGHT)
+    air = {}
+    for foot, other in ((Foot.LEFT, Phase.RIGHT), (Foot.RIGHT, Phase.LEFT)):
+        inside = phase == other
+        settled = np.convolve(~inside, np.ones(2 * round(_AIR_S * RATE) + 1), "same") == 0
+        air[foot] = (settled & ~gap)[ticks]
+        air[foot] &= ~_scuffs(smooth(recording.wrench[foot][:, 2:3])[ticks, 0], air[foot], world)
+    double = (steady & (phase == Phase.DOUBLE))[ticks]
+    segment = number[ticks]
+    touchdown = np.zeros(len(ticks), dtype=np.intp)
+    for value in np.unique(segment):
+        mine = np.flatnonzero((segment == value) & double)
+        if len(mine):
+            touchdown[mine] = mine[0]
+    share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
+    share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
+    blow, taken_up = blows(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
+    slides = usual_slides(recording, ticks, world)
+    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
+
+
+def _scuffs(force: Array, air: Array, world: World) -> Array:
+    """(m,) where a foot in the air touches the ground: its force (m,) is far from what it usually is there."""
+    if not air.any():
+        return air
+    off = np.abs(force - np.median(force[air]))
+    far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), SCUFF_SHARE * world.robot.mass * world.gravity)
+    return np.convolve(far, np.ones(3), "same") > 0
+
+
+def taken_up_anew(where: Masks, before: Recording, recording: Recording, world: World) -> Masks:
+    """With the play of the joints as it is seen in this recording, if other streams than before tell of it."""
+    if all(getattr(recording, name) is getattr(before, name) for name in ("q", "tau", "motor_q")):
+        return where
+    return replace(where, taken_up=_taken_up(recording, world)[where.ticks])
+
+
+def _taken_up(recording: Recording, world: World) -> Array:
+    """(n, nj) A torque beyond the error of its sensor takes up the play; below that, play is where it is seen to be."""
+    out = np.zeros_like(recording.q)
+    if recording.motor_q is None or recording.tau is None:
+        return out  # then the torque that the ground asks for decides, see balance.py
+    for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
+        torque = recording.tau[:, j]
+        law = (
+            recording.motor_q[:, j]
+            - recording.q[:, j]
+            - lagged(torque, world.damping[j] / world.stiffness[j]) / (world.stiffness[j])
+        )
+        law = gaussian_filter1d(law, SMOOTHING * RATE)
+        low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero tells of no end
+        seen = np.clip((law - 0.5 * (low + high)) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
+        loaded = np.clip((np.abs(smooth(torque[:, None])[:, 0]) - TAKEN_UP) / TAKEN_UP, 0.0, 1.0)
+        out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen
+    return smooth(out)
+
+
+def on_flat_soles(where: Masks, residuals: Mapping[str, Array]) -> Masks:
+    """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there.
+
+    Unless that is nearly always: then little would be left, and the robot `staggers`.
+    """
+    tipped = np.zeros(len(where.ticks), dtype=bool)
+    for axis in ("roll", "pitch"):
+        tilt = residuals.get(f"tilt/{axis}")
+        if tilt is not None and where.air[Foot.LEFT].any() and where.air[Foot.RIGHT].any():
+            # What it usually is on this foot: an encoder of one leg may be off, or the IMU.
+            left, right = (_usual(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
+            tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
+    tipped = np.convolve(tipped, np.ones(3), "same") > 0
+    if where.steady.any() and tipped[where.steady].mean() > TIPPED_SHARE:
+        return replace(where, staggers=True)
+    whole = tipped.copy()
+    for value in np.unique(where.segment):
+        step = where.steady & ~where.double & (where.segment == value)
+        whole |= step & (tipped[step].mean() > EDGE_STEP if step.any() else False)
+    single = where.steady & ~where.double
+    if (single & ~whole).sum() >= 0.5 * (single & ~tipped).sum():  # else it hardly does anything but stagger
+        tipped = whole
+    return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
+
+
+def _usual(values: Array) -> float:
+    """The middle of the narrowest range that holds a quarter of the values: most others may be of rocking."""
+    values = np.sort(values[np.isfinite(values)])
+    if not len(values):
+        return 0.0
+    count = max(1, len(values) // 4)
+    first = int(np.argmin(values[count - 1 :] - values[: len(values) - count + 1]))
+    return float(np.median(values[first : first + count]))

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag as arrays on one clock: what the structured residuals are computed from.
+
+The samples are those that the predictor would get (the same joiner), put on a uniform grid. The IMU, which the joiner
+only takes at its nearest message, is interpolated here: a few milliseconds matter when delays are looked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation, Slerp
+
+from ...bag.session import Session
+from ...core.base.stream_names import IMU
+from ...core.base.types import Array, Foot, Phase, Sample
+from ...core.config.schema import Config
+from ...core.effects.catalogue import active_effects
+from ...core.measured.odometry import FootOdometry
+from ...core.measured.support import SupportDetector
+from ...core.robot.robot import Robot
+from ...errors import BagError
+from ...progress import Progress
+from ...topics import TopicNames
+
+RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
+_REACH = 0.02  # [s] a grid point farther than this from any sample is not used
+_SHORTEST = 2.0  # [s] of recording
+_LEAST_LOADED, _ALL = 5.0, 0.8  # percent of the time in which each foot of a walk is in the air; of the weight
+FEET = (Foot.LEFT, Foot.RIGHT)
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One bag on a uniform grid of n times; joints in the order of `Robot.joint_names`.
+
+    Attributes:
+        name: of the bag.
+        t: (n,) [s] since the first sample.
+        q: (n, nj) link side [rad].
+        tau: (n, nj) measured torques [Nm], NaN columns where a joint has none; None: no efforts at all.
+        motor_q: (n, nj) motor side [rad]; None: no motor states.
+        wrench: by foot (n, 6) force, torque of the ground at the sole, in its frame [N, Nm].
+        up: (n, 3) against gravity by the IMU, in the root link's frame; None: no orientation.
+        plan, moved: (n, 2) x, y of the COM in the frame of the stance sole, as com/reference plans it and as the motor
+            side moved it [m]; None: not both are known.
+        phase: (n,) of Phase; left_share: (n,).
+        yaw: by foot (n,) of its sole in odom [rad], which is the predictor's: it starts at the first support sole.
+        valid: (n,) bool, no gap here.
+        count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
+        period: between samples [s], in the median.
+    """
+
+    name: str
+    t: Array
+    q: Array
+    tau: Array | None
+    motor_q: Array | None
+    wrench: dict[Foot, Array]
+    up: Array | None
+    plan: Array | None
+    moved: Array | None
+    phase: Array
+    left_share: Array
+    valid: Array
+    count: Array
+    yaw: dict[Foot, Array]
+    warnings: tuple[str, ...] = ()
+    period: float = 1.0 / RATE
+
+    @property
+    def stride(self) -> int:
+        """Grid points from one sample to the next; of slower streams the others lie on lines between samples."""
+        return max(1, round(self.period * RATE))
+
+    def changed(self, **fields: object) -> Recording:
+        """A copy with other arrays: what a hypothesis makes of the measurement."""
+        return replace(self, **fields)  # type: ignore[arg-type]
+
+
+def load(
+    path: str | Path,
+    config: Config,
+    urdf: str | Path | None = None,
+    names: TopicNames | None = None,
+    progress: Progress | None = None,
+) -> tuple[Recording, Robot]:
+    """Read a bag; the robot has the loads, and the recording the corrections, of effects that are configured already.
+
+    Raises:
+        ComanError: the bag, the robot or the configuration cannot be used, or it is too short to say anything.
+    """
+    with Session(path, config, urdf=urdf, names=names) as session:
+        bag, pipeline = session.bag, session.pipeline
+        samples: list[Sample] = []
+        imu: list[tuple[int, Array]] = []
+        imu_frame = ""
+        span = max(bag.end_ns - bag.start_ns, 1)
+        for count, (stream, log_time, raw) in enumerate(session.messages()):
+            if stream == IMU:
+                try:
+                    message = session.decoders[IMU](raw)
+                except Exception:  # counted by the pipeline on the way that predicts
+                    continue
+                if message.orientation is not None and np.isfinite(message.orientation).all():
+                    imu.append((message.stamp_ns, message.orientation))
+                    imu_frame = message.frame_id.lstrip("/")
+            else:
+                samples += pipeline.take(stream, raw, session.decoders[stream])
+            if progress and count % 2000 == 0:
+                progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
+        samples += pipeline.joiner.flush()
+        for effect in active_effects(config.effects, pipeline.robot):
+            for sample in samples:
+                effect.correct(sample)
+    robot = pipeline.robot
+    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, session.warnings), robot
+
+
+def _grid(
+    name: str,
+    samples: list[Sample],
+    imu: list[tuple[int, Array]],
+    imu_frame: str,
+    robot: Robot,
+    config: Config,
+    warnings: tuple[str, ...],
+) -> Recording:
+    complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
+    if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
+        raise BagError(f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose")
+    stamps = np.array([s.stamp_ns for s in complete])
+    order = np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1) > 0)
+    complete, stamps = [complete[i] for i in order], stamps[order]
+    at = (stamps - stamps[0]) * 1e-9
+    t = np.arange(0.0, at[-1], 1.0 / RATE)
+    nearest = np.searchsorted(at, t).clip(1, len(at) - 1)
+    away = np.minimum(np.abs(at[nearest] - t), np.abs(t - at[nearest - 1]))
+
+    def array(field: str) -> Array | None:
+        rows = [getattr(s, field) for s in complete]
+        missing = sum(row is None for row in rows)
+        if missing > len(rows) // 2:
+            return None
+        size = next(len(row) for row in rows if row is not None)
+        values = np.array([np.full(size, np.nan) if row is None else row for row in rows])
+        return _resample(at, values, t)
+
+    forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete])  # type: ignore[index]
+    phases, shares, supports, noticed = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
+    left, right = array("left_wrench"), array("right_wrench")
+    q = array("q")
+    assert left is not None and right is not None and q is not None
+    later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it
+    every = np.array([s.stamp_ns for s in samples])
+    restarts = every[1:][np.diff(every) > 1e9 * config.streams.restart_gap]  # as the predictor does
+    begins = np.searchsorted(restarts, stamps[0] + 1e9 * t, side="right")
+    return Recording(
+        name, t, q, _efforts(array("tau")), array("motor_q"),
+        {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame, q),
+        *_plan(complete, phases, shares, robot, at, t),
+        phases[later],
+        np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
+        away < _REACH, _counts(np.array([s.q for s in complete])), _yaws(robot, q, supports[later], begins),
+        (*warnings, *noticed), float(np.median(np.diff(at))),
+    )  # fmt: skip
+
+
+def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Array, Array, Array, list[str]]:
+    """Phase, load share, support foot (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed.
+
+    A sensor that is off by more than the thresholds never tells that its foot is in the air. Where there are no steps
+    because of that, the least that it reads is taken for its zero: while the other foot bears all of the weight.
+    """
+
+    def detected(zeros: Array) -> tuple[Array, Array, Array]:
+        detector = SupportDetector(config.support, weight)
+        pairs = zip(stamps.tolist(), (forces - zeros).tolist(), strict=True)
+        states = [detector.update(stamp, left, right) for stamp, (left, right) in pairs]
+        phases, shares, feet = zip(*((s.phase, s.left_share, s.support_foot) for s in states), strict=True)
+        return np.array(phases), np.array(shares), np.array(feet)
+
+    found = detected(np.zeros(2))
+    if moving(found[0]):
+        return *found, []
+    zeros = np.percentile(forces, _LEAST_LOADED, axis=0)
+    zeros[zeros < config.support.contact_off * weight] = 0.0
+    for foot, zero in enumerate(zeros):
+        least = forces[:, foot] <= zero + config.support.contact_off * weight
+        if zero and np.median(forces[least, 1 - foot] - zeros[1 - foot]) < _ALL * weight:
+            zeros[foot] = 0.0
+    if not zeros.any():
+        return *found, []
+    again = detected(zeros)
+    if not moving(again[0]):
+        return *found, []
+    told = [f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)]
+    return *again, [f"{', '.join(told)}: taken for its zero, else there would be no steps"]
+
+
+def _plan(
+    samples: list[Sample], phases: Array, shares: Array, robot: Robot, at: Array, t: Array
+) -> tuple[Array | None, Array | None]:
+    """Planned and motor-side COM (n, 2) in the stance sole, at the grid's times."""
+    if sum(s.reference is not None and s.motor_q is not None for s in samples) < 0.9 * len(samples):
+        return None, None
+    motors = robot.posture()
+    rows = np.full((len(samples), 4), np.nan)
+    still = np.zeros(len(robot.joint_names))
+    for i, (sample, phase, share) in enumerate(zip(samples, phases, shares, strict=True)):
+        if sample.reference is None or sample.motor_q is None:
+            continue
+        left = phase == Phase.LEFT or (phase != Phase.RIGHT and share >= 0.5)
+        T = sample.reference.T_odom_left if left else sample.reference.T_odom_right
+        motors.update(sample.motor_q, still)
+        com, _ = motors.com_in_sole(Foot.LEFT if left else Foot.RIGHT)
+        rows[i, :2], rows[i, 2:] = (T[:3, :3].T @ (sample.reference.com - T[:3, 3]))[:2], com[:2]
+    values = _resample(at, rows, t)
+    return values[:, :2], values[:, 2:]
+
+
+def _yaws(robot: Robot, q: Array, supports: Array, begins: Array) -> dict[Foot, Array]:
+    """Yaw (n,) [rad] in odom of each sole, by joints q (n, nj) and support feet (n,).
+
+    Where the number `begins` (n,) changes, odom starts again.
+    """
+    posture, odometry, still = robot.posture(), FootOdometry(), np.zeros(q.shape[1])
+    out = {foot: np.zeros(len(q)) for foot in FEET}
+    for i, support in enumerate(map(Foot, supports.tolist())):
+        if i and begins[i] != begins[i - 1]:
+            odometry.reset()
+        if support == Foot.NONE:
+            continue
+        posture.update(q[i], still)
+        T = odometry.update(support, *(x for foot in FEET for x in (posture.R[foot], posture.p[foot])))
+        R, _ = posture.sole_to_sole(support, support.other)
+        out[support][i] = np.arctan2(T[1, 0], T[0, 0])
+        out[support.other][i] = out[support][i] + np.arctan2(R[1, 0], R[0, 0])
+    return out
+
+
+def _counts(q: Array) -> Array:
+    """(nj,) resolution that positions (n, nj) show: the gap between neighbouring values that come again and again."""
+    out = np.zeros(q.shape[1])
+    for j in range(q.shape[1]):
+        values = np.unique(np.round(q[:, j], 9))
+        gaps = np.diff(values)
+        if 2 <= len(values) < 0.8 * len(q) and gaps.size:
+            out[j] = np.percentile(gaps, 10.0)
+    return out
+
+
+def _efforts(tau: Array | None) -> Array | None:
+    """None as well where a driver fills the field with zeros for lack of a sensor."""
+    return None if tau is None or not np.nanstd(tau, axis=0).any() else tau
+
+
+def _resample(at: Array, values: Array, t: Array) -> Array:
+    """Averages over a grid interval where the samples are denser than the grid, else linear between them."""
+    per_cell = (t[1] - t[0]) / max(float(np.median(np.diff(at))), 1e-9)
+    width = 2 * (round(per_cell) // 2) + 1  # odd, so that nothing moves in time
+    out = np.empty((len(t), values.shape[1]))
+    for k in range(values.shape[1]):
+        finite = np.isfinite(values[:, k])
+        if finite.any():
+            column = np.interp(at, at[finite], values[finite, k])
+            out[:, k] = np.interp(t, at, uniform_filter1d(column, width, mode="nearest") if width > 1 else column)
+        else:
+            out[:, k] = np.nan
+    return out
+
+
+def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, frame: str, q: Array) -> Array | None:
+    """(n, 3) the direction against gravity, in the root link's frame, at the grid's times."""
+    if len(imu) < 10:
+        return None
+    at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
+    keep = at > np.concatenate([[-np.inf], np.maximum.accumulate(at)[:-1]])
+    if keep.sum() < 10:
+        return None
+    slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
+    up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
+    sensor = robot.sensor_frame(frame)
+    if sensor is None:
+        return None
+    posture, still, R = robot.posture(), np.zeros(q.shape[1]), np.empty((len(t), 3, 3))
+    for i, each in enumerate(q):
+        posture.update(each, still)
+        R[i] = posture.orientation(sensor)
+    return np.asarray(np.einsum("nij,nj->ni", R, up))
+
+
+def moving(phase: Array) -> bool:
+    """Whether it walks: both feet are in the air some time."""
+    return bool((phase == Phase.LEFT).any() and (phase == Phase.RIGHT).any())

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Signals on the grid of a recording: smoothed, their rates, lags and noise, and how far torques stretch springs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
+
+from ...core.base.compiled import compiled
+from ...core.base.types import Array
+from .recording import RATE, Recording
+from .world import World
+
+SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
+SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
+NOISY = 0.05  # of a joint's torques, from which on the noise of their sensor matters for derivatives
+
+
+class Smoothed:
+    """Smoothed arrays, and what is made of them, remembered: most hypotheses leave most arrays as they are."""
+
+    def __init__(self, before: Smoothed | None = None) -> None:
+        self._known: dict[tuple[Any, ...], tuple[Array, Array]] = {} if before is None else dict(before._known)
+
+    def __call__(self, values: Array) -> Array:
+        return self._made(("smooth", id(values)), values, smooth)
+
+    def complete(self, values: Array) -> Array:
+        """(k,) which columns of smoothed values (n, k) have no gap."""
+        return self._made(("complete", id(values)), values, lambda each: np.isfinite(each).all(axis=0))
+
+    def stretch(self, world: World, j: int, torques: Array) -> Array:
+        """(n,) [rad] of the spring of joint j under smoothed torques (n, nj) at RATE."""
+        law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
+        return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j], 1.0 / RATE))
+
+    def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Array]) -> Array:
+        found = self._known.get(key)
+        if found is None or found[0] is not of:
+            found = self._known[key] = (of, make(of))
+        return found[1]
+
+
+def smooth(values: Array) -> Array:
+    """Values (n, k) without what is faster than the balance can follow."""
+    return np.asarray(gaussian_filter1d(values, SMOOTHING * RATE, axis=0, mode="nearest"))
+
+
+def rate_of(values: Array) -> Array:
+    """Of values (n, ...) at RATE, by central differences."""
+    return np.gradient(values, 1.0 / RATE, axis=0)
+
+
+def lagged(values: Array, time_constant: float) -> Array:
+    """First-order lag along the first axis; a negative time constant leads (for difference quotients around zero)."""
+    if time_constant <= 0.0:
+        return values - time_constant * rate_of(values)
+    a = np.exp(-1.0 / RATE / time_constant)
+    # Exact for values that are linear between samples.
+    b = time_constant * RATE * (1.0 - a)
+    state = b * values[:1]  # as if it had been at its first value for ever
+    return np.asarray(lfilter([1.0 - b, b - a], [1.0, -a], values, axis=0, zi=state)[0])
+
+
+def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
+    """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
+    k, d = float(world.stiffness[j]), float(world.damping[j])
+    if world.cubic[j]:
+        return np.asarray(bent_stretch(np.ascontiguousarray(torque), k, d, float(world.cubic[j]), dt))
+    if dt == 1.0 / RATE:
+        return lagged(torque, d / k) / k
+    return (torque - d / k * np.gradient(torque, dt)) / k  # ticks are too far apart for the lag itself
+
+
+@compiled
+def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> Array:
+    """Stretch (n,) of a spring k x (1 + cubic x^2) with a damper d beside it, under a torque (n,) [Nm] every dt [s].
+
+    Backward Euler, as stiff springs need. A softening spring goes on straight where its tangent has fallen to a fifth.
+    """
+    straight = 1e9
+    if cubic < 0.0:
+        straight = np.sqrt((1.0 - SOFTEST) / (-3.0 * cubic))
+    out = np.empty(len(torque))
+    x = torque[0] / k
+    for i in range(len(torque)):
+        last = x
+        for _ in range(200 if i == 0 else 6):
+            at = min(max(x, -straight), straight)
+            force = k * (at + cubic * at**3)
+            tangent = k * (1.0 + 3.0 * cubic * at**2)
+            force += tangent * (x - at)
+            slope = tangent
+            if i > 0:
+                force += d * (x - last) / dt
+                slope += d / dt
+            x -= (force - torque[i]) / slope
+        out[i] = x
+    return out
+
+
+def without_noise(recording: Recording, world: World) -> Recording:
+    """The same motion without the quantisation of the link encoders, and torques without most of their noise.
+
+    Motor side minus stretched springs if both are known, else smoothed twice as much. Where a torque sensor is noisy
+    and the link encoder tells the spring's torque better, the encoder tells both but for the slow part.
+    """
+    q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
+    if recording.motor_q is None or recording.tau is None:
+        return recording.changed(q=q)
+    stride = recording.stride
+    stretch = recording.motor_q - recording.q
+    noise = white(recording.tau[::stride])
+    coarse = np.maximum(recording.count / np.sqrt(12.0), white(stretch[::stride])) * world.stiffness
+    tau = recording.tau.copy()
+    known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
+    for j in np.flatnonzero(known):
+        noisy = noise[j] > max(NOISY * float(np.std(recording.tau[:, j])), 2.0 * coarse[j])
+        if noisy and not (world.play[j] or world.cubic[j]):
+            x = gaussian_filter1d(stretch[:, j], 2.0 * SMOOTHING * RATE, mode="nearest")
+            torque = world.stiffness[j] * x + world.damping[j] * rate_of(x)
+            tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
+            q[:, j] = recording.motor_q[:, j] - x
+        else:
+            bent = spring_stretch(world, j, recording.tau[:, j], 1.0 / RATE)
+            q[:, j] = recording.motor_q[:, j] - bent - _slow(stretch[:, j] - bent)  # what is slow is the encoder's
+    return recording.changed(q=q, tau=tau)
+
+
+def _slow(values: Array) -> Array:
+    return np.asarray(gaussian_filter1d(values, 0.5 * RATE, mode="nearest"))
+
+
+def white(values: Array) -> Array:
+    """Standard deviation (k,) of the white noise of a signal (n, k): by its fastest part but for impacts."""
+    fast = values - gaussian_filter1d(values, 1.0, axis=0)
+    gain = 0.70  # root of the sum of squares of the kernel: what is left of white noise
+    return np.asarray(1.4826 * np.median(np.abs(fast), axis=0) / gain)

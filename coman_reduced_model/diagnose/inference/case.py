@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording under examination: what is believed of its robot, and what each figure does to its residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.base.types import Array
+from ...core.config.schema import Config
+from ...core.effects.catalogue import CATALOGUE, Effect
+from ...core.robot.robot import Robot
+from ...errors import BagError
+from ..data.masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
+from ..data.recording import Recording
+from ..data.world import World
+from ..physics.balance import State, evaluate
+from ..physics.hypotheses import Figure, figures
+from .evidence import Evidence, Fit, Noise, Problem, assemble, prior_variance, weigh
+from .floor import floor
+
+FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
+STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
+Prepared = tuple[Recording, World, Masks]
+
+
+def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
+    """A recording with what is believed of its robot.
+
+    Raises:
+        BagError: it hardly ever stands steadily.
+    """
+    recording, world = _with_known(recording, World.nominal(robot, config), config)
+    where = masks(recording, world)
+    state = evaluate(recording, world, where)
+    for axis in ("roll", "pitch"):
+        tilt = state.residuals.get(f"tilt/{axis}")
+        if tilt is not None and (off := abs(np.nanmedian(tilt))) > FAR:
+            told = f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
+            recording = recording.changed(up=None, warnings=(*recording.warnings, told))
+            state = evaluate(recording, world, where)
+    where = on_flat_soles(where, state.residuals)
+    if where.staggers:
+        told = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
+        recording = recording.changed(warnings=(*recording.warnings, told))
+    if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
+        raise BagError(
+            f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
+            f"wrenches, and {STEADY_S:g} s are needed: has it fallen, or do wrenches and support.* not fit together?"
+        )
+    return recording, world, where
+
+
+def _with_known(recording: Recording, world: World, config: Config) -> tuple[Recording, World]:
+    """Effects that the configuration has already belong to the nominal robot.
+
+    Those of sensors, drives and loads came in while the recording was read.
+    """
+    for effect in config.effects:
+        kind = CATALOGUE[effect.name]
+        if (kind.correct, kind.late, kind.load) != (Effect.correct, Effect.late, Effect.load):
+            continue
+        for figure in figures(recording, world):
+            if (figure.effect, figure.where) == (effect.name, effect.where):
+                recording, world = figure.apply(recording, world, effect.values[figure.key] - figure.nominal)
+    return recording, world
+
+
+@dataclass
+class Case:
+    """One recording under examination, linear around some values of the figures."""
+
+    recording: Recording
+    where: Masks
+    state: State
+    problem: Problem
+    evidence: Evidence
+    noise: dict[str, Noise]
+    known_floor: dict[str, float] | None = None
+
+    @property
+    def floor(self) -> dict[str, float]:
+        """The noise floor by group; most trials are refused before it is asked for."""
+        if self.known_floor is None:
+            self.known_floor = floor(self.state, self.where)
+        return self.known_floor
+
+    def own(self, fit: Fit, released: Sequence[int]) -> Array:
+        """Deviations (P,) of the figures: this recording's own best healthy scatter, and the `released` as fitted.
+
+        The latter within their uncertainty.
+        """
+        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
+        covariance = fit.covariance
+        for i in released:
+            mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18
+        return self.evidence.posterior(mean, variance).x
+
+    def left(self, x: Array) -> dict[str, Array]:
+        """By group, what figures at deviations x (P,) leave of the residuals."""
+        step = x - self.evidence.at
+        return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
+
+
+def examine(
+    prepared: Prepared, known: list[Figure], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
+) -> Case:
+    """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal.
+
+    With a case `like` it, only the derivatives by the figures `fresh` are taken anew.
+    """
+    recording, world, where = prepared
+    moved = recording
+    for figure, value in zip(known, at, strict=True):
+        if value:
+            moved, world = figure.apply(moved, world, float(value) + figure.usual)
+    where = taken_up_anew(where, recording, moved, world)
+    state = evaluate(moved, world, where)
+    problem = assemble(state, where, known, like.problem if like else None, fresh, at)
+    evidence, noise, _ = weigh(problem, at, like.noise if like else None)
+    return Case(recording, where, state, problem, evidence, noise)

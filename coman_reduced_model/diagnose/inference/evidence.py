@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How strongly the residuals speak for each effect, when everything else may vary as it does on healthy robots.
+
+The residuals are linear in small figures: r = A x + noise. Every figure x has a Gaussian prior, narrow (`spread`) on a
+healthy robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support
+apart, is an autoregressive process; whitened by it, A and r become A'A and A'r, and the evidence for an effect is the
+log ratio of the marginal likelihoods with wide and with narrow prior. Spread that is correlated with an effect (a
+knee's stiffness with both legs', a mass with a sensor's gain) thereby counts against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, toeplitz
+
+from ...core.base.compiled import compiled
+from ...core.base.types import Array
+from ..data.masks import TICKS, Masks
+from ..data.signals import SMOOTHING, without_noise
+from ..physics.balance import State, evaluate
+from ..physics.hypotheses import Candidate, Figure
+from .floor import least
+
+ORDER = 3  # of the autoregressive noise
+ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
+ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
+NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
+ABSENT = 1e-4  # spread, as a share of reach, of a figure that healthy robots do not have
+
+
+@dataclass
+class Problem:
+    """A recording's residuals and what each figure does to them.
+
+    Attributes:
+        groups: name of each group of rows: channel and whether both feet stand.
+        rows: by group, residuals (n, ) in order of time, and pieces: where contiguous pieces begin.
+        columns: by group (n, P) derivative of the residual by each figure.
+    """
+
+    figures: list[Figure]
+    rows: dict[str, Array]
+    columns: dict[str, Array]
+    pieces: dict[str, Array]
+    times: dict[str, Array]
+    resolution: dict[str, float]  # by channel, what one count of an encoder is
+
+
+def assemble(
+    state: State,
+    where: Masks,
+    known: list[Figure],
+    like: Problem | None = None,
+    fresh: Sequence[int] = (),
+    at: Array | None = None,
+) -> Problem:
+    """Residuals and, by difference quotients, what a unit of each figure has put into them.
+
+    Args:
+        state: residuals under the hypothesis; where: the ticks at which they mean something.
+        known: all figures.
+        like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
+        at: (P,) deviations of the figures that the hypothesis has; of the others, what is usual is taken off.
+    """
+    usual = np.array([figure.usual for figure in known]) * (True if at is None else at == 0.0)
+    base = state.residuals
+    # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
+    # motion that does not hold the encoders' noise.
+    quiet = evaluate(without_noise(state.recording, state.world), state.world, where)
+    fresh = range(len(known)) if like is None else fresh
+    moved = [
+        evaluate(*known[i].apply(quiet.recording, quiet.world, known[i].step), where, quiet).residuals for i in fresh
+    ]
+    steps = np.array([known[i].step for i in fresh])[:, None]
+    gains = [known[i].effect == "wrench_scale" for i in fresh]
+    rows, columns, pieces, times = {}, {}, {}, {}
+    for name, value in base.items():
+        slope = (quiet.residuals[name] - np.reshape([each[name] for each in moved], (len(fresh), len(value)))) / steps
+        if name.startswith("unloaded/"):
+            # What a sensor reads in the air is its zero: a gain that explained it would be without bounds.
+            slope[gains] = 0.0
+        for part, chosen in (("double", where.double), ("single", ~where.double)):
+            ticks = np.flatnonzero(np.isfinite(value) & chosen)
+            if len(ticks) < ONE_A_STEP.get(name, 8 * ORDER):
+                continue
+            key = f"{name}|{part}"
+            rows[key] = value[ticks]
+            columns[key] = np.empty((len(ticks), len(known))) if like is None else like.columns[key].copy()
+            columns[key][:, fresh] = slope[:, ticks].T
+            rows[key] = rows[key] - columns[key] @ usual
+            times[key] = ticks
+            alone = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
+            pieces[key] = alone[:1] if name in NEIGHBOURS else alone
+    robot = state.world.robot
+    resolution = {f"spring/{name}": float(c) for name, c in zip(robot.joint_names, state.recording.count, strict=True)}
+    return Problem(known, rows, columns, pieces, times, resolution)
+
+
+@dataclass
+class Evidence:
+    """Whitened sums over one or more recordings, with the figures at values `at` around which they are linear."""
+
+    figures: list[Figure]
+    at: Array  # (P,) deviations from nominal
+    gram: Array  # (P, P)
+    moment: Array  # (P,)
+    energy: float
+    count: int
+
+    def __add__(self, other: Evidence) -> Evidence:
+        return Evidence(
+            self.figures, self.at, self.gram + other.gram, self.moment + other.moment,
+            self.energy + other.energy, self.count + other.count,
+        )  # fmt: skip
+
+    def shared(self) -> Evidence:
+        """The same with each recording's own figures integrated out, so that recordings can be added."""
+        own = np.array([figure.own for figure in self.figures])
+        if not own.any():
+            return self
+        s = np.sqrt(prior_variance(self.figures)[own])
+        H = np.eye(int(own.sum())) + s[:, None] * self.gram[np.ix_(own, own)] * s[None, :]
+        factor = cho_factor(H, lower=True)
+        cross, b = s[:, None] * self.gram[own], s * self.moment[own]
+        half = cho_solve(factor, np.column_stack([cross, b]))
+        gram = self.gram - cross.T @ half[:, :-1]
+        moment = self.moment - cross.T @ half[:, -1]
+        gram[own], gram[:, own], moment[own] = 0.0, 0.0, 0.0
+        energy = self.energy - float(b @ half[:, -1]) + 2.0 * float(np.log(np.diag(factor[0])).sum())
+        return Evidence(self.figures, self.at, gram, moment, energy, self.count)
+
+    def fit(self, released: Sequence[int] = (), slack: Sequence[int] = ()) -> Fit:
+        """Posterior of the figures' deviations from nominal when some are released to their reach (or their slack)."""
+        return self.posterior(np.zeros(len(self.figures)), prior_variance(self.figures, released, slack))
+
+    def posterior(self, mean: Array, variance: Array) -> Fit:
+        """For any Gaussian prior (P,), (P,) of the deviations from nominal."""
+        mu = mean - self.at
+        moment = self.moment - self.gram @ mu
+        energy = self.energy - 2.0 * float(mu @ self.moment) + float(mu @ self.gram @ mu)
+        s = np.sqrt(variance)  # in units of the prior, so that absent figures do no harm to the conditioning
+        H = s[:, None] * self.gram * s[None, :]
+        factor = cho_factor(H + np.diag(1.0 + 1e-14 * np.diag(H).max() * np.ones(len(s))), lower=True)
+        b = s * moment
+        y = cho_solve(factor, b)
+        log = 0.5 * (float(b @ y) - energy) - float(np.log(np.diag(factor[0])).sum())
+        return Fit(mean + s * y, factor, s, log)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A posterior: deviations from nominal (P,), and the log evidence but for a constant."""
+
+    x: Array
+    factor: tuple[Array, bool]
+    scale: Array
+    log: float
+
+    @property
+    def covariance(self) -> Array:
+        return np.asarray(self.scale[:, None] * cho_solve(self.factor, np.diag(self.scale)))
+
+
+def prior_variance(known: Sequence[Figure], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
+    """(P,) of healthy robots, with the figures `released` at their reach and those of `slack` at theirs."""
+    spread = np.array([max(figure.spread, ABSENT * figure.reach) for figure in known])
+    for i in slack:
+        spread[i] = max(known[i].slack, spread[i])
+    for i in released:
+        spread[i] = max(known[i].reach, spread[i])
+    return np.asarray(spread**2)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of one group of rows: autoregression (1 + ORDER,), and standard deviation of what a whole piece is off by."""
+
+    autoregression: Array
+    offset: float
+
+
+def weigh(
+    problem: Problem, at: Array, like: dict[str, Noise] | None = None
+) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
+    """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group.
+
+    Args:
+        problem: of one recording; at: (P,) deviations from nominal around which it is linear.
+        like: noise under a hypothesis near by, to begin with.
+    """
+    resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
+    noise = like or {
+        key: Noise(_no_less(_first_guess(row, problem.pieces[key]), key), resolution[key])
+        for key, row in problem.rows.items()
+    }
+    for _ in range(ROUNDS_NEAR if like else ROUNDS):
+        evidence = weighed(problem, at, noise)
+        # Everything released: the noise must not hold what some figure explains.
+        best = evidence.fit(range(len(at))).x - at
+        remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
+        noise = {
+            key: Noise(
+                _no_less(_autoregression(left, problem.pieces[key]), key),
+                max(resolution[key], _offset(left, problem.pieces[key])),
+            )
+            for key, left in remainder.items()
+        }
+    return evidence, noise, remainder
+
+
+def _no_less(autoregression: Array, key: str) -> Array:
+    """The same, with innovations no smaller than the best sensors have (a tenth of their noise: it is smoothed)."""
+    return np.concatenate([[max(autoregression[0], 0.1 * least(key))], autoregression[1:]])
+
+
+def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
+    """Evidence with a given noise."""
+    P = len(problem.figures)
+    gram, moment, energy, count = np.zeros((P, P)), np.zeros(P), 0.0, 0
+    for key, row in problem.rows.items():
+        some = np.flatnonzero(problem.columns[key].any(axis=0))
+        stacked = np.column_stack([row, problem.columns[key][:, some]])
+        white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
+        white = _free_of_offsets(white, problem.pieces[key], noise[key])
+        A, r = white[:, 1:], white[:, 0]
+        gram[np.ix_(some, some)] += A.T @ A
+        moment[some] += A.T @ r
+        energy += float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
+        count += len(r)
+    return Evidence(problem.figures, at, gram, moment, energy, count)
+
+
+def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Noise]:
+    """Of each group, the noise with the smaller innovations: what the better of two explanations leaves."""
+    return {key: min(value, second[key], key=lambda noise: noise.autoregression[0]) for key, value in first.items()}
+
+
+def _offset(remainder: Array, pieces: Array) -> float:
+    means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))
+    return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
+
+
+def _free_of_offsets(white: Array, pieces: Array, noise: Noise) -> Array:
+    """Whitened rows (n, k) when every contiguous piece has an offset of its own as well.
+
+    No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
+    """
+    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[:, 0]
+    return np.asarray(_without_offsets(white, one, pieces, noise.offset))
+
+
+@compiled
+def _without_offsets(white: Array, one: Array, pieces: Array, offset: float) -> Array:
+    """`_free_of_offsets`, with what becomes of a constant: one (n,)."""
+    out = np.empty(white.shape)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(white)
+        length, common = 0.0, np.zeros(white.shape[1])
+        for i in range(pieces[p], end):
+            length += one[i] * one[i]
+            for j in range(white.shape[1]):
+                common[j] += one[i] * white[i, j]
+        # The square root of (I + offset^2 u u')^-1.
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + offset**2 * length)) / length
+        for i in range(pieces[p], end):
+            for j in range(white.shape[1]):
+                out[i, j] = white[i, j] - shrink * one[i] * common[j]
+    return out
+
+
+def _first_guess(values: Array, pieces: Array) -> Array:
+    """Noise of a row before anything is explained: from its second differences' median, which steps and trends pass by.
+
+    White noise that went through the smoothing has a known autocorrelation.
+    """
+    lags = np.arange(ORDER + 1)
+    correlation = np.exp(-((lags / TICKS / SMOOTHING) ** 2) / 4.0)
+    second = np.diff(values, 2)
+    inside = np.ones(len(values), dtype=bool)
+    inside[pieces] = False
+    within = second[inside[1:-1] & inside[2:]]
+    second = within if len(within) else second  # pieces of one or two ticks: rather too much noise than none
+    variance = (1.4826 * float(np.median(np.abs(second)))) ** 2 / (6.0 - 8.0 * correlation[1] + 2.0 * correlation[2])
+    phi = np.linalg.solve(toeplitz(correlation[:ORDER]) + 1e-3 * np.eye(ORDER), correlation[1:])
+    return np.concatenate([[np.sqrt(max(variance * (1.0 - phi @ correlation[1:]), 1e-18))], phi])
+
+
+def _autoregression(values: Array, pieces: Array) -> Array:
+    """Innovations' standard deviation and AR coefficients (1 + ORDER,), by Yule-Walker over contiguous pieces."""
+    covariance = _autocovariance(values, pieces)
+    covariance[0] = covariance[0] * (1.0 + 1e-6) + 1e-30
+    phi = np.linalg.solve(toeplitz(covariance[:ORDER]), covariance[1:])
+    innovation = covariance[0] - phi @ covariance[1:]
+    return np.concatenate([[np.sqrt(max(innovation, 1e-6 * covariance[0]))], phi])
+
+
+@compiled
+def _autocovariance(values: Array, pieces: Array) -> Array:
+    """(1 + ORDER,) of values (n,) at lags from 0 on, of pairs in the same piece."""
+    out = np.zeros(ORDER + 1)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
+        for i in range(pieces[p], end):
+            for lag in range(min(ORDER + 1, end - i)):
+                out[lag] += values[i] * values[i + lag]
+    return out / len(values)
+
+
+@compiled
+def whiten(values: Array, pieces: Array, noise: Array) -> Array:
+    """Innovations (n, k) of columns (n, k) in units of their standard deviation; a piece begins in its steady state."""
+    sigma, phi = noise[0], noise[1:]
+    # The first values of a piece have no predecessors: weighed as what they are, of the marginal variance.
+    marginal = sigma / np.sqrt(max(1.0 - np.sum(phi * _correlations(phi)), 1e-6))
+    out = np.empty(values.shape)
+    for p in range(len(pieces)):
+        end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
+        for i in range(pieces[p], end):
+            begins = i < pieces[p] + ORDER
+            scale = 1.0 / (marginal * np.sqrt(ORDER)) if begins else 1.0 / sigma
+            for j in range(values.shape[1]):
+                value = values[i, j]
+                if not begins:
+                    for lag in range(ORDER):
+                        value -= phi[lag] * values[i - 1 - lag, j]
+                out[i, j] = value * scale
+    return out
+
+
+@compiled
+def _correlations(phi: Array) -> Array:
+    """Autocorrelation (ORDER,) at lags 1.. of an AR process."""
+    p = len(phi)
+    A, b = np.eye(p), np.zeros(p)
+    for k in range(1, p + 1):
+        for i in range(1, p + 1):
+            lag = abs(k - i)
+            if lag == 0:
+                b[k - 1] += phi[i - 1]
+            else:
+                A[k - 1, lag - 1] -= phi[i - 1]
+    return np.linalg.solve(A, b)
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What a candidate adds to the log evidence."""
+
+    option: Candidate
+    total: float  # beyond what is released already
+    gain: float  # beyond as little of it as is no effect worth a name
+    values: Array  # of its figures, deviations from nominal
+    physical: bool
+
+
+def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[int] = ()) -> list[Score]:
+    """Of each candidate beside what is released already, the one that explains most first."""
+    base = evidence.fit(released)
+    covariance, before = base.covariance, prior_variance(evidence.figures, released)
+    out = []
+    for option in options:
+        k = list(option.figures)
+        wide = prior_variance(evidence.figures, [*released, *k])[k]
+        narrow = prior_variance(evidence.figures, released, k)[k]
+        total, values = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], wide)
+        slack, _ = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], narrow)
+        # The sign only: by how much, linear extrapolation cannot say.
+        physical = all(x > 0.0 or evidence.figures[i].low < 0.0 for x, i in zip(values, k, strict=True))
+        out.append(Score(option, total, total - max(0.0, slack), values, physical))
+    return sorted(out, key=lambda score: -score.total)
+
+
+def _reweighed(x: Array, C: Array, before: Array, after: Array) -> tuple[float, Array]:
+    """What other prior variances (k,) of some figures add to the log evidence, and their new posterior mean.
+
+    From the posterior x (k,), C (k, k) under the old prior: the evidence ratio is the posterior's mean of the ratio of
+    the priors.
+    """
+    change = 1.0 / after - 1.0 / before
+    M = np.eye(len(x)) + C * change[None, :]
+    mean = np.linalg.solve(M, x)
+    log = 0.5 * float(np.log(before / after).sum()) - 0.5 * np.linalg.slogdet(M)[1] - 0.5 * float(x @ (change * mean))
+    return log, mean

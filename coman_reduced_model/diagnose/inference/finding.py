@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the recordings say: the effects that were found, and what these leave of the residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...core.base.types import Array
+from ..data.masks import TICKS
+from ..physics.hypotheses import Candidate, Figure
+from .case import Case
+from .evidence import Fit, Score
+
+ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance sole to be still and flat on the ground
+BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
+JUDGED_S = 2.0  # [s] of a law that tell how much is left of it; less is hardly more than one error of an encoder
+
+
+@dataclass
+class Effect:
+    """An effect that was accepted."""
+
+    option: Candidate
+    gain: float  # nats on the training bags
+    confirmed: float  # nats on the held-out bags; NaN without
+
+
+@dataclass
+class Finding:
+    """What the recordings say.
+
+    Attributes:
+        known: all figures; `at` (P,): where the cases below are linear: deviations of the chosen effects' figures.
+        fit: posterior on the training bags, with the chosen effects released.
+        first: every candidate before anything was chosen; last: what else would help when all was chosen.
+        train, hold: the recordings with the chosen effects; before: the same without any.
+        refused: candidates that training asked for and held-out bags, or the bounds of physics, contradict.
+    """
+
+    known: list[Figure]
+    at: Array
+    chosen: list[Effect] = field(default_factory=list)
+    fit: Fit | None = None
+    first: list[Score] = field(default_factory=list)
+    last: list[Score] = field(default_factory=list)
+    train: list[Case] = field(default_factory=list)
+    hold: list[Case] = field(default_factory=list)
+    before: tuple[list[Case], list[Case]] = field(default_factory=lambda: ([], []))
+    refused: list[tuple[Candidate, str]] = field(default_factory=list)
+
+    def leftover(self) -> dict[str, float]:
+        """By group, what the middle recording has left (of two, the worse), in units of the noise floor (see `size`).
+
+        A robot that staggers through one of three walks, or in some steps of each, is not of another kind for that.
+        Laws that take the stance sole as flat are not judged where it nearly always stands on an edge, and a
+        recording does not count where it shows little of a law (JUDGED_S) and others more than twice as much.
+        """
+        assert self.fit is not None
+        found: dict[str, list[tuple[int, float]]] = {}
+        for case in [*self.train, *self.hold]:
+            for key, value in case.left(case.own(self.fit, self.released)).items():
+                if case.floor.get(key, 0.0) > 0.0 and self.judged(case, key):
+                    found.setdefault(key, []).append((len(value), size(value) / case.floor[key]))
+        ratios = {}
+        for key, each in found.items():
+            enough = min(JUDGED_S * TICKS, 0.5 * max(each)[0])
+            ratios[key] = [ratio for ticks, ratio in each if ticks >= enough]
+        return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
+
+    def judged(self, case: Case, key: str) -> bool:
+        """Whether a group or channel of a recording says something: of a robot that staggers, only if all do."""
+        law = key.partition("/")[0]
+        on_soles = law in ON_SOLES or (law == "spring" and case.recording.tau is None)
+        all_stagger = all(each.where.staggers for each in [*self.train, *self.hold])
+        return not (on_soles and case.where.staggers) or all_stagger
+
+    def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
+        """By group, what is left of a recording without and with what was found: the effects are all the difference.
+
+        Both have the healthy scatter that is best with the effects: without them, it would take their place as far as
+        it can, and nothing would show.
+        """
+        assert self.fit is not None
+        x = after.own(self.fit, self.released)
+        healthy = x.copy()
+        healthy[self.released] = 0.0
+        return before.left(healthy), after.left(x)
+
+    @property
+    def released(self) -> list[int]:
+        return [i for effect in self.chosen for i in effect.option.figures]
+
+
+def size(values: Array) -> float:
+    """Standard deviation about zero by the four fifths of the values that are nearest to it: stumbles do not count."""
+    squares = np.sort(values**2)[: max(1, round(BEST * len(values)))]
+    return float(np.sqrt(np.mean(squares))) / NORMAL

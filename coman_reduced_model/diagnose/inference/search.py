@@ -1,0 +1,478 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which effects are missing: one after the other, as far as the evidence and held-out recordings say so."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import reduce
+from operator import add
+from typing import Any, Literal, TypeVar, cast
+
+import numpy as np
+
+from ...core.base.types import Array
+from ...progress import Progress
+from ..data.recording import moving
+from ..physics.hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
+from .case import Case, Prepared, examine
+from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed
+from .finding import Effect, Finding
+
+ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
+FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
+SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
+# Nats that another effect must add beside one at most, and as a share of what that one adds: what an effect explains
+# not quite looks like a second one.
+FURTHER, INHERITED = 8.0, 0.05
+ALONE = 9.0  # nats that it must add on the training bags where no held-out bag can contradict
+WORTH_TRYING = 0.55  # of these, on the training bags, for a look at the held-out ones
+AGREES = 2.0  # nats that it must add on the held-out bags
+SURE = 2.0  # standard deviations by which a load must weigh something
+VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
+MOST = 3  # effects at once
+TOUCHED = 0.1  # of the noise floor, from which on an effect is seen in a residual at all
+LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
+RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
+FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
+STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
+CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
+    "motor_lag": "drive_delay",
+    "transport_delay": "drive_delay",
+    "ground_slope": "constant_force",
+    "external_force": "constant_force",
+}
+CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from afar one looks like another
+LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
+_Conclusion = TypeVar("_Conclusion")
+
+
+def search(
+    looked: Looked,
+    told: Sequence[tuple[str, str]] | None = None,
+    progress: Progress | None = None,
+    enough: float | None = None,
+) -> Finding:
+    """Forward selection, with a new linearisation after each choice and a look at the held-out bags.
+
+    Of a robot that does not walk, nothing is chosen: what moves so little is settling, not physics.
+
+    Args:
+        looked: the recordings.
+        told: effects by name and place, if they are known: then only their figures are sought.
+        progress: called now and then.
+        enough: evidence that an effect needs [nats]; default: ENOUGH, or ALONE without held-out recordings.
+    """
+    known, hold = looked.known, bool(looked.hold)
+    walks = any(moving(recording.phase) for recording, _, _ in looked.train)
+    finding = Finding(known, np.zeros(len(known)))
+    enough = enough or (ENOUGH if hold else ALONE)
+    options = candidates(known)
+    needed, whole = _needed(enough, options), _whole_load(options)
+    tried = WORTH_TRYING if hold else 1.0
+    finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold")
+    finding.train, finding.hold = finding.before
+    if told is not None:
+        return _believe(finding, looked, options, told)
+    nominal = finding.at
+    while True:
+        looked.forget(nominal, finding.at)
+        evidence = _sum(finding.train)
+        finding.fit = evidence.fit(finding.released)
+        refused = [option for option, _ in finding.refused]
+        taken = {i for effect in finding.chosen for i in effect.option.figures}
+        kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
+        loaded = any(effect.option == whole for effect in finding.chosen)
+        # With play, a joint is at the one end or the other: what looks like its zero is where it mostly is.
+        shown = {(e.option.effect, e.option.place): e.option.where for e in finding.chosen}  # not in two ways at once
+        loose = {effect.option.where for effect in finding.chosen if effect.option.effect == "backlash"}
+        rest = [
+            option
+            for option in options
+            if option not in refused
+            and not taken.intersection(option.figures)
+            and CLASSES.get(option.effect) not in kin
+            and shown.get((option.effect, option.place), option.where) == option.where
+            and not (loaded and option.effect in LOADS)
+            and not (option.effect == "encoder_bias" and option.where in loose)
+        ]
+        finding.last = scores(evidence, rest, finding.released)
+        finding.first = finding.first or finding.last
+        strong = _no_twins([
+            score for score in finding.last
+            if score.physical and score.gain > tried * needed[score.option.effect]
+            and _visible(finding.train, score) > VISIBLE
+        ])  # fmt: skip
+        if len(finding.chosen) >= MOST or not strong or not walks:
+            return finding
+        rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
+        if any(score.option.effect in CLOCKS for score in rivals):
+            rivals += [score for score in strong if score.option.effect in CLOCKS and score not in rivals]
+        best = rivals[looked.once(_closest, finding, *(rival.option for rival in rivals))]
+        at, fit, confirmed, why = looked.once(_tried, finding, best.option)
+        if not why and not _enough(finding, looked.at(at, "hold"), fit, best, confirmed, enough, needed):
+            why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
+        if why:
+            finding.refused.append((best.option, why))
+            continue
+        finding.chosen.append(Effect(best.option, best.gain, confirmed))
+        finding.at, finding.train, finding.hold = at, looked.at(at, "train"), looked.at(at, "hold")
+        _drop_what_the_last_one_explains(finding, looked, enough, needed)
+        _one_load(finding, looked, options)
+        if progress:
+            progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
+
+
+def _tried(finding: Finding, looked: Looked, option: Candidate) -> tuple[Array, Fit, float, str]:
+    """Where an effect settles beside the chosen ones, its fit, what held-out bags say [nats], and why it is none."""
+    at, _, fit = _settled(finding, looked, [*finding.released, *option.figures])
+    if why := _impossible(finding.known, fit, option):
+        return at, fit, np.nan, why
+    if not looked.hold:
+        return at, fit, np.nan, ""
+    return at, fit, *_confirm(finding.known, fit, looked.at(at, "hold"), finding, option)
+
+
+def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
+    """Why an effect with the figures that fit best is none; empty if it may be one."""
+    if any(fit.x[i] < known[i].low for i in option.figures):
+        return "of the wrong sign, seen closely"
+    if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in option.figures):
+        return "it would have to be larger than any such effect is"
+    if option.effect == "payload":
+        mass = option.figures[0]
+        if abs(fit.x[mass]) < SURE * np.sqrt(fit.covariance[mass, mass]):
+            return "a load without a mass that is seen: if anything, the COM is shifted"
+    return ""
+
+
+def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float, needed: dict[str, float]) -> None:
+    """Backward elimination: an effect that was chosen first may have stood for one that was found later.
+
+    It needs as much evidence beside the later one as if it had come after it.
+    """
+    for effect in finding.chosen[:-1]:
+        option, train = effect.option, _sum(finding.train)
+        shapes = [i for i in option.figures if finding.known[i].shape]  # without the others they are nothing
+        bare = replace(option, figures=tuple(i for i in option.figures if i not in shapes))
+        fit = train.fit(finding.released)
+        rest = replace(finding, chosen=[other for other in finding.chosen if other is not effect], fit=fit)
+        (alone,) = scores(train, [bare], [*rest.released, *shapes])
+        tried = 1.0 if np.isnan(effect.confirmed) else WORTH_TRYING
+        if alone.gain >= tried * enough and _enough(
+            rest, finding.hold, fit, replace(alone, option=option), effect.confirmed, enough, needed
+        ):
+            continue
+        finding.chosen.remove(effect)
+        finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
+        finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
+        finding.hold = looked.at(finding.at, "hold")
+
+
+def _needed(enough: float, options: Sequence[Candidate]) -> dict[str, float]:
+    """By effect, the evidence that it needs where one of twelve and more places needs `enough`."""
+    ways = Counter(option.effect for option in options)
+    return {name: enough if count > FEW else max(enough - FEWER, SUSPECTED) for name, count in ways.items()}
+
+
+def _wanted(finding: Finding, name: str, enough: float, needed: dict[str, float]) -> float:
+    """The evidence that an effect needs beside those that were chosen: more beside one of another name."""
+    others = [effect for effect in finding.chosen if effect.option.effect != name]
+    if not others:
+        return needed[name]
+    most = max(float(np.nanmean([effect.gain, effect.confirmed])) for effect in others)
+    return min(max(enough, FURTHER), max(needed[name], ENOUGH - FEWER) + INHERITED * most)
+
+
+def _enough(
+    finding: Finding,
+    held: Sequence[Case],
+    fit: Fit,
+    score: Score,
+    confirmed: float,
+    enough: float,
+    needed: dict[str, float],
+) -> bool:
+    """Whether an effect has the evidence that it needs beside those that were chosen.
+
+    Args:
+        finding: without it; held: held-out recordings, linear where the `fit` (training) has it.
+        score, confirmed: what it adds on training and on held-out recordings.
+    """
+    sure = float(np.nanmean([score.gain, confirmed]))
+    if sure >= _wanted(finding, score.option.effect, enough, needed):
+        return True
+    least = max(needed[score.option.effect], ENOUGH - FEWER)
+    return sure >= least and _apart(finding, held, fit, score, least)
+
+
+def _no_twins(found: Sequence[Score]) -> list[Score]:
+    """Without those that explain the same as others of their effect and place with more figures."""
+
+    def twin(a: Score, b: Score) -> bool:
+        same = (a.option.effect, a.option.where) == (b.option.effect, b.option.where)
+        return same and len(a.option.figures) < len(b.option.figures) and bool(np.isclose(a.total, b.total, atol=1e-6))
+
+    return [score for score in found if not any(twin(score, other) for other in found)]
+
+
+def _apart(finding: Finding, held: Sequence[Case], fit: Fit, score: Score, least: float) -> bool:
+    """Whether an effect has the `least` evidence [nats] where those that were chosen do nothing.
+
+    There it cannot stand for what they explain not quite.
+    """
+    touched = set().union(*(_touched(case, finding) for case in [*finding.train, *held]))
+    train, hold = ([_without(case, touched) for case in cases] for cases in (finding.train, held))
+    (alone,) = scores(_sum(train), [score.option], finding.released)
+    confirmed, why = _confirm(finding.known, fit, hold, finding, score.option) if hold else (np.nan, "")
+    return alone.physical and not why and float(np.nanmean([alone.gain, confirmed])) >= least
+
+
+def _touched(case: Case, finding: Finding) -> set[str]:
+    """Groups of residuals in which the chosen effects are seen at all."""
+    assert finding.fit is not None
+    out = set()
+    for effect in finding.chosen:
+        which = list(effect.option.figures)
+        for key, columns in case.problem.columns.items():
+            made = columns[:, which] @ finding.fit.x[which]
+            if float(np.sqrt(np.mean(made**2))) > TOUCHED * case.floor.get(key, 0.0):
+                out.add(key)
+    return out
+
+
+def _without(case: Case, groups: set[str]) -> Case:
+    """The same recording as if it had no such groups of residuals."""
+    problem = replace(case.problem, rows={key: row for key, row in case.problem.rows.items() if key not in groups})
+    return replace(case, problem=problem, evidence=weighed(problem, case.evidence.at, case.noise))
+
+
+def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:
+    """A shifted COM and a mass more are one load with its place, if that is possible and held-out bags agree."""
+    loads = [effect for effect in finding.chosen if effect.option.effect in LOADS]
+    whole = _whole_load(options)
+    if len(loads) < 2 or whole is None:
+        return
+    others = [effect for effect in finding.chosen if effect not in loads]
+    released = [i for effect in others for i in effect.option.figures]
+    (score,) = scores(_sum(finding.train), [whole], released)
+    alone = replace(finding, chosen=others)
+    at, train, fit = _settled(alone, looked, [*released, *whole.figures])
+    held = looked.at(at, "hold")
+    confirmed, why = _confirm(finding.known, fit, held, alone, whole) if held else (np.nan, "")
+    if not (why or _impossible(finding.known, fit, whole)):
+        finding.chosen = [*others, Effect(whole, score.gain, confirmed)]
+        finding.at, finding.train, finding.hold, finding.fit = at, train, held, fit
+
+
+def _whole_load(options: Sequence[Candidate]) -> Candidate | None:
+    """A payload with all figures of its place."""
+    loads = [option for option in options if option.effect == "payload"]
+    return max(loads, key=lambda option: len(option.figures), default=None)
+
+
+def _believe(
+    finding: Finding, looked: Looked, options: Sequence[Candidate], told: Sequence[tuple[str, str]]
+) -> Finding:
+    """Fit the effects that are told, linearised twice."""
+    finding.first = finding.last = scores(_sum(finding.train), options)
+    for name, where in told:
+        mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
+        if mine:  # the way in which it shows most
+            finding.chosen.append(Effect(mine[0].option, mine[0].gain, np.nan))
+    finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
+    finding.hold = looked.at(finding.at, "hold")
+    return finding
+
+
+def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
+    """What each candidate adds on these recordings."""
+    return scores(_sum(cases), options)
+
+
+def smallest(finding: Finding) -> list[tuple[Figure, float]]:
+    """Of each figure of an effect, the deviation from nominal that would just give enough evidence beside the found."""
+    enough = ENOUGH if finding.hold else ALONE
+    needed = _needed(enough, candidates(finding.known))
+    fit, before = _sum(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
+    variance = np.diag(fit.covariance)
+    out = []
+    for i, figure in enumerate(finding.known):
+        if not figure.effect or not figure.offered or figure.shape or i in finding.released:
+            continue
+        narrow = max(figure.spread, figure.slack)
+        told = 1.0 / variance[i] - 1.0 / before[i]
+        if told < 1e-6 / figure.reach**2:  # nothing of it shows, however large
+            continue
+        noise = 1.0 / told  # of the data alone
+        # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
+        worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
+        price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
+        wanted = _wanted(finding, figure.effect, enough, needed)
+        out.append((figure, float(np.sqrt(2.0 * (wanted + price) / max(worth, 1e-30)))))
+    return out
+
+
+class Looked:
+    """Recordings as `prepare` gives them, and what was seen in them, by the values of the figures."""
+
+    def __init__(self, train: Sequence[Prepared], hold: Sequence[Prepared] = ()) -> None:
+        self.train, self.hold = train, hold
+        self.known = figures(train[0][0], train[0][1])
+        self._cases: dict[tuple[str, bytes], list[Case]] = {}
+        self._concluded: dict[tuple[Any, ...], Any] = {}
+        self.arrived: dict[tuple[Any, ...], Array] = {}  # of `_gauss_newton`
+
+    def at(self, at: Array, which: Literal["train", "hold"]) -> list[Case]:
+        key = which, at.tobytes()
+        if key not in self._cases:
+            self._cases[key] = [examine(each, self.known, at) for each in getattr(self, which)]
+        return self._cases[key]
+
+    def forget(self, *kept: Array) -> None:
+        """What was seen at other values than these: of long recordings it would fill the memory."""
+        values = {at.tobytes() for at in kept}
+        self._cases = {key: cases for key, cases in self._cases.items() if key[1] in values}
+
+    def once(self, conclude: Callable[..., _Conclusion], finding: Finding, *options: Candidate) -> _Conclusion:
+        """What a function of what was chosen, the recordings and these options says: a second search asks it again."""
+        key = (conclude, finding.at.tobytes(), *finding.released, *options)
+        if key not in self._concluded:
+            self._concluded[key] = conclude(finding, self, *options)
+        return cast(_Conclusion, self._concluded[key])
+
+    def near(self, at: Array, like: Sequence[Case], fresh: Sequence[int]) -> list[Case]:
+        """Training recordings in a quarter of the time."""
+        return [examine(each, self.known, at, case, fresh) for each, case in zip(self.train, like, strict=True)]
+
+
+def _sum(cases: Sequence[Case]) -> Evidence:
+    return reduce(add, (case.evidence.shared() for case in cases))
+
+
+def _settle(
+    finding: Finding, looked: Looked, released: Sequence[int], rounds: int = ROUNDS
+) -> tuple[Array, list[Case], Fit]:
+    """Gauss-Newton: where the released figures are linear and estimated agree.
+
+    Steps are no longer than a reach, and half as long after each turn back: a spring four times too soft is far from
+    linear. Where they went far, as delays do, all derivatives are taken anew, for `rounds` in all at most.
+    """
+    known, cases = finding.known, finding.train
+    at = np.zeros(len(known))  # what was dropped is gone at once
+    at[list(released)] = finding.at[list(released)]
+    near, far_off = finding.at, FAR_OFF
+    for left in reversed(range(rounds)):
+        at, cases, fit = _gauss_newton(looked, released, at, cases)
+        if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
+            break
+        near, far_off, cases = at, ARRIVED, looked.at(at, "train")
+    return at, cases, fit
+
+
+def _gauss_newton(
+    looked: Looked, released: Sequence[int], at: Array, like: Sequence[Case]
+) -> tuple[Array, list[Case], Fit]:
+    """`_settle` from figures `at`, with the derivatives by all other figures as in the cases `like`."""
+    known, cases = looked.known, list(like)
+    key = at.tobytes(), like[0].evidence.at.tobytes(), *released
+    if key in looked.arrived:  # rivals are compared again when the best of them was refused
+        at = looked.arrived[key]
+        cases = looked.near(at, like, released)
+        return at, cases, _sum(cases).fit(released)
+    fit = _sum(cases).fit(released)
+    longest = np.array([figure.reach for figure in known])
+    last = np.zeros(len(known))
+    for _ in range(STEPS):
+        step = _values(known, fit, released) - at
+        longest[step * last < 0.0] *= 0.5
+        last = np.clip(step, -longest, longest)
+        at = at + last
+        cases = looked.near(at, like, released)
+        fit = _sum(cases).fit(released)
+        if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
+            break
+    looked.arrived[key] = at
+    return at, cases, fit
+
+
+def _settled(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
+    """The same with all derivatives taken where it ends."""
+    at = _settle(finding, looked, released)[0]
+    cases = looked.at(at, "train")
+    return at, cases, _sum(cases).fit(released)
+
+
+def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array:
+    """Deviations (P,) to linearise around: those of the released figures, as far as they are possible."""
+    at = np.zeros(len(known))
+    for i in released:
+        at[i] = max(fit.x[i], known[i].low)
+    return at
+
+
+def _visible(cases: Sequence[Case], score: Score) -> float:
+    """The most that a candidate amounts to in any residual, in units of its noise floor (root mean square).
+
+    Or of an encoder's resolution: the error of a slow encoder is no noise, and comes again with every step.
+    """
+    most = 0.0
+    for case in cases:
+        for key, columns in case.problem.columns.items():
+            made = columns[:, list(score.option.figures)] @ score.values
+            count = case.problem.resolution.get(key.partition("|")[0], 0.0)
+            level = max(case.floor.get(key, 0.0), count / np.sqrt(12.0), 1e-12)
+            most = max(most, float(np.sqrt(np.mean(made**2))) / level)
+    return most
+
+
+def _closest(finding: Finding, looked: Looked, *rivals: Candidate) -> int:
+    """Which is best of what looks alike from afar: each linear around its own values, all with the same noise."""
+    if len(rivals) == 1:
+        return 0
+    trials = []
+    for rival in rivals:
+        released = [*finding.released, *rival.figures]
+        rounds = ROUNDS if rival.effect in CLOCKS else 1
+        trials.append((released, _settle(finding, looked, released, rounds)[1]))
+    count = len(trials[0][1])
+    noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
+    logs = []
+    for released, cases in trials:
+        evidence = reduce(
+            add,
+            (
+                weighed(case.problem, case.evidence.at, noise).shared()
+                for case, noise in zip(cases, noises, strict=True)
+            ),
+        )
+        logs.append(evidence.fit(released).log)
+    return int(np.argmax(logs))
+
+
+def _confirm(
+    known: list[Figure], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
+) -> tuple[float, str]:
+    """Log evidence on held-out recordings for the effect as trained against none of it; and why not, if not."""
+    evidence = _sum(held)
+    released = [*finding.released, *option.figures]
+    covariance = fit.covariance
+    healthy = prior_variance(known, finding.released)
+    mean, variance = np.zeros(len(known)), healthy.copy()
+    for i in released:
+        mean[i], variance[i] = fit.x[i], covariance[i, i] + (0.1 * fit.x[i]) ** 2
+    without_mean, without = mean.copy(), variance.copy()
+    for i in option.figures:
+        if known[i].shape:  # it is nothing without the others
+            continue
+        without_mean[i], without[i] = 0.0, max(known[i].slack, known[i].spread, 1e-9 * known[i].reach) ** 2
+    gain = evidence.posterior(mean, variance).log - evidence.posterior(without_mean, without).log
+    if gain < AGREES:
+        return gain, f"held-out bags {'speak against it' if gain < 0.0 else 'show too little of it'} ({gain:.1f} nats)"
+    again = evidence.fit(released)
+    spread = np.sqrt(np.diag(again.covariance) + np.diag(covariance))
+    for i in option.figures:
+        if abs(again.x[i] - fit.x[i]) > 4.0 * spread[i] + 0.35 * abs(fit.x[i]) + known[i].spread:
+            return gain, f"held-out bags find another {known[i].key} ({again.x[i]:.3g} for {fit.x[i]:.3g})"
+    return gain, ""

@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Structured residuals: laws that hold on any robot, each blind to some effects. No reduced model is involved.
+
+`spring`    motor - link - torque / k - (d / k) rate: the spring law of a joint [rad]
+`torque`    measured torque of a joint against inverse dynamics from the ground up [Nm]
+`force`     sum of the foot forces against the rate of momentum and weight [N]
+`moment`    the same about the COM: the centre of pressure against the motion [Nm]
+`feet`      one sole in the frame of the other while both stand: height, roll and pitch, which are zero on a flat
+            floor, and y, yaw since touchdown, which do not change [m, rad]
+`slide`     how far a sole that has landed moves along its x axis while the other stands still [m]
+`tilt`      roll and pitch of the robot by the IMU against kinematics from a flat sole [rad]
+`plan`      where the motor side carries the COM against where com/reference plans it, over the stance sole [m]
+`landing`   by how much the force on a landing foot goes beyond what it bears before and after, and beyond the jolt of
+            any landing: the impulse of a blow [Ns]
+`unloaded`  what a foot's sensor reads while the foot is in the air [N, Nm]
+
+`force`, `moment` and `tilt` are along the heading: x level and between the forward axes of both soles, so that feet
+turned out cancel, z up. It owes nothing to the axes of the root link or of `robot.base_frame`, which point backwards on
+some robots. What stays where it is while the robot turns (pull, slope) is in `odom`, as in the predictor's effects.
+
+All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
+are taken at TICKS a second; but for `slide` and `landing`, one value for each landing, from the samples as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ...core.base.types import Array, Foot
+from ...core.robot.robot import Robot
+from ..data.landings import slide_lengths
+from ..data.masks import TAKEN_UP, TICKS, Masks
+from ..data.recording import FEET, WRENCH, Recording
+from ..data.signals import Smoothed, rate_of, smooth, spring_stretch
+from ..data.world import World
+
+JOLT = 0.004  # [m/s] by which any landing stops the robot
+TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Smoothed joints at the ticks, and the soles against the trunk.
+
+    Attributes:
+        q, qd, qdd: (m, nj).
+        R, p: by foot (m, 3, 3), (m, 3) of the sole in the root link's frame.
+        trunk: (m, 3) COM of the trunk, where `external_force` pulls, in the root link's frame.
+        twist, twist_rate: by foot (m, 6) of the root link, in its frame, if that sole stands still.
+        J: by foot (m, 6, nv) of the sole, in its own frame.
+        com: (m, 3) by the URDF, in the root link's frame, and com_J (m, 3, nv) by joints.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    R: dict[Foot, Array]
+    p: dict[Foot, Array]
+    trunk: Array
+    twist: dict[Foot, Array]
+    twist_rate: dict[Foot, Array]
+    J: dict[Foot, Array]
+    com: Array
+    com_J: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """All residuals of one recording under one hypothesis, and what they were made of (for the next hypothesis)."""
+
+    recording: Recording
+    world: World
+    motion: Motion
+    up: dict[Foot, Array]
+    free: list[tuple[Array, Array, Array]]  # m configurations, velocities and accelerations of the model
+    inertial: Array  # (m, nv) generalised forces of motion and weight
+    rest: Array  # (m, nv) of them that the ground does not give
+    R: Array  # (m, 3, 3) heading <- root
+    balance: dict[str, Array]  # residuals of force and moment
+    feet: dict[str, Array]  # residuals of the closed loop of the legs
+    slid: Array  # (k,) along its x axis, by each foot that landed [m]
+    residuals: dict[str, Array]
+    smoothed: Smoothed
+
+    def inertial_of(self, model: pin.Model) -> Array:
+        """`inertial` of bodies with other masses: linear in what changes."""
+        bodies = range(1, model.njoints)
+        change = np.concatenate([
+            model.inertias[k].toDynamicParameters() - self.world.model.inertias[k].toDynamicParameters() for k in bodies
+        ])  # fmt: skip
+        which = np.flatnonzero(change)
+        return np.asarray(self.inertial + self._regressor[:, :, which] @ change[which])
+
+    @cached_property
+    def _regressor(self) -> Array:
+        """(m, nv, 10 a body) of `inertial` by the bodies' dynamic parameters."""
+        model = self.world.model
+        data = model.createData()
+        out = np.empty((len(self.free), model.nv, 10 * (model.njoints - 1)))
+        for i, each in enumerate(self.free):
+            out[i] = pin.computeJointTorqueRegressor(model, data, *each)
+        return out
+
+
+def evaluate(recording: Recording, world: World, where: Masks, before: State | None = None) -> State:
+    """Every residual by its name, (m,) at the ticks; NaN where it says nothing.
+
+    Names: `spring/JOINT`, `torque/JOINT`, `force/x`, `moment/x`, `feet/roll`, `tilt/pitch`, `unloaded/left/fz` ...
+
+    Args:
+        recording: possibly with other arrays than were measured.
+        world: what is believed.
+        where: of the measured recording.
+        before: a state whose parts are taken over where nothing has changed that they depend on.
+    """
+    robot, ticks = world.robot, where.ticks
+    same_q = before is not None and recording.q is before.recording.q
+    slid = before.slid if before and same_q else slide_lengths(world, recording.q, where.slides)
+    smoothed = Smoothed(before.smoothed if before else None)
+    yaw = {foot: recording.yaw[foot][ticks] for foot in FEET}
+    motion = before.motion if before and same_q else _motion(world.robot, smoothed(recording.q), ticks)
+    wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
+    # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
+    same_ground = before is not None and all(
+        _same(world, before.world, name) for name in ("slope", "tilting", "sinking")
+    )
+    same_forces = before is not None and recording.wrench is before.recording.wrench
+    if before and same_q and same_ground and (same_forces or not (world.tilting or world.sinking)):
+        up = before.up
+    else:
+        up = {foot: _normal(world, motion.R[foot], wrench[foot], yaw[foot]) for foot in FEET}
+    if before and up is before.up:
+        R, free = before.R, before.free
+        inertial = before.inertial if world.model is before.world.model else before.inertial_of(world.model)
+    else:
+        R, free = _free_motion(world, motion, up, where.share, _yield(world, recording, motion, ticks))
+        inertial = _inertial(world.model, free)
+    if before and same_forces and inertial is before.inertial and _same(world, before.world, "pull"):
+        rest, balance = before.rest, before.balance
+    else:
+        # What motion and weight need beyond what the ground gives: nothing for the trunk, the springs' torques for
+        # joints.
+        rest = inertial - sum(np.einsum("nij,ni->nj", motion.J[foot], wrench[foot]) for foot in FEET)
+        if world.pull.any():
+            level = _seen_from(0.5 * (yaw[Foot.LEFT] + yaw[Foot.RIGHT]), world.pull)
+            force = np.einsum("nki,nk->ni", R[:, :2], level)
+            rest = rest - np.hstack([force, np.cross(motion.trunk, force), np.zeros((len(R), rest.shape[1] - 6))])
+        moment = rest[:, 3:6] - np.cross(motion.com, rest[:, :3])
+        balance = {}  # what the sensors say too much
+        for name, value in (("force", rest[:, :3]), ("moment", moment)):
+            balance |= {f"{name}/{axis}": -np.einsum("nj,nj->n", R[:, k], value) for k, axis in enumerate(AXES)}
+    needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / world.creep)
+    torques = _torques(recording, ticks, needed, smoothed)
+    out = balance | _joints(recording, world, where, needed, torques, smoothed)
+    if recording.up is not None:
+        leaning = np.einsum("nij,nj->ni", R, smoothed(recording.up)[ticks])
+        out |= {"tilt/roll": leaning[:, 1], "tilt/pitch": -leaning[:, 0]}
+    out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
+    feet = before.feet if before and up is before.up else _feet(motion, where, world, wrench)
+    out |= feet
+    if recording.plan is not None and recording.moved is not None:
+        gap = (smoothed(recording.moved) - smoothed(recording.plan))[ticks]
+        if world.yielded:
+            behind = _yielded(world.yielded, world, recording, ticks, torques, smoothed)
+            gap = gap + _com_by_joints(world, motion, where.share, behind)
+        if world.lead and recording.motor_q is not None:
+            planned = _planned_torque(world, smoothed(recording.motor_q), where)
+            ahead = world.lead * np.nan_to_num(planned / world.stiffness)
+            gap = gap - _com_by_joints(world, motion, where.share, ahead)
+        out |= {
+            f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
+        }
+    out["landing/z"] = where.blow - JOLT * robot.mass - TOLD * world.impulse
+    out["slide/x"] = np.full(len(ticks), np.nan)
+    for value, slide in zip(slid, where.slides, strict=True):
+        out["slide/x"][slide.tick] = value + slide.share * world.slip[FEET.index(slide.foot)]
+    for foot in FEET:
+        for k, name in enumerate(WRENCH):
+            out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
+    return State(recording, world, motion, up, free, inertial, rest, R, balance, feet, slid, out, smoothed)
+
+
+def _same(world: World, other: World, name: str) -> bool:
+    return bool(np.array_equal(getattr(world, name), getattr(other, name)))
+
+
+def _blend(by_foot: dict[Foot, Array], share: Array) -> Array:
+    """(m, k) by the load share of the left foot."""
+    w = share[:, None]
+    blended: Array = w * by_foot[Foot.LEFT] + (1.0 - w) * by_foot[Foot.RIGHT]
+    return blended
+
+
+def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
+    """From smoothed positions (n, nj)."""
+    rate = rate_of(smoothed)
+    q, qd, qdd = smoothed[ticks], rate[ticks], rate_of(rate)[ticks]
+    model, m = robot.model, len(q)
+    data = model.createData()
+    configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    R, p, J = ({foot: np.empty((m, *shape)) for foot in FEET} for shape in ((3, 3), (3,), (6, model.nv)))
+    twist, twist_rate = ({foot: np.empty((m, 6)) for foot in FEET} for _ in range(2))
+    com, com_J, trunk = np.empty((m, 3)), np.empty((m, 3, model.nv)), np.empty((m, 3))
+    body = model.frames[robot.base_id].parentJoint
+    for i in range(m):
+        robot.scatter(q[i], configuration)
+        velocity[robot.idx_v], acceleration[robot.idx_v] = qd[i], qdd[i]
+        pin.forwardKinematics(model, data, configuration, velocity, acceleration)
+        com_J[i] = pin.jacobianCenterOfMass(model, data, False)
+        com[i], trunk[i] = data.com[0], data.oMi[body].act(model.inertias[body].lever)
+        for foot, frame in robot.sole_ids.items():
+            placement = pin.updateFramePlacement(model, data, frame)
+            R[foot][i], p[foot][i] = placement.rotation, placement.translation
+            J[foot][i] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+            # What the sole does while the trunk is still is the trunk's to undo; both twists are parallel, so that no
+            # term of Coriolis is between them.
+            twist[foot][i] = -pin.getFrameVelocity(model, data, frame, pin.WORLD).vector
+            twist_rate[foot][i] = -pin.getFrameAcceleration(model, data, frame, pin.WORLD).vector
+    return Motion(q, qd, qdd, R, p, trunk, twist, twist_rate, J, com, com_J)
+
+
+def _seen_from(yaw: Array, v: Array) -> Array:
+    """A level vector (2,) of odom in axes (m, 2) that are turned by yaw (m,) [rad] there."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * v[0] + s * v[1], c * v[1] - s * v[0]])
+
+
+def _normal(world: World, R: Array, wrench: Array, yaw: Array) -> Array:
+    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment.
+
+    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom.
+    """
+    roll, pitch = world.slope
+    level = _seen_from(yaw, np.array([-pitch, roll])) + world.tilting * wrench[:, [4, 3]] * [1.0, -1.0]
+    turned = np.column_stack([level, np.ones(len(R))])
+    return np.einsum("nij,nj->ni", R, turned / np.linalg.norm(turned, axis=1)[:, None])
+
+
+def _yield(
+    world: World, recording: Recording, motion: Motion, ticks: Array
+) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
+    """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground."""
+    if not (world.tilting or world.sinking):
+        return None
+    flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
+    twist, twist_rate = {}, {}
+    for foot in FEET:
+        first = rate_of(smooth(recording.wrench[foot]))
+        for out, value in ((twist, first), (twist_rate, rate_of(first))):
+            sole = value[ticks] * flexible
+            linear, angular = (np.einsum("nij,nj->ni", motion.R[foot], part) for part in (sole[:, :3], sole[:, 3:]))
+            out[foot] = np.hstack([linear + np.cross(motion.p[foot], angular), angular])
+    return twist, twist_rate
+
+
+def _free_motion(
+    world: World,
+    motion: Motion,
+    up: dict[Foot, Array],
+    share: Array,
+    yielding: tuple[dict[Foot, Array], dict[Foot, Array]] | None,
+) -> tuple[Array, list[tuple[Array, Array, Array]]]:
+    """The rotation (m, 3, 3) heading <- root, and m configurations, velocities and accelerations of the model."""
+    robot, model = world.robot, world.robot.model
+    against, twist, rate = (_blend(each, share) for each in (up, motion.twist, motion.twist_rate))
+    if yielding is not None:
+        twist, rate = twist + _blend(yielding[0], share), rate + _blend(yielding[1], share)
+    z = against / np.linalg.norm(against, axis=1)[:, None]
+    x = motion.R[Foot.LEFT][:, :, 0] + motion.R[Foot.RIGHT][:, :, 0]
+    x -= np.einsum("ni,ni->n", x, z)[:, None] * z
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    m = len(R)
+    configuration = pin.neutral(model)[None].repeat(m, axis=0)
+    velocity, acceleration = np.zeros((m, model.nv)), np.zeros((m, model.nv))
+    configuration[:, 3:7] = Rotation.from_matrix(R).as_quat()
+    velocity[:, :6], acceleration[:, :6] = twist, rate
+    velocity[:, robot.idx_v], acceleration[:, robot.idx_v] = motion.qd, motion.qdd
+    for q, out in zip(motion.q, configuration, strict=True):
+        robot.scatter(q, out)
+    return R, list(zip(configuration, velocity, acceleration, strict=True))
+
+
+def _inertial(model: pin.Model, motion: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Generalised forces (m, nv) of motion and weight."""
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *each) for each in motion])
+
+
+def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed) -> Array:
+    """(m, nj) [Nm] that the springs bear: measured, or else what motion and ground ask for."""
+    if recording.tau is None:
+        return needed
+    efforts = smoothed(recording.tau)
+    return np.where(smoothed.complete(efforts), efforts[ticks], needed)
+
+
+def _yielded(
+    compliance: float, world: World, recording: Recording, ticks: Array, torque: Array, smoothed: Smoothed
+) -> Array:
+    """(m, nj) [rad] by which position loops yield to torques (m, nj) and to their rotors, a lag later."""
+    load = torque - world.settling * np.gradient(torque, 1.0 / TICKS, axis=0)
+    if world.rotor and recording.motor_q is not None:
+        load = load + world.rotor * rate_of(rate_of(smoothed(recording.motor_q)))[ticks]
+    return compliance * load
+
+
+def _planned_torque(world: World, motors: Array, where: Masks) -> Array:
+    """(m, nj) [Nm] that the smoothed motion (n, nj) of the motor side asks for if one foot bears it all, as planned."""
+    motion = _motion(world.robot, motors, where.ticks)
+    left = np.where(where.share >= 0.5, 1.0, 0.0)
+    upright = {foot: motion.R[foot][:, :, 2] for foot in FEET}
+    inertial = _inertial(world.model, _free_motion(world, motion, upright, left, None)[1])
+    J = left[:, None, None] * motion.J[Foot.LEFT] + (1.0 - left[:, None, None]) * motion.J[Foot.RIGHT]
+    wrench = np.linalg.solve(J[:, :, :6].transpose(0, 2, 1), inertial[:, :6, None])
+    return (inertial - (J.transpose(0, 2, 1) @ wrench)[:, :, 0])[:, world.robot.idx_v]
+
+
+def _com_by_joints(world: World, motion: Motion, share: Array, joints: Array) -> Array:
+    """x, y (m, 2) by which joints (m, nj) [rad] move the COM in the frame of the stance sole, to first order."""
+    left, idx_v = share >= 0.5, world.robot.idx_v
+
+    def stance(by_foot: dict[Foot, Array]) -> Array:
+        return np.where(left.reshape(-1, *(1,) * (by_foot[Foot.LEFT].ndim - 1)), *(by_foot[foot] for foot in FEET))
+
+    R = stance(motion.R)
+    sole = np.einsum("nij,nj->ni", stance(motion.J)[:, :, idx_v], joints)
+    com = np.einsum("nji,njk,nk->ni", R, motion.com_J[:, :, idx_v], joints, optimize=True)
+    lever = np.einsum("nji,nj->ni", R, motion.com - stance(motion.p))
+    return (com - sole[:, :3] - np.cross(sole[:, 3:], lever))[:, :2]
+
+
+def _joints(
+    recording: Recording, world: World, where: Masks, needed: Array, torques: Array, smoothed: Smoothed
+) -> dict[str, Array]:
+    """`torque` and `spring`; torques (m, nj) that motion and ground ask for (`needed`), and that the springs bear."""
+    robot, ticks = world.robot, where.ticks
+    efforts = None if recording.tau is None else smoothed(recording.tau)
+    stretch = None if recording.motor_q is None else (smoothed(recording.motor_q) - smoothed(recording.q))[ticks]
+    yielding = None
+    if world.yielding:
+        yielding = _yielded(world.yielding, world, recording, ticks, torques, smoothed)
+    out: dict[str, Array] = {}
+    for j in np.concatenate([robot.legs[foot] for foot in FEET]):
+        name = robot.joint_names[j]
+        torque = torques[:, j]
+        if efforts is not None and smoothed.complete(efforts)[j]:
+            out[f"torque/{name}"] = torque - needed[:, j]
+            elastic = smoothed.stretch(world, j, efforts)[ticks]
+        else:
+            elastic = spring_stretch(world, j, torque, 1.0 / TICKS)
+        if stretch is not None:
+            play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
+            bent = elastic + 0.5 * world.play[j] * play
+            out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
+    return out
+
+
+def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array]) -> dict[str, Array]:
+    """The right sole in the frame of the left one, both taken back to a hard level floor."""
+    R = np.einsum("nji,njk->nik", motion.R[Foot.LEFT], motion.R[Foot.RIGHT])
+    p = np.einsum("nji,nj->ni", motion.R[Foot.LEFT], motion.p[Foot.RIGHT] - motion.p[Foot.LEFT])
+    left, right = (world.tilting * wrench[foot][:, 3:5] for foot in FEET)
+    # A foot turns against the ground's moment on it, and sinks against its force.
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) - (left - right)[:, 0]
+    pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - (left - right)[:, 1]
+    sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
+    height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
+    since = {"y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
+    out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
+    out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
+    return {name: np.where(where.double, value, np.nan) for name, value in out.items()}

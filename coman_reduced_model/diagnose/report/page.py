@@ -1,0 +1,397 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page of a diagnosis: what is missing, how it shows, how sure that is, and what is still open."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...core.evaluation.statistics import AXES
+from ...report.figures import heat_map
+from ...report.page import Notice, Part, Section, Table, Text, page, picture
+from ..inference.limits import limit_of, limits
+from ..inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
+from ..result import Diagnosis
+from .figures import LAWS, Pair, com_error, law, pairs, residuals
+from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
+
+_ROWS = 14  # of the heat map and the tables, the rest is folded away
+_TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
+_HEADINGS = {
+    "effect": "What is missing",
+    "none": "Nothing is missing",
+    "unknown": "Something unknown is missing",
+    "not_excited": "This recording cannot tell",
+}
+_MEANING = {
+    "none": "What the nominal robot leaves unexplained is no more than healthy robots leave, whose springs, "
+    "masses and sensors "
+    "scatter by some percent around the data sheet. An effect that is smaller than the limits below can still "
+    "be there.",
+    "unknown": "Some residual is larger than healthy robots leave, and no effect of the catalogue, nor several "
+    "of them, "
+    "takes it away. The model was left as it is. The residuals below tell where to look.",
+    "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
+    "most effects can show. "
+    "Record a walk of ten seconds or more, better two of different gaits.",
+}
+_NOT_IN_MODEL = (
+    "What the laws show of an effect stands, also where the model does without it. If it makes the predicted COM "
+    "worse, its form in the model is not quite what happens on this robot, or it made up for something else that is "
+    "off, such as a spring."
+)
+# What would decide between an effect and those that look like it.
+_DECIDES = {
+    "drive_delay": "references with quick parts (a chirp up to some Hz on one joint, standing): a delay shifts "
+    "all of them "
+    "alike, a lag also makes the quick ones smaller",
+    "constant_force": "standing with and without a known mass on the trunk: a slope's force grows with the "
+    "weight, a pull "
+    "does not; or an IMU that was levelled on this floor",
+    "backlash": "the joint loaded slowly through zero torque, both ways, with a sensor of its torque",
+    "spring_nonlinearity": "the joint loaded slowly to its largest torque, both ways",
+    "joint_stiffness": "the joint loaded slowly to a known torque, or a heavier load on the same gait",
+    "joint_damping": "the same gait at half and at twice the speed",
+    "joint_friction": "the same gait at half and at twice the speed: friction does not grow with it, damping does",
+    "motor_compliance": "standing under two known loads, with motor states that are measured",
+    "payload": "the robot on a scale, then leaning forward and back while it stands",
+    "com_offset": "standing still, leaning forward, back and to both sides",
+    "encoder_bias": "the joint against a mechanical stop, or in a gauge of known angle",
+    "wrench_scale": "standing on each foot alone on a scale",
+    "wrench_bias": "the robot lifted off the ground: the sensors must read the weight of the feet alone",
+    "wrench_delay": "a tap on the foot while standing: joints, IMU and wrench must show it at the same time",
+    "encoder_delay": "a tap on the leg while standing: joints, IMU and wrench must show it at the same time",
+    "ground_compliance": "the same walk on a hard floor",
+    "foot_slip": "the same walk on a rough floor",
+}
+
+
+def diagnosis_page(diagnosis: Diagnosis) -> str:
+    """One self-contained HTML page."""
+    result = diagnosis.result
+    train, hold = pairs(diagnosis.finding)
+    words = str(result["sentence"])
+    sections = [
+        Section(_HEADINGS[result["verdict"]], _verdict(result)),
+        Section("Before and after" if diagnosis.finding.chosen else "How it shows", _shows(diagnosis, train, hold)),
+        Section("Where it disagrees", _where(diagnosis)),
+        Section("The gap", _gap(result)),
+        Section("Other explanations", _ranking(diagnosis)),
+        Section("What is still open", _open(diagnosis)),
+    ]
+    return page(f"Diagnosis of {_bags(result)}", words[:1].upper() + words[1:] + ".", sections, _facts(diagnosis))
+
+
+def _bags(result: dict[str, Any]) -> str:
+    return ", ".join(path.rstrip("/").rpartition("/")[2] for path in result["bags"]["train"])
+
+
+def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    result = diagnosis.result
+    count, held = len(result["bags"]["train"]), len(result["bags"]["holdout"])
+    facts = [("verdict", spaced(result["verdict"])), ("robot", diagnosis.finding.train[0].state.world.robot.model.name)]
+    facts.append(("recordings", f"{count} to find it in, {held} held out"))
+    if any(effect["in_model"] for effect in result["effects"]):
+        facts.append(("model with it", result["model"]))
+    return [*facts, ("took", f"{result['seconds']:.0f} s")]
+
+
+def _verdict(result: dict[str, Any]) -> list[Part]:
+    parts: list[Part] = []
+    if result["verdict"] in _MEANING:
+        parts.append(Text(_MEANING[result["verdict"]]))
+    effects = result["effects"] or result["suspected"]
+    if result["suspected"]:
+        parts.append(Text("These effects were looked at as explanations, and are not enough:"))
+    if effects:
+        rows = [
+            [
+                spaced(effect["name"]), effect["where"] or "–", key,
+                figure(parameter), f"{effect['evidence']:.0f}", _known(effect["holdout_evidence"]),
+            ]
+            for effect in effects
+            for key, parameter in effect["parameters"].items()
+        ]  # fmt: skip
+        caption = (
+            "Values with 1.96 standard deviations of the linearised posterior. Model error is not in them, so that "
+            "they contain the truth in fewer than 95 % of cases. Evidence: log ratio of the probabilities of the data "
+            "with the effect and with no "
+            f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
+            f"(with none held out {ALONE:g}; of an effect of no more than {FEW} ways {FEWER:g} less; beside another "
+            f"effect more by {INHERITED:.0%} of that one's, up to {FURTHER:g}), and {AGREES:g} on the held-out ones."
+        )
+        parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
+    if effects:
+        parts.append(_com(effects, bool(result["gap"]["holdout"])))
+    if result["effects"]:
+        inside = [spaced(effect["name"]) for effect in effects if effect["in_model"]]
+        parts.append(
+            Text(
+                f"{result['model']} beside this page is the configuration with "
+                f"{' and '.join(inside) or 'none of this'}: commands and nodes run it as it is."
+            )
+        )
+        if len(inside) < len(effects):
+            parts.append(Text(_NOT_IN_MODEL))
+    return parts
+
+
+def _com(effects: list[dict[str, Any]], held: bool) -> Table:
+    """What each effect makes of the predicted COM."""
+    rows = []
+    for effect in effects:
+        com, inside = effect["com"], "yes" if effect["in_model"] else "no"
+        for axis in AXES:
+            sizes = [f"{1e3 * com[which][axis]:.3f}" for which in ("before", "after")]
+            low, high = (1e6 * value for value in com["change"][axis])
+            change = f"{low:+.4f} to {high:+.4f}" if np.isfinite(high) else "–"
+            rows.append([spaced(effect["name"]), effect["where"] or "–", axis, *sizes, change, inside])
+    which = "held-out recordings" if held else "training recordings: none was held out"
+    caption = (
+        "Error of the predicted COM without and with each effect, beside the others in the model: RMS over the "
+        f"{which}, both against the measurement as the effects correct it. The change of its square is a 95 % "
+        f"interval, paired over {effects[0]['com']['steps']} steps. An effect stays out of the model if one axis is "
+        "worse beyond chance."
+    )
+    head = ["effect", "where", "COM", "without [mm]", "with it [mm]", "change of square [mm²]", "in the model"]
+    return Table(head, rows, caption, words=3)
+
+
+def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Part]:
+    finding, result = diagnosis.finding, diagnosis.result
+    changed = bool(finding.chosen)
+    pair = (hold or train)[0]
+    seen = "a held-out recording, to which no value of an effect was fitted" if hold else "a training recording"
+    parts: list[Part] = []
+    for number, effect in enumerate(finding.chosen):
+        name, where = effect.option.effect, effect.option.where
+        most = _strongest(pair, list(effect.option.figures))
+        if name in LAWS:
+            joints = [c.partition("/")[2] for c in most if c.startswith(LAWS[name][0] + "/")]
+            joint = where if where in pair.before.state.world.robot.joint_names else next(iter(joints), "")
+            if joint:
+                parts.append(
+                    picture(
+                        f"law{number}",
+                        lambda n=name, j=joint: law([*train, *hold], n, j),
+                        f"Residual of {joint} before and after {spaced(name)}",
+                        f"{place(joint)}, all recordings: what its nominal law does not explain. Healthy "
+                        f"scatter is taken off; "
+                        "black is what the effects alone make of it.",
+                    )
+                )
+        parts.append(
+            picture(
+                f"residual{number}",
+                lambda m=most: residuals(pair, m[:3], True),
+                f"Residuals over time before and after {spaced(name)}",
+                f"Where {spaced(name)} shows most, in {pair.name} ({seen}): measured minus what the robot should do, "
+                "before and after. No values at changes of contact, where rigid bodies explain nothing.",
+            )
+        )
+    worst = [key.split("|")[0] for key in result["too_much"]] or (
+        [] if changed else [entry["channel"] for entry in result["localisation"]]
+    )
+    worst = list(dict.fromkeys(worst))[:3]
+    if worst:
+        parts.append(
+            picture(
+                "worst",
+                lambda: residuals(_worst(train, hold, worst[0]), worst, changed),
+                "The largest residuals over time",
+                "The largest of what is left: measured minus what the robot should do.",
+            )
+        )
+    parts.append(
+        picture(
+            "com",
+            lambda: com_error(pair.name, diagnosis.com, changed),
+            "Error of the predicted COM over time",
+            f"Measured minus predicted COM of the free run, {pair.name}, with the nominal model"
+            + (" and with all that was found in it." if changed else "."),
+        )
+    )
+    return parts
+
+
+def _strongest(pair: Pair, figures: list[int]) -> list[str]:
+    """Channels that these figures change most, of those that are smaller for it, in units of the noise floor."""
+    made: dict[str, float] = {}
+    before, after = pair.left
+    for key, columns in pair.before.problem.columns.items():
+        level, name = pair.before.floor.get(key, 0.0), key.partition("|")[0]
+        if level > 0.0 and key in after:
+            share = float(np.mean((columns[:, figures] @ pair.finding.at[figures]) ** 2)) / level**2
+            less = float(np.mean(after[key] ** 2)) < float(np.mean(before[key] ** 2))
+            made[name] = made.get(name, 0.0) + (share if less else 0.0)
+    largest = max(made.values(), default=0.0)
+    return [name for name, value in sorted(made.items(), key=lambda item: -item[1]) if value > 0.05 * largest]
+
+
+def _worst(train: list[Pair], hold: list[Pair], name: str) -> Pair:
+    """The recording with most left of a channel."""
+    judged = [pair for pair in [*train, *hold] if pair.finding.judged(pair.after, name)]
+    return max(judged, key=lambda pair: float(np.nanmean(np.append(pair.over_ticks(name)[1] ** 2, 0.0))))
+
+
+def _where(diagnosis: Diagnosis) -> list[Part]:
+    result = diagnosis.result
+    entries = result["localisation"]
+    if not entries:
+        return [Notice("No residual could be computed: there is nothing to compare.")]
+    phases = ("left", "right", "double")
+    worst: dict[str, dict[str, float]] = {}
+    for entry in entries:
+        by = worst.setdefault(entry["channel"], {})
+        by[entry["phase"]] = max(by.get(entry["phase"], 0.0), entry["excess"])
+    names = list(worst)[:_ROWS]  # the largest first
+    values = np.array([[worst[name].get(phase, np.nan) for phase in phases] for name in names])
+    first = entries[0]
+    support = "double support" if first["phase"] == "double" else f"support by the {first['phase']} foot"
+    pace = "steadily through a phase" if first["band_hz"][0] == 0.0 else "with the motion inside a phase"
+    laws = [
+        [f"{channel(name)} [{unit}]", *(f"{factor * entry[key]:.3g}" for key in ("mean", "rms", "floor"))]
+        for name, entry in result["laws"].items()
+        for unit, factor in [channel_unit(name)]
+    ]
+    return [
+        Text(
+            f"The nominal robot disagrees most in {channel(first['channel'])}, in {support}, {pace}: "
+            f"{first['excess']:.1f} times the noise floor."
+        ),
+        picture(
+            "where",
+            lambda: heat_map(
+                values,
+                [channel(n) for n in names],
+                ["left support", "right support", "double support"],
+                "times the noise floor",
+            ),
+            "Heat map of the disagreement by channel and support phase",
+            "RMS of what the nominal robot leaves on the training bags, its springs, masses and sensors free "
+            "to scatter as those "
+            "of healthy robots do, in units of the sensors' own noise. Healthy robots reach "
+            + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in limits(diagnosis.finding).items())
+            + " in single support, stumbles apart.",
+        ),
+        Table(
+            ["law", "mean", "RMS", "noise floor"],
+            laws,
+            "Force, moment and tilt are along the heading: x level and between the forward axes of both soles, z up.",
+            folded="The plain laws: measured minus nominal, nothing fitted",
+        ),
+    ]  # fmt: skip
+
+
+def _gap(result: dict[str, Any]) -> list[Part]:
+    held = result["gap"]["holdout"]
+    gap = held or result["gap"]["train"]
+    before, after, level = gap["before"], gap["after"], gap["floor"]
+    names = sorted(before, key=lambda n: -(before[n] - after.get(n, before[n])) / max(level.get(n, 0.0), 1e-12))
+    com = [name for name in names if name.startswith("com/")]
+    names = [*com, *(name for name in names if name not in com)]
+    head = ["channel", "before", "after", "noise floor", "change"]
+    rows = []
+    for name in names:
+        unit, factor = channel_unit(name)
+        value, other, floor = (factor * which.get(name, np.nan) for which in (before, after, level))
+        change = f"{100.0 * (other / value - 1.0):+.0f} %" if value > 0.0 and np.isfinite(other) else "–"
+        rows.append([f"{channel(name)} [{unit}]", f"{value:.3g}", f"{other:.3g}", f"{floor:.3g}", change])
+    which = "held-out recordings" if held else "training recordings: none was held out"
+    caption = (
+        f"RMS over the {which}. COM: error of the free run, after: with the effects that do not make it worse. The "
+        "others: residuals, less healthy scatter as it fits each recording best."
+    )
+    if held:
+        caption += (
+            " No value of an effect was fitted to the held-out recordings, but their evidence counted in the choice, "
+            "and their COM decides what goes into the model."
+        )
+    parts: list[Part] = [Table(head, rows[:_ROWS], caption, strong=range(len(com)))]
+    if rows[_ROWS:]:
+        parts.append(Table(head, rows[_ROWS:], folded=f"{len(rows) - _ROWS} more channels"))
+    return parts
+
+
+def _ranking(diagnosis: Diagnosis) -> list[Part]:
+    result = diagnosis.result
+    named = {(effect["name"], effect["where"]) for effect in result["effects"]}
+    head = ["effect", "where", "evidence [nats]", "held-out [nats]"]
+    rows = [
+        [spaced(entry["name"]), entry["where"] or "–", f"{entry['evidence']:.1f}", _known(entry["holdout_gain"])]
+        for entry in result["ranking"]
+    ]
+    strong = [i for i, entry in enumerate(result["ranking"]) if (entry["name"], entry["where"]) in named]
+    caption = (
+        "What each candidate alone adds to the nominal robot, before anything was chosen. After each choice "
+        "the others are "
+        f"looked at anew (at most {MOST} are chosen), so that a second effect may stand far down here."
+    )
+    parts: list[Part] = [Table(head, rows[:_ROWS], caption, words=2, strong=[i for i in strong if i < _ROWS])]
+    if rows[_ROWS:]:
+        parts.append(Table(head, rows[_ROWS:], words=2, folded=f"{len(rows) - _ROWS} more candidates"))
+    return parts
+
+
+def _open(diagnosis: Diagnosis) -> list[Part]:
+    finding, result = diagnosis.finding, diagnosis.result
+    parts: list[Part] = []
+    for effect in result["effects"]:
+        name, rivals = effect["name"], _rivals(diagnosis, effect)
+        decides = _DECIDES.get(effect["class"] or name)
+        told = f"{effect_sentence(effect)}."
+        if rivals:
+            told += f" Explaining nearly as much when alone: {', '.join(rivals)}."
+        elif not effect["class"]:
+            told += " No other effect, or place, explains half as much."
+        if decides and (rivals or effect["class"]):
+            told += f" What would decide: {decides}."
+        parts.append(Notice(told[:1].upper() + told[1:], "warn" if effect["class"] else "info"))
+    if result["refused"]:
+        rows = [[spaced(entry["name"]), entry["where"] or "–", entry["why"]] for entry in result["refused"]]
+        parts.append(Table(["refused", "where", "why"], rows, "Asked for by the training bags.", words=3))
+    if result["too_much"]:
+        most = limits(finding)
+        rows = [
+            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{limit_of(key, most):g}"]
+            for key in result["too_much"][:_ROWS]
+        ]
+        caption = "In units of the noise floor, single support, the middle recording."
+        parts.append(Table(["left unexplained", "left", "healthy robots at most"], rows, caption))
+    parts += [Notice(line[:1].upper() + line[1:] + ".", "warn") for line in result["not_checked"]]
+    units = {(figure.effect, figure.key): figure.unit for figure in finding.known}
+    rows = [
+        [spaced(name), ", ".join(f"{spaced(key)} {shown(size, units[name, key])}" for key, size in sizes.items())]
+        for name, sizes in sorted(result["undetectable_below"].items())
+    ]
+    caption = (
+        "The deviation from nominal that would just be found by these recordings, at the place where it shows best."
+    )
+    if rows:
+        parts.append(
+            Table(["effect", "could hide below"], rows, caption, words=2, folded="What could still hide in the noise")
+        )
+    return parts
+
+
+def _rivals(diagnosis: Diagnosis, effect: dict[str, Any]) -> list[str]:
+    """Other effects and places that explain nearly as much as an effect when each is alone."""
+    first = diagnosis.finding.first
+    mine = [
+        s for s in first if s.option.effect == effect["name"] and s.option.where in (effect["where"], "plan", "all")
+    ]
+    if not mine:
+        return []
+    found = [
+        f"{spaced(score.option.effect)}" + (f" of {score.option.where}" if score.option.where else "")
+        for score in first
+        if score.physical
+        and score.total > _TIE * mine[0].total
+        and (score.option.effect, score.option.where) != (effect["name"], mine[0].option.where)
+    ]
+    return list(dict.fromkeys(found))[:4]
+
+
+def _known(value: float | None) -> str:
+    return "–" if value is None or not np.isfinite(value) else f"{value:.0f}"

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The output topics of the predictor: com/prediction for every joint state, the rest as often as people can look."""
+
+from __future__ import annotations
+
+import numpy as np
+from coman_reduced_model_msgs.msg import ComPrediction, SupportState
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from visualization_msgs.msg import MarkerArray
+
+from ...core.base.throttle import Throttle
+from ...core.base.types import Array, Prediction
+from ...core.config.schema import Config
+from ...messages import MessageTypes, point_to, prediction_to, support_to
+from ...topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
+from . import qos
+from .markers import Markers
+
+
+class Outputs:
+    """Publishes predictions. Rates are in the time of the stamps, so that a bag played faster looks the same."""
+
+    def __init__(self, node: Node, config: Config, types: MessageTypes) -> None:
+        def publisher(kind: type, topic: str, profile: QoSProfile) -> Publisher:
+            return node.create_publisher(kind, topic, profile, qos_overriding_options=qos.overridable())
+
+        self._types = types
+        self._prediction = publisher(ComPrediction, PREDICTION, qos.prediction_output())
+        self._support = publisher(SupportState, SUPPORT, qos.display_output())
+        self._points = [
+            publisher(PointStamped, topic, qos.display_output()) for topic in (MEASURED, PREDICTED, REFERENCE_POINT)
+        ]
+        self._marker_array = publisher(MarkerArray, "com/markers", qos.display_output())
+        self._markers = Markers(config)
+        self._every_points = Throttle(config.output.points_rate)
+        self._every_markers = Throttle(config.output.markers_rate)
+        self._message: ComPrediction | None = None  # filled anew for each one: that is cheaper
+        self._last_support: tuple[int, int] | None = None
+
+    def publish(self, prediction: Prediction) -> None:
+        """Publish one prediction."""
+        self._message = prediction_to(self._types, prediction, self._message)
+        self._prediction.publish(self._message)
+        support = prediction.support
+        changed = self._last_support != (support.phase, support.support_foot)
+        due = self._every_points.due(prediction.stamp_ns)
+        if changed or due:
+            self._last_support = (support.phase, support.support_foot)
+            self._support.publish(support_to(self._types, prediction))
+        if due:
+            self._publish_points(prediction)
+        if self._every_markers.due(prediction.stamp_ns) and self._marker_array.get_subscription_count():
+            self._marker_array.publish(self._markers.of(prediction))
+
+    def _publish_points(self, prediction: Prediction) -> None:
+        places = (prediction.measured_com, prediction.predicted_com, prediction.reference_com)
+        for publisher, place in zip(self._points, places, strict=True):
+            if publisher.get_subscription_count():
+                point = in_odom(prediction.T_odom_sole, place)
+                if np.isfinite(point).all():  # displays choke on NaN
+                    publisher.publish(point_to(self._types, prediction.stamp_ns, point))
+
+
+def in_odom(T_odom_sole: Array, point: Array) -> Array:
+    """A point (3,) of the support sole's frame in `odom` [m]."""
+    return T_odom_sole[:3, :3] @ point + T_odom_sole[:3, 3]

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The predictor: sensor topics in, predicted against measured COM out. `ros2 run coman_reduced_model predictor`."""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from ...bag.decode import decoder
+from ...core.config.schema import Config
+from ...core.pipeline import Pipeline
+from ...core.robot.robot import Robot
+from ...messages import INPUT_TYPES, ros_types
+from ...topics import INPUT_TOPICS
+from ...warm_up import warm_up
+from ..interface import qos
+from ..interface.description import Description
+from ..interface.diagnostics import Diagnostics, PredictingNode
+from ..interface.outputs import Outputs
+from ..interface.parameters import declare
+
+NAME = "predictor"
+
+
+class PredictorNode(PredictingNode):
+    """Adapter around core.Pipeline; everything that it computes, `coman predict` computes alike."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
+        self.config = declare(self, self._on_config)
+        self.types = ros_types()
+        self.pipeline: Pipeline | None = None
+        self.todo: Callable[[], None] | None = None
+        self.outputs = Outputs(self, self.config, self.types)
+        self.diagnostics = Diagnostics(self)
+        self.description = Description(self, self.config, self._on_description)
+
+    def _on_description(self, urdf: str, source: str) -> None:
+        self.todo = partial(self._begin, urdf, source)
+
+    def _begin(self, urdf: str, source: str) -> None:
+        """Everything that takes time, before the first message is asked for."""
+        robot = Robot(urdf, self.config.robot, source)
+        started = time.monotonic()
+        self.get_logger().info("warming up (the first time on a machine, compiling takes up to a minute)")
+        warm_up(robot, self.config, self.types)
+        self.pipeline = pipeline = Pipeline(robot, self.config)
+        gc.collect()
+        gc.freeze()  # what lives until the end need not be looked at again: no pauses of 10 ms
+        for stream, type_name in INPUT_TYPES.items():
+            package, _, short = type_name.split("/")
+            kind = getattr(importlib.import_module(f"{package}.msg"), short)
+            self.create_subscription(
+                kind,
+                INPUT_TOPICS[stream],
+                # Serialised, as they are in a bag: cheaper than message objects, and decoded by the same code.
+                partial(self._on_message, pipeline, stream, decoder(stream)),
+                qos.sensor_input(),
+                qos_overriding_options=qos.overridable(),
+                raw=True,
+            )
+        self.get_logger().info(
+            f"ready: {self.config.robot.name}, {robot.mass:.2f} kg, from {source} "
+            f"(warmed up in {time.monotonic() - started:.1f} s)"
+        )
+
+    def _on_message(self, pipeline: Pipeline, stream: str, decode: Any, message: bytes) -> None:
+        started = time.perf_counter()
+        try:
+            for prediction in pipeline.feed(stream, message, decode):
+                self.outputs.publish(prediction)
+                self.diagnostics.on_prediction(prediction, started)
+        except Exception as error:  # a bug of ours: said and counted, and the node goes on
+            self.diagnostics.on_failure(stream, error)
+        self.diagnostics.on_message(stream, started)
+
+    def _on_config(self, config: Config) -> None:
+        """Parameters that may change at run time have changed: those of the support phase."""
+        self.config = config
+        if self.pipeline is not None:
+            self.pipeline.reconfigure(config)
+
+    def finish(self) -> None:
+        """The end: joint states that still wait for other streams are predicted with what is there."""
+        if self.pipeline is not None:
+            for prediction in self.pipeline.flush():
+                self.outputs.publish(prediction)

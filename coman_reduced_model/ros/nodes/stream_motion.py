@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motor positions of the virtual robot from a live stream of COM references."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from ...core.base.types import Array, Reference
+from ...sim.motion import LegKinematics, follow
+
+SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad
+DELAY_NS = 90_000_000  # the robot lives so far in the past that the cubic's next two knots are there
+_JUMP = 0.05  # [m] a plan that moves this far from one knot to the next begins anew
+
+
+class StreamMotion:
+    """Cubics through the postures of every fourth or so reference; still before the first and after the last.
+
+    Attributes:
+        last: the newest reference taken in; its predecessor is the last knot.
+        start: where the robot stands (sim.motion.Posture, n = 1).
+        used: number of references that became a knot.
+    """
+
+    def __init__(self, legs: LegKinematics, first: Reference, start_ns: int) -> None:
+        """Where the robot stands, and the stamp of t = 0 [ns].
+
+        Raises:
+            ConfigError: the legs cannot reach that posture.
+        """
+        self._legs = legs
+        self._start_ns = start_ns
+        self.last = first
+        theta, self.start = follow(legs, [first])
+        self._recent = deque([first], maxlen=2)
+        self._knots: deque[tuple[float, Array]] = deque([(-1e-9 * SPACING_NS, theta)], maxlen=512)
+        self.used = 0
+
+    @property
+    def known_ns(self) -> int:
+        """Until which stamp the motion is what it will stay [ns]: later references change the last cubic."""
+        return self._start_ns + round(1e9 * self._knots[-1][0]) - SPACING_NS
+
+    def jumps(self, reference: Reference) -> bool:
+        """Whether a reference does not continue those before it: the robot has to be put there."""
+        moved = max(
+            float(np.abs(a[:3, 3] - b[:3, 3]).max())
+            for a, b in (
+                (reference.T_odom_left, self.last.T_odom_left),
+                (reference.T_odom_right, self.last.T_odom_right),
+            )
+        )
+        return moved > _JUMP or float(np.abs(reference.com - self.last.com).max()) > _JUMP
+
+    def add(self, reference: Reference) -> None:
+        """Take a reference in, if it is time for the next knot.
+
+        Raises:
+            ConfigError: the legs cannot reach it; the motors stay where they are.
+        """
+        if reference.stamp_ns < self.last.stamp_ns + SPACING_NS - 1000:
+            return
+        before, middle = self._recent[0], self.last
+        self._recent.append(reference)
+        self.last = reference
+        t = (middle.stamp_ns - self._start_ns) * 1e-9
+        if t <= self._knots[-1][0]:
+            return
+        # The torques of the moving legs need their accelerations, which only evenly spaced references give.
+        even = abs(reference.stamp_ns + before.stamp_ns - 2 * middle.stamp_ns) < SPACING_NS // 10
+        theta, _ = follow(self._legs, [before, middle, reference] if even else [middle])
+        self._knots.append((t, theta))
+        self.used += 1
+
+    def __call__(self, times: Array) -> tuple[Array, Array]:
+        """Motor positions [rad] and velocities [rad/s], each (n, 12), at times (n,) [s] that never go back."""
+        knots = self._knots
+        while len(knots) > 3 and knots[2][0] <= times[0]:
+            knots.popleft()
+        t = np.array([knot[0] for knot in knots])
+        theta = np.array([knot[1] for knot in knots])
+        if len(t) == 1:
+            return np.repeat(theta, len(times), axis=0), np.zeros((len(times), theta.shape[1]))
+        slope = np.gradient(theta, t, axis=0)
+        slope[-1] = 0.0
+        i = np.clip(t.searchsorted(times, side="right") - 1, 0, len(t) - 2)
+        h = (t[i + 1] - t[i])[:, None]
+        s = np.clip((times - t[i])[:, None] / h, 0.0, 1.0)
+        a, b, va, vb = theta[i], theta[i + 1], slope[i] * h, slope[i + 1] * h
+        c2, c3 = 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb
+        inside = ((times >= t[0]) & (times <= t[-1]))[:, None]
+        return a + s * (va + s * (c2 + s * c3)), inside * (va + s * (2.0 * c2 + 3.0 * s * c3)) / h

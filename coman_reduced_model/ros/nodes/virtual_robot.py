@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The virtual robot in real time: follows com/reference, publishes what a robot would.
+
+`ros2 run coman_reduced_model virtual_robot`
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from coman_reduced_model_msgs.msg import ComReference
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import String
+
+from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.base.types import Foot, Phase, Reference
+from ...core.gait.walk import Walk
+from ...core.streams.stream import Refused
+from ...errors import ConfigError
+from ...messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
+from ...sim.describe import urdf
+from ...sim.motion import LegKinematics
+from ...sim.robot_table import COMAN, ROBOTS
+from ...sim.sensors import Readings, SensorOptions
+from ...sim.virtual_robot import VirtualRobot
+from ...topics import DESCRIPTION, INPUT_TOPICS
+from ..interface import qos
+from ..interface.parameters import declare
+from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion
+
+NAME = "virtual_robot"
+_HOPELESS_NS = 3_000_000_000  # so far behind, the robot's time is set forward, and that is said
+_PATIENCE_NS = 500_000_000  # so long the robot waits for late references
+
+
+def at_rest(reference: Reference) -> bool:
+    """Whether a plan stands still on both feet: only there can a robot be put without falling."""
+    still = np.abs(reference.com_vel).max() < 1e-3 and np.abs(reference.com_acc).max() < 2e-2
+    return bool(reference.phase == Phase.DOUBLE and still)
+
+
+class VirtualRobotNode(Node):
+    """Adapter around sim.VirtualRobot; its stamps are the simulated time, which follows the clock."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
+        self.config = declare(self)
+        self.types = ros_types()
+        self.table = ROBOTS.get(self.config.robot.name, COMAN)
+        rate = self.config.virtual_robot.rate
+        self._options = (
+            SensorOptions(rate_hz=rate) if self.config.virtual_robot.noise else SensorOptions.exact(rate_hz=rate)
+        )
+        self._legs = LegKinematics(self.table)
+        self._received = self._refused = self._skipped = self._places = 0
+        self._placing_ns = 300_000_000  # what the last placing took: the robot settles on its springs meanwhile
+        self._problem = ""
+        self._following = False  # a robot can only set off where the plan stands still
+        self._periods = 0
+        self._last_report = time.monotonic()
+        self._advertise()
+        self.todo = self._begin
+
+    def _advertise(self) -> None:
+        def publisher(kind: type, topic: str) -> Any:
+            return self.create_publisher(kind, topic, qos.sensor_output(), qos_overriding_options=qos.overridable())
+
+        self._joints, self._motors = publisher(JointState, JOINTS), publisher(JointState, MOTORS)
+        self._wrenches = {foot: publisher(WrenchStamped, topic) for foot, topic in WRENCHES.items()}
+        self._imu = publisher(Imu, INPUT_TOPICS[IMU])
+        self._description = self.create_publisher(String, DESCRIPTION, qos.latched())
+        self._description.publish(String(data=urdf(self.table)))
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.display_output())
+
+    def _begin(self) -> None:
+        self._place(Walk(self.config).reference(0))
+        self.create_subscription(
+            ComReference, REFERENCE, self._on_reference, qos.sensor_input(), qos_overriding_options=qos.overridable()
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / self.config.virtual_robot.rate, self._tick, clock=steady)
+        self.create_timer(1.0 / self.config.output.diagnostics_rate, self._report, clock=steady)
+        gc.collect()
+        gc.freeze()
+        self.get_logger().info(f"ready: {self.table.name}, {self.table.mass:.2f} kg, waiting for com/reference")
+
+    def _place(self, reference: Reference) -> None:
+        """Put the robot where a reference has it, at rest."""
+        began = time.monotonic()
+        start = self._now() - DELAY_NS + self._placing_ns  # from when on it can walk
+        options, seed = self._options, self.config.virtual_robot.seed + self._places
+        self.robot = VirtualRobot(self.table, options, seed=seed, start_ns=start)
+        self.motion = StreamMotion(self._legs, reference, start)
+        self.robot.reset(self.motion, self.motion.start)
+        self._start = start
+        self._places += 1
+        self._placing_ns = round(1.2e9 * (time.monotonic() - began))
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _on_reference(self, message: ComReference) -> None:
+        self._received += 1
+        if self._following and 0 < stamp_of(message.header) - self.motion.last.stamp_ns < SPACING_NS // 2:
+            return  # not the next knot by far: not worth converting
+        try:
+            reference = reference_from(message)
+            if self._following and not self.robot.fallen and not self.motion.jumps(reference):
+                self.motion.add(reference)
+            elif at_rest(reference):
+                if self.robot.fallen or self.motion.jumps(reference):
+                    self._place(reference)
+                self._following = True
+            else:
+                self._following = False
+        except (Refused, ConfigError, ValueError) as error:
+            self._refused += 1
+            self._problem = str(error)
+
+    def _tick(self) -> None:
+        target = self._now() - DELAY_NS
+        if self._following and not at_rest(self.motion.last) and target - self.motion.known_ns < _PATIENCE_NS:
+            target = min(target, self.motion.known_ns)  # late references: wait, rather than stop in mid-step and fall
+        lag = self._now() - DELAY_NS - self._stamp()
+        if lag > _HOPELESS_NS:
+            self._skip(lag)
+        for _ in range(20):  # then other callbacks have their turn
+            if self._stamp() > target:
+                break
+            self._publish(self.robot.step())
+            self._periods += 1
+
+    def _stamp(self) -> int:
+        return self._start + round(self.robot.t * 1e9)
+
+    def _skip(self, lag: int) -> None:
+        """Too slow: say it and place the robot anew in the present, rather than drift."""
+        self._skipped += 1
+        self.get_logger().warning(
+            f"too slow for real time: {lag * 1e-9:.1f} s behind, set forward (lower virtual_robot.rate, or a faster "
+            "machine)"
+        )
+        self._place(self.motion.last)
+        self._following = False
+
+    def _publish(self, readings: Readings) -> None:
+        types = self.types
+        streams: tuple[tuple[Any, Any, Callable[..., Any]], ...] = (
+            (self._wrenches[Foot.LEFT], readings.left_wrench, wrench_to),
+            (self._wrenches[Foot.RIGHT], readings.right_wrench, wrench_to),
+            (self._imu, readings.imu, imu_to),
+            (self._motors, readings.motor_states, joint_to),
+            (self._joints, readings.joint_states, joint_to),
+        )
+        for publisher, message, convert in streams:
+            if message is not None:
+                publisher.publish(convert(types, message))
+
+    def _report(self) -> None:
+        now = time.monotonic()
+        seconds, self._last_report = now - self._last_report, now
+        factor, self._periods = self._periods * self.robot.period / seconds, 0
+        lag = (self._now() - DELAY_NS - self._stamp()) * 1e-9
+        level, message = DiagnosticStatus.OK, "follows com/reference"
+        if self.robot.fallen:
+            level, message = DiagnosticStatus.ERROR, "has fallen; it stands up when the plan stands still"
+        elif not self._received:
+            message = "stands, waiting for com/reference"
+        elif not self._following:
+            level, message = DiagnosticStatus.WARN, "stands, waiting for the plan to stand still (trajectory: ~/reset)"
+        elif lag > 0.1:
+            level, message = DiagnosticStatus.WARN, f"cannot keep real time: {lag:.2f} s behind"
+        elif self._problem:
+            level, message = DiagnosticStatus.WARN, f"reference refused: {self._problem}"
+        values = {
+            "real-time factor": f"{factor:.3f}",
+            "lag [s]": f"{max(lag, 0.0):.4f}",
+            "set forward": self._skipped,
+            "references received": self._received,
+            "references refused": self._refused,
+        }
+        self._problem = ""
+        status = DiagnosticStatus(
+            level=level,
+            name=f"{self.get_fully_qualified_name().lstrip('/')}: simulation",
+            message=message,
+            hardware_id=self.table.name,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def finish(self) -> None:
+        """Nothing is pending."""

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Odometry chained from foot to foot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from coman_reduced_model.core.base.types import Array, Foot
+from coman_reduced_model.core.measured.odometry import FootOdometry, base_in_odom, inverse, pose
+
+angle = st.floats(-3.0, 3.0)
+steps = st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(0.05, 0.4), st.floats(-0.5, 0.5)), min_size=1, max_size=20)
+trunks = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.2, 1.2), angle, st.floats(-0.3, 0.3))
+
+
+def flat(x: float, y: float, yaw: float) -> Array:
+    """Pose of a sole on the floor."""
+    return pose(Rotation.from_euler("z", yaw).as_matrix(), np.array([x, y, 0.0]))
+
+
+def trunk(x: float, y: float, z: float, yaw: float, pitch: float) -> Array:
+    return pose(Rotation.from_euler("ZY", [yaw, pitch]).as_matrix(), np.array([x, y, z]))
+
+
+def seen(T_world_base: Array, T_world_left: Array, T_world_right: Array) -> tuple[Array, ...]:
+    """Arguments of `update` after the foot: the soles as the joints see them from the base."""
+    left, right = (inverse(T_world_base) @ T for T in (T_world_left, T_world_right))
+    return left[:3, :3], left[:3, 3], right[:3, :3], right[:3, 3]
+
+
+def test_starts_at_the_first_support_sole_and_not_before() -> None:
+    odometry = FootOdometry()
+    soles = seen(trunk(0.1, 0.2, 0.5, 0.3, 0.1), flat(0, 0.1, 0), flat(0, -0.1, 0))
+    assert np.isnan(odometry.update(Foot.NONE, *soles)).all()  # never an identity that nothing stands for
+    assert odometry.update(Foot.RIGHT, *soles) == pytest.approx(np.eye(4))
+    assert odometry.update(Foot.NONE, *soles) == pytest.approx(np.eye(4))
+    odometry.reset()
+    assert np.isnan(odometry.update(Foot.NONE, *soles)).all()
+
+
+@given(steps, trunks, st.sampled_from([Foot.LEFT, Foot.RIGHT]))
+def test_follows_any_walk_on_level_ground_exactly(walk: list, base: tuple, foot: Foot) -> None:
+    odometry = FootOdometry()
+    T_world_base = trunk(*base)
+    soles = {foot: flat(0.3, -0.2, 0.7), foot.other: flat(0.3, 0.1, 0.6)}
+    origin = soles[foot]
+    odometry.update(foot, *seen(T_world_base, soles[Foot.LEFT], soles[Foot.RIGHT]))
+    for x, y, yaw in walk:
+        soles[foot.other] = soles[foot] @ flat(x, y, yaw)
+        T_world_base = T_world_base @ trunk(x, 0.0, 0.0, yaw, 0.01)  # the trunk moves as it likes
+        foot = foot.other
+        arguments = seen(T_world_base, soles[Foot.LEFT], soles[Foot.RIGHT])
+        T = odometry.update(foot, *arguments)
+        assert pytest.approx(inverse(origin) @ soles[foot], abs=1e-9) == T
+        R, p = arguments[:2] if foot == Foot.LEFT else arguments[2:]
+        assert base_in_odom(T, R, p) == pytest.approx(inverse(origin) @ T_world_base, abs=1e-9)
+
+
+def test_joint_errors_do_not_make_the_floor_lean() -> None:
+    odometry = FootOdometry()
+    T_world_base = trunk(0, 0, 0.5, 0, 0)
+    for k in range(200):
+        foot = Foot.LEFT if k % 2 else Foot.RIGHT
+        tilt = Rotation.from_euler("xyz", [0.02, 0.05, 0.0]).as_matrix()  # always the same error, the worst case
+        left, right = flat(0, 0.07, 0), pose(tilt, np.array([0.0, -0.07, 0.01]))
+        T = odometry.update(foot, *seen(T_world_base, left, right))
+        assert T[2] == pytest.approx([0, 0, 1, 0])
+        assert T[:3, :3] @ T[:3, :3].T == pytest.approx(np.eye(3))
+
+
+def test_stance_does_not_move_while_the_other_foot_swings() -> None:
+    odometry = FootOdometry()
+    base = trunk(0, 0, 0.5, 0, 0)
+    first = odometry.update(Foot.LEFT, *seen(base, flat(0, 0.1, 0), flat(0, -0.1, 0))).copy()
+    second = odometry.update(Foot.LEFT, *seen(trunk(0.1, 0, 0.6, 0.2, 0.1), flat(0, 0.1, 0), flat(0.4, -0.2, 0.5)))
+    assert second == pytest.approx(first)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stride before as the motors' future: how long it is, and what predictions through it are worth."""
+
+import numpy as np
+import pytest
+
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.stream_names import REFERENCE
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.model.trunk.stride import _STEP, Memory, find_lag, mismatch, replanned
+from coman_reduced_model.resources import bag_path
+
+
+def memory(stamp, **columns):
+    n, foot = len(stamp), np.ones(len(stamp), dtype=np.int64)
+    empty = {name: np.zeros((n, 1)) for name in Memory._fields}
+    wide = dict.fromkeys(("inverse", "by_impulse", "contact", "K", "D", "C", "J", "T_odom_sole"), np.zeros((n, 1, 1)))
+    return Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1} | columns))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_the_plan_has_changed_is_interpolated_between_its_points(seed):
+    """Against numpy: plans that end, memories that end, samples at uneven times; no plan is no number."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 80))
+    stamp = 10**18 + np.cumsum(rng.integers(5_000_000, 20_000_000, n))
+    past = memory(stamp, plan=rng.standard_normal((n, 3)))
+    com, preview, dt = (
+        rng.standard_normal(3),
+        rng.standard_normal((int(rng.integers(1, 30)), 3)),
+        rng.uniform(0.01, 0.1),
+    )
+    then, moved = int(stamp[0] + rng.integers(0, stamp[-1] - stamp[0])), np.zeros((43, 3))
+    largest = replanned(moved, com, preview, dt, then, past, n)
+    t, ahead = np.arange(43) * _STEP, np.vstack((com, preview))
+    expected = np.column_stack([
+        np.interp(t, np.arange(len(ahead)) * dt, ahead[:, axis])
+        - np.interp(t, (stamp - then) * 1e-9, past.plan[:, axis]) for axis in range(3)
+    ])  # fmt: skip
+    np.testing.assert_allclose(moved, expected - expected[0], atol=1e-9)
+    assert largest == pytest.approx(np.abs(moved).max())
+    past.plan[n // 2] = np.nan
+    assert replanned(moved, com, preview, dt, int(stamp[0]), past, n) == np.inf or stamp[n // 2] - stamp[0] > 0.42e9
+
+
+@pytest.mark.parametrize("period", [0.9, 1.4, 1.8])
+def test_the_stride_is_found_within_a_millisecond(period):
+    """Motors that repeat themselves, sampled unevenly; the phases say the period only within 25 ms."""
+    rng = np.random.default_rng(0)
+    t = np.arange(600) * 0.005 + rng.uniform(-0.001, 0.001, 600)
+    phases = rng.uniform(0.0, 6.0, 12)
+    theta = 0.3 * np.sin(2.0 * np.pi * t[:, None] / period + phases) + 1e-4 * rng.standard_normal((600, 12))
+    stamp = 10**18 + np.round(t * 1e9).astype(np.int64)
+    past = memory(stamp, theta=theta)
+    lag = find_lag(int(stamp[-1]), round((period + 0.025) * 1e9), past, 600)
+    assert lag * 1e-9 == pytest.approx(period, abs=1e-3)
+    assert mismatch(int(stamp[-1]), lag, past, 600)[0] < 5e-3
+    assert mismatch(int(stamp[-1]), lag + 100_000_000, past, 600)[0] > 0.05
+
+
+@pytest.mark.parametrize(("name", "plan"), [("test1", True), ("test2", True), ("test2", False)])
+def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_known(name, plan):
+    settings = Config().replaced({"effects.active": ["standard"], "prediction.horizons": [0.1, 0.2, 0.4]})
+    with Session(bag_path(name), settings) as session:
+        for stream, _, raw in session.messages():
+            if plan or stream != REFERENCE:
+                session.pipeline.feed(stream, raw, session.decoders[stream])
+        session.pipeline.flush()
+    rmse = session.pipeline.judge.rmse()
+    for h in ("0.1", "0.2"):
+        assert rmse[h]["model"][0] < (0.7 if plan else 0.9) * min(
+            rmse[h][other][0] for other in ("rigid", "lipm", "persistence")
+        )
+    assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["rigid"][2]

@@ -1,0 +1,459 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The monitor as users meet it: silent on a good robot, and the name of the law that breaks in mid-walk, in time."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, description, names, robot, walk, write_bag
+
+from coman_reduced_model.cli.main import run
+from coman_reduced_model.core.base.types import Foot, ImuMessage
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.monitor.laws import BORNE_S, Laws
+from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.resources import bag_path
+from coman_reduced_model.sim.disturbances import parse
+from coman_reduced_model.sim.record import record
+
+BEGINS, WITHIN = 7.0, 5.0  # [s]
+FEET = {Foot.LEFT: LEFT, Foot.RIGHT: RIGHT}
+KNEE = names().index("LKneeSag")
+
+
+def mismatches(bag, out, *arguments):
+    """What `coman predict` says of a bag."""
+    assert run(["predict", str(bag), "--out", str(out), *arguments]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    for each in summary["mismatches"]:
+        assert each["text"] in summary["warnings"] and each["channel"] in each["text"]
+    return summary["mismatches"]
+
+
+def turned(message, joint, angle):
+    position = message.position.copy()
+    position[joint] += angle
+    return replace(message, position=position)
+
+
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])  # orientation of the synthetic robot's trunk
+
+
+def watched(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, rate=200.0, mounted=None, **changes):
+    """The monitor after a synthetic walk.
+
+    Args:
+        change: of each message: stream, seconds, message.
+        seconds: of the walk.
+        skip: streams that are left out.
+        imu: orientation of the trunk by seconds, as a quaternion x, y, z, w; None: no message.
+        reset: when the monitor is reset [s].
+        rate: of the streams [1/s].
+        mounted: rotation of the IMU in the trunk; None: it is aligned.
+        changes: of the configuration.
+    """
+    frame = "base_link" if mounted is None else "imu"
+    mounting = Rotation.identity() if mounted is None else mounted
+    pipeline = Pipeline(robot_with_imu(mounting), Config().replaced({"prediction.horizons": [], **changes}))
+    take = {
+        JOINTS: pipeline.on_joint,
+        MOTORS: pipeline.on_motor,
+        **{stream: lambda message, foot=foot: pipeline.on_wrench(foot, message) for foot, stream in FEET.items()},
+    }
+    for stream, message in walk(seconds, rate):
+        t = (message.stamp_ns - T0) * 1e-9
+        if t >= reset:
+            pipeline.monitor.reset()
+            reset = np.inf
+        if stream == JOINTS and (trunk := imu(t)) is not None:
+            orientation = Rotation.from_quat(trunk) * mounting
+            up = orientation.inv().apply([0.0, 0.0, 9.81])
+            pipeline.on_imu(ImuMessage(message.stamp_ns, frame, orientation.as_quat(), np.zeros(3), up))
+        if stream not in skip:
+            take[stream](change(stream, t, message))
+    return pipeline.monitor
+
+
+def robot_with_imu(mounting):
+    """The synthetic robot with an IMU, a link without mass that is turned by a rotation against the trunk."""
+    rpy = " ".join(f"{angle:.9f}" for angle in mounting.as_euler("xyz"))
+    link = f"""
+        <link name="imu"/>
+        <joint name="imu_mount" type="fixed">
+          <parent link="base_link"/><child link="imu"/><origin xyz="0 0 0" rpy="{rpy}"/>
+        </joint>"""
+    return Robot(description().replace("</robot>", f"{link}</robot>"), Config().robot)
+
+
+def told_in_time(found, channel):
+    first = next(each for each in found if each.channel == channel)
+    after = (first.told_ns - T0) * 1e-9 - BEGINS
+    assert 0.0 < after <= WITHIN
+    assert first.changed and (first.since_ns - T0) * 1e-9 >= BEGINS - 0.6  # the phase in which it began
+    return first
+
+
+@pytest.mark.parametrize("name", ["test1", "test2"])
+def test_a_good_robot_is_not_told_of(tmp_path, name):
+    assert mismatches(bag_path(name), tmp_path / "out") == []
+
+
+def test_an_encoder_that_slips_in_mid_walk_is_named_within_five_seconds(tmp_path, capsys):
+    def change(stream, message):
+        late = (message.stamp_ns - T0) * 1e-9 >= BEGINS
+        return turned(message, KNEE, 0.012) if stream == JOINTS and late else message
+
+    bag = write_bag(tmp_path / "walk", walk(13.0), change)
+    found = mismatches(bag, tmp_path / "out")
+    first = found[0]
+    assert first["channel"] == "spring/LKneeSag" and first["changed"] and first["unit"] == "rad"
+    assert BEGINS < first["told_s"] <= BEGINS + WITHIN and first["size"] == pytest.approx(-0.012, abs=0.001)
+    assert "spring/LKneeSag changed by -1" in capsys.readouterr().err
+    assert mismatches(bag, tmp_path / "off", "--set", "monitor.enabled=false") == []
+
+
+def test_it_works_with_what_there_is():
+    """Without motor side, torques and IMU the soles tell of a link encoder, and a foot's sensor of itself."""
+
+    def slipped(stream, t, message):
+        if stream == JOINTS:
+            message = replace(message, effort=None)
+            return turned(message, KNEE, 0.012) if t >= BEGINS else message
+        return message
+
+    poor = {"skip": (MOTORS,), "prediction.reference": "none"}
+    first = told_in_time(watched(slipped, **poor).first.values(), "feet/pitch")
+    assert first.size == pytest.approx(-0.012, abs=0.003)
+
+    def biased(stream, t, message):
+        if stream == RIGHT and t >= BEGINS:
+            return replace(message, torque=message.torque + [0.0, 1.0, 0.0])
+        return slipped(stream, 0.0, message)
+
+    assert told_in_time(watched(biased, **poor).first.values(), "unloaded/right/ty").size == pytest.approx(1.0, 0.05)
+
+
+def test_friction_that_begins_is_heard_along_the_motion():
+    def change(stream, t, message):
+        if stream != JOINTS or t < BEGINS:
+            return message
+        effort = message.effort.copy()
+        effort[KNEE] += 2.0 * np.tanh(message.velocity[KNEE] / 0.02)
+        return replace(message, effort=effort)
+
+    first = told_in_time(watched(change).first.values(), "drag/LKneeSag")
+    assert first.unit == "Nm" and first.size == pytest.approx(2.0, rel=0.4)
+    assert "drag/RKneeSag" not in watched(change).first
+
+
+def test_a_softer_spring_is_heard_by_its_slope_where_it_bears_nothing_in_the_mean():
+    """Half a milliradian to and fro at an ankle; its drive gives way to twice of it."""
+    joint, k = names().index("RAnkLat"), Config().robot.right.stiffness[-1]
+
+    def change(stream, t, message):
+        bend = 0.0007 * np.sin(2.0 * np.pi * t / 0.3)  # as often as there are support phases
+        if stream == MOTORS:
+            return turned(message, joint, bend * (2.0 if t >= BEGINS else 1.0))
+        if stream == JOINTS:
+            message = replace(message, effort=message.effort.copy())
+            message.effort[joint] += k * bend
+        return message
+
+    found = watched(change).first
+    first = told_in_time(found.values(), "stiffness/RAnkLat")
+    assert first.unit == "rad" and first.size == pytest.approx(0.0005, rel=0.25)
+    assert "spring/RAnkLat" not in found and len(found) == 1
+
+
+def test_a_spring_that_comes_to_bear_more_is_no_softer_than_it_was():
+    """12 Nm more on a knee, whose spring is 5 % softer than described, as a healthy one may be; then on a worse one."""
+
+    def watch(softer):
+        def change(stream, t, message):
+            if t < BEGINS or stream not in (JOINTS, MOTORS):
+                return message
+            if stream == MOTORS:
+                return turned(message, KNEE, softer * 12.0 / 180.0)
+            effort = message.effort.copy()
+            effort[KNEE] += 12.0
+            return replace(message, effort=effort)
+
+        return "spring/LKneeSag" in watched(change).first
+
+    assert not watch(1.05) and watch(1.4)
+
+
+def test_a_spring_with_its_damper_is_stiff_as_described_however_fast_it_bends():
+    """From 7 s on k s + d s' = 5 Nm sin(w t), in closed form, at 3.3 Hz; without its damper the slope looks changed.
+
+    No foot bears that torque: other laws than those of springs are broken.
+    """
+    leg = Config().robot.left
+    k, d = leg.stiffness[3], leg.damping[3]
+    w = 2.0 * np.pi / 0.3
+    size, behind = 5.0 / np.hypot(k, w * d), np.arctan(w * d / k)
+
+    def change(stream, t, message):
+        if t < BEGINS:
+            return message
+        if stream == MOTORS:
+            return turned(message, KNEE, size * np.sin(w * t - behind))
+        if stream == JOINTS:
+            message = replace(message, effort=message.effort.copy())
+            message.effort[KNEE] += 5.0 * np.sin(w * t)
+        return message
+
+    assert not [channel for channel in watched(change).first if channel.split("/")[0] in ("spring", "stiffness")]
+    undamped = {"robot.left.damping": [*leg.damping[:3], 0.0, *leg.damping[4:]]}
+    assert "stiffness/LKneeSag" in watched(change, **undamped).first
+
+
+def test_a_push_that_comes_and_goes_is_told_by_its_scatter():
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS:
+            return message
+        return replace(message, force=message.force + [0.0, 0.5 * 8.0 * np.sin(2.0 * np.pi * 1.3 * t), 0.0])
+
+    found = watched(change, imu=lambda t: LEVEL).first
+    first = told_in_time(found.values(), "unsteady/y")
+    assert first.unit == "N" and 2.0 < first.size < 8.0 and "unsteady/x" not in found
+    assert not any(channel.startswith("unsteady") for channel in watched(change).first)  # soles that rock look like it
+
+
+@pytest.mark.parametrize(("reset", "lasts"), [(np.inf, True), (12.0, False)])
+def test_after_a_reset_a_push_that_comes_and_goes_is_all_that_is_known(reset, lasts):
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS:
+            return message
+        return replace(message, force=message.force + [0.0, 0.5 * 8.0 * np.sin(2.0 * np.pi * 1.3 * t), 0.0])
+
+    monitor = watched(change, 16.0, imu=lambda t: LEVEL, reset=reset)
+    assert ("unsteady/y" in {each.channel for each in monitor.mismatches}) == lasts
+
+
+def test_an_imu_may_be_mounted_in_any_orientation():
+    """A push from the side while the robot tips on its toes, where only an IMU shows that the force is horizontal."""
+    front = float(robot().soles[Foot.LEFT][1])
+
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
+            return message
+        toes = [0.0, -(front - 0.001) * message.force[2], 0.0]
+        return replace(message, force=message.force + [0.0, 10.0, 0.0], torque=message.torque + toes)
+
+    mounted = Rotation.from_euler("xyz", [1.0, 0.3, -2.0])
+    aligned, turned_about = (watched(change, imu=lambda t: LEVEL, mounted=m).first for m in (None, mounted))
+    assert "force/y" in aligned and set(aligned) == set(turned_about)
+    for channel, each in aligned.items():
+        assert turned_about[channel].size == pytest.approx(each.size, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("until", [6.0, 20.0])
+def test_an_imu_that_sits_a_little_otherwise_than_told_is_no_push_nor_is_its_loss(until):
+    tilted = Rotation.from_euler("xyz", [0.03, 0.03, 0.0]).as_quat()
+    monitor = watched(lambda stream, t, message: message, 20.0, imu=lambda t: tilted if t < until else None)
+    assert monitor.laws.forces.by_imu == (until > 19.0)
+    assert not [channel for channel in monitor.first if channel.split("/")[0] in ("force", "torque", "unsteady")]
+
+
+def test_one_shove_is_no_fault():
+    def change(stream, t, message):
+        shove = stream == LEFT and 9.9 < t < 10.2  # in one left support
+        return replace(message, force=message.force + [0.0, 20.0, 0.0]) if shove else message
+
+    assert not watched(change).first
+
+
+@pytest.mark.parametrize("poor", [False, True])
+def test_what_lasts_is_told_as_long_as_it_lasts_and_again_when_it_comes_again(poor):
+    """Between two slips the encoder is right for 8 s; feet, which drift, tell of it where there are no motors."""
+
+    def change(stream, t, message):
+        if stream == JOINTS and poor:
+            message = replace(message, effort=None)
+        slipped = BEGINS < t < 30.0 or t > 38.0
+        return turned(message, KNEE, 0.012) if stream == JOINTS and slipped else message
+
+    less = {"skip": (MOTORS,), "prediction.reference": "none"} if poor else {}
+    channel = "feet/pitch" if poor else "spring/LKneeSag"
+    for seconds, told in ((29.0, True), (37.5, False), (44.0, True)):
+        assert (channel in {each.channel for each in watched(change, seconds, **less).mismatches}) == told, seconds
+
+
+def test_what_is_not_seen_any_more_is_not_told_for_ever():
+    """A push from the side, then toes that hide it: after 10 s nothing is known any more."""
+    front = float(robot().soles[Foot.LEFT][1])
+
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
+            return message
+        if t < 11.0:
+            return replace(message, force=message.force + [0.0, 10.0, 0.0])
+        return replace(message, torque=message.torque + [0.0, -(front - 0.001) * message.force[2], 0.0])
+
+    seen, hidden = ({each.channel for each in watched(change, until).mismatches} for until in (11.0, 25.0))
+    assert seen >= {"force/y"} and not hidden
+
+
+def test_sensors_that_drift_are_no_fault():
+    """Sensors that wander by 0.15 N a stride, 2 N in all: told if it comes at once."""
+    drift, step = ((lambda t: 0.125 * t), (lambda t: 2.0 * (t >= BEGINS)))
+
+    def told(off):
+        def change(stream, t, message):
+            return replace(message, force=message.force + [off(t), 0.0, 0.0]) if stream in FEET.values() else message
+
+        return watched(change, 15.0).first
+
+    assert not told(drift) and told(step)
+
+
+def test_a_robot_on_the_edge_of_its_feet_is_not_held_to_laws_of_flat_soles():
+    """From 7 s on it stands on its toes, and the foot that bears it gets 10 N more from the side."""
+
+    def watch(lever, imu=False):
+        def change(stream, t, message):
+            if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
+                return message
+            toes = [0.0, -lever * message.force[2], 0.0]
+            return replace(message, force=message.force + [0.0, 10.0, 0.0], torque=message.torque + toes)
+
+        return {name.split("/")[0] for name in watched(change, imu=lambda t: LEVEL if imu else None).first}
+
+    front = float(robot().soles[Foot.LEFT][1])
+    assert {"force", "torque"} <= watch(0.5 * front)
+    assert not watch(front - 0.001)
+    told = watch(front - 0.001, imu=True)  # but to the balance of forces
+    assert "force" in told and told <= {"force", "unsteady"}
+
+
+def test_what_is_beyond_any_healthy_robot_is_told_in_gaits_that_never_repeat_themselves():
+    def change(stream, t, message):
+        if stream not in (JOINTS, MOTORS):
+            return message
+        message = replace(message, position=message.position + 0.08 * (int(t / 1.2) % 3))
+        return turned(message, KNEE, -0.02) if stream == JOINTS and t >= BEGINS else message
+
+    found = watched(change).first["spring/LKneeSag"]
+    assert found.changed and 0.0 < (found.told_ns - T0) * 1e-9 - BEGINS < WITHIN
+
+
+def test_a_stumble_is_no_fault():
+    def change(stream, t, message):
+        return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 7.6 else message
+
+    assert not watched(change).first
+
+
+def test_another_gait_is_no_fault():
+    """From 6 s on it walks with knees more bent, whose springs bear more: 5 % off, as good ones are."""
+    bend = np.array([-0.1, 0.0, 0.0, 0.2, -0.1, 0.0] * 2)
+
+    def change(stream, t, message):
+        if stream not in (JOINTS, MOTORS):
+            return message
+        if t > 6.0:
+            message = replace(message, position=message.position + bend)
+            if stream == MOTORS:
+                return turned(message, KNEE, 1.05 * 3.0 / 180.0)
+            effort = message.effort.copy()
+            effort[KNEE] += 3.0
+            message = replace(message, effort=effort)
+        return message
+
+    monitor = watched(change, 16.0)
+    assert not monitor.first and monitor.phases > 40
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.96, False), (0.6, True)])
+def test_what_is_off_from_the_start_is_told_beyond_what_healthy_robots_differ_by(share, told):
+    def change(stream, t, message):
+        if stream == MOTORS:
+            return turned(message, KNEE, 8.0 / (share * 180.0) - 0.01)
+        if stream == JOINTS:
+            message.effort[KNEE] = 8.0
+        return message
+
+    found = watched(change, 6.0).mismatches
+    assert [each.channel for each in found] == (["spring/LKneeSag"] if told else [])
+    assert not any(each.changed for each in found)
+
+
+def test_it_is_forgotten_when_it_is_gone_and_when_the_stream_breaks_off():
+    def change(stream, t, message):
+        return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 11.0 else message
+
+    monitor = watched(change, 11.0)
+    assert monitor.mismatches
+    monitor.reset()
+    assert not monitor.mismatches and monitor.first
+    assert not watched(change, 16.0).mismatches
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "channel"),
+    [
+        ("backlash:where=LKneeSag,width=0.0122", "spring/LKneeSag"),
+        ("wrench_scale:where=right,scale=1.07", "force/z"),
+        ("wrench_delay:where=right,delay=0.015", "late/right"),
+        ("touchdown_impact:impulse=0.7", "landing/z"),
+        ("external_force:y=-4.0", "force/y"),
+    ],
+)
+def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):
+    bag = record(
+        "test1", tmp_path / "walk", disturbances=[parse(f"{hidden},after={BEGINS}")], seed=7, duration_s=13.5
+    ).bag
+    found = mismatches(bag, tmp_path / "out")
+    first = next(each for each in found if each["channel"] == channel)
+    assert BEGINS < first["told_s"] <= BEGINS + WITHIN
+    if channel.startswith("late"):
+        assert 0.007 < first["size"] < 0.017 and first["unit"] == "s"
+    assert all(each["told_s"] > BEGINS for each in found)
+
+
+@pytest.mark.parametrize("rate", [200, 500, 1000])
+def test_a_blow_is_felt_alike_at_any_rate_and_with_stamps_that_jitter(rate):
+    """A half sine of 10 ms beside a load that rises in 50 ms; at rates at which nothing can be told, nothing is."""
+    laws, rng, impulse = Laws(robot(), Config()), np.random.default_rng(rate), 0.7
+    where, felt = laws.names.index("landing/z"), []
+    for _ in range(20):
+        laws.begin()
+        laws.looks = 1
+        stamps = (np.arange(60) + 0.1 * rng.uniform(-1.0, 1.0, 60)) / rate
+        for dt, at in zip(np.diff(stamps), stamps[1:] - stamps[1], strict=True):
+            if at < BORNE_S:
+                half = at + 0.5 / rate
+                blow = impulse * np.pi / 0.02 * np.sin(np.pi * half / 0.01) * (half < 0.01)
+                laws.land(at, dt, blow + 1000.0 * at)
+        felt.append(laws.mean(2)[0][where])
+    assert felt == pytest.approx(np.full(20, impulse), rel=0.25) and np.std(felt) < 0.1 * impulse
+    laws.begin()
+    laws.looks = 1
+    for at in (0.0, 0.02):
+        laws.land(at, 0.02, 50.0)
+    assert np.isnan(laws.mean(2)[0][where])
+
+
+@pytest.mark.parametrize(("slip", "told"), [(0.00007, False), (0.0015, True)])
+def test_sensors_that_never_vary_do_not_make_a_hairs_breadth_a_mismatch(slip, told):
+    """Springs that are bent alike in 120 strides, then by far less than sensors of such robots scatter: no fault."""
+    still, begins = 0.01 * np.array(Config().robot.left.stiffness + Config().robot.right.stiffness), 144.0
+
+    def change(stream, t, message):
+        if stream == JOINTS:
+            return replace(message, position=np.zeros(12), velocity=np.zeros(12), effort=still)
+        if stream == MOTORS:
+            return replace(message, position=np.full(12, 0.01 + slip * (t >= begins)), velocity=np.zeros(12))
+        return message
+
+    found = watched(change, begins + 5.0, rate=50.0).first
+    assert {channel for channel in found if channel.startswith("spring/")} == (
+        {f"spring/{joint}" for joint in names()} if told else set()
+    )

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Faults of wiring and zeros of sensors that no single message shows, on a synthetic walk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import LEFT, RIGHT, robot, walk
+
+from coman_reduced_model.core.base.input_warning import WarningKind
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.pipeline import Pipeline
+
+
+def warnings_of(change):
+    pipeline = Pipeline(robot(), Config())
+    for stream, message in walk(6.0):
+        stream, message = change(stream, message)
+        pipeline.feed(stream, message, lambda message: message)
+    pipeline.flush()
+    return pipeline.status().warnings
+
+
+def test_wrong_sign_is_told():
+    def flipped(stream, message):
+        return (stream, replace(message, force=-message.force)) if stream == LEFT else (stream, message)
+
+    assert warnings_of(lambda *item: item) == ()
+    (warning,) = warnings_of(flipped)
+    assert (warning.kind, warning.stream) == (WarningKind.SIGN, LEFT) and not warning.prevents_prediction
+    assert str(warning).startswith(LEFT) and "sign" in warning.text
+
+
+def test_swapped_feet_are_told():
+    def swapped(stream, message):
+        if stream in (LEFT, RIGHT):
+            stream, frame = (RIGHT, "r_sole") if stream == LEFT else (LEFT, "l_sole")
+            message = replace(message, frame_id=frame)
+        return stream, message
+
+    (warning,) = warnings_of(swapped)
+    assert warning.kind is WarningKind.SWAPPED and "swapped" in warning.text
+
+
+@pytest.mark.parametrize("share", [0.03, 0.06, 0.2])
+def test_a_foot_in_the_air_that_never_reads_unloaded_is_told(share):
+    """Above contact_off, 4 % of the weight, its lift-offs are missed and the robot seems to stand on both feet."""
+
+    def biased(stream, message):
+        if stream == RIGHT:
+            message = replace(message, force=message.force + np.array([0.0, 0.0, share * robot().mass * 9.81]))
+        return stream, message
+
+    warnings = warnings_of(biased)
+    assert [(each.kind, each.stream) for each in warnings] == [(WarningKind.BIAS, RIGHT)] * (share > 0.04)
+    assert all("lift-offs are missed" in each.text for each in warnings)
+
+
+def test_a_threshold_that_changes_counts_from_then_on():
+    """A foot that reads 3 % of the weight in the air lifts at the usual threshold of 4 %, not at one of 2 %."""
+    pipeline = Pipeline(robot(), Config())
+    for stream, message in walk(6.0):
+        if stream == RIGHT:
+            message = replace(message, force=message.force + np.array([0.0, 0.0, 0.03 * robot().mass * 9.81]))
+        pipeline.feed(stream, message, lambda message: message)
+    assert pipeline.status().warnings == ()
+    lower = Config().replaced({"support.contact_off": 0.02})
+    pipeline.reconfigure(lower)
+    assert pipeline.config is pipeline.predictor.config is lower and pipeline.predictor.support.config is lower.support
+    (warning,) = pipeline.status().warnings
+    assert (warning.kind, warning.stream) == (WarningKind.BIAS, RIGHT)
+
+
+def test_what_is_missing_prevents_predictions():
+    pipeline = Pipeline(robot(), Config())
+    (nothing,) = pipeline.status().warnings
+    assert nothing.kind is WarningKind.MISSING and nothing.prevents_prediction
+    for stream, message in walk(0.5):
+        if stream != LEFT:
+            pipeline.feed(stream, message, lambda message: message)
+    (missing,) = pipeline.status().warnings
+    assert (missing.kind, missing.stream) == (WarningKind.MISSING, LEFT) and missing.prevents_prediction

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lags, and springs that are bent, against formulas and an integrator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnose_tools import t
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from coman_reduced_model.diagnose.data.signals import bent_stretch, lagged
+
+
+@settings(max_examples=8)
+@given(st.floats(-0.9, 0.9), st.floats(0.5, 8.0), st.floats(5.0, 20.0))
+def test_a_bent_spring_is_what_an_integrator_says(bend, d, amplitude):
+    k, dt = 130.0, 0.005
+    cubic = bend / 3.0 / (1.5 * amplitude / k) ** 2
+    torque = amplitude * np.sin(2.0 * np.pi * t[:400])
+
+    def rate(at, x):
+        return (np.interp(at, t, amplitude * np.sin(2.0 * np.pi * t)) - k * x * (1.0 + cubic * x**2)) / d
+
+    exact = solve_ivp(rate, (0.0, t[399]), [0.0], t_eval=t[:400], max_step=dt, rtol=1e-8, atol=1e-10).y[0]
+    found = bent_stretch(np.ascontiguousarray(torque), k, d, cubic, dt)
+    assert found == pytest.approx(exact, abs=0.06 * amplitude / k)  # backward Euler is of first order
+    assert np.abs(found - exact).mean() < 0.03 * amplitude / k
+
+
+def test_a_straight_spring_is_the_same_bent_by_nothing():
+    torque = 10.0 * np.sin(3.0 * t)
+    assert bent_stretch(torque, 130.0, 3.0, 1e-12, 0.005) == pytest.approx(
+        lagged(torque, 3.0 / 130.0) / 130.0, abs=2e-3
+    )
+
+
+def test_a_lag_is_exact_on_a_ramp_and_leads_the_other_way():
+    ramp = 2.0 * t[:, None]
+    assert lagged(ramp, 0.05)[-100:] == pytest.approx(ramp[-100:] - 2.0 * 0.05, abs=1e-9)
+    assert lagged(ramp, -0.05)[50:-50] == pytest.approx(ramp[50:-50] + 2.0 * 0.05, abs=1e-9)
+    step = np.where(t > 1.0, 1.0, 0.0)[:, None]
+    assert lagged(step, 0.2)[240 + 1, 0] == pytest.approx(1.0 - np.exp(-1.0), abs=0.02)

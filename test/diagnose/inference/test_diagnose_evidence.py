@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The statistics behind a diagnosis, against what they abbreviate: normal distributions written out in full."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose_tools import FIGURES
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import block_diag
+from scipy.signal import lfilter
+from scipy.stats import multivariate_normal
+
+from coman_reduced_model.diagnose.inference.evidence import (
+    ORDER,
+    Evidence,
+    Noise,
+    Problem,
+    _autoregression,
+    _free_of_offsets,
+    prior_variance,
+    scores,
+    weigh,
+    whiten,
+)
+from coman_reduced_model.diagnose.inference.floor import least
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
+
+ROWS = 40
+seeds = st.integers(0, 10_000)
+few = settings(max_examples=15)
+
+
+def evidence_of(A, r, at=None, known=FIGURES) -> Evidence:
+    at = np.zeros(A.shape[1]) if at is None else at
+    return Evidence(known, at, A.T @ A, A.T @ r, float(r @ r), len(r))
+
+
+def log_normal(r, mean, covariance) -> float:
+    """But for the constant that the package leaves out."""
+    return multivariate_normal(mean, covariance).logpdf(r) + 0.5 * len(r) * np.log(2.0 * np.pi)
+
+
+@few
+@given(seeds)
+def test_posterior_and_log_evidence_are_those_of_the_normal_distribution(seed):
+    rng = np.random.default_rng(seed)
+    A, r = rng.normal(size=(ROWS, 4)), 2.0 * rng.normal(size=ROWS)
+    at, mean, variance = rng.normal(size=4), rng.normal(size=4), rng.uniform(0.1, 3.0, 4)
+    fit = evidence_of(A, r, at).posterior(mean, variance)
+    C = np.eye(ROWS) + A * variance @ A.T
+    gain = (variance[:, None] * A.T) @ np.linalg.inv(C)
+    assert fit.x == pytest.approx(mean + gain @ (r - A @ (mean - at)), abs=1e-6)
+    assert fit.covariance == pytest.approx(np.diag(variance) - gain @ A * variance, abs=1e-6)
+    assert fit.log == pytest.approx(log_normal(r, A @ (mean - at), C), abs=1e-4)
+
+
+@few
+@given(seeds)
+def test_a_figure_that_one_recording_has_to_itself_is_integrated_out(seed):
+    rng = np.random.default_rng(seed)
+    parts = [(rng.normal(size=(ROWS, 4)), 2.0 * rng.normal(size=ROWS)) for _ in range(2)]
+    fit = (evidence_of(*parts[0]).shared() + evidence_of(*parts[1]).shared()).fit([0])
+    # The joint model: three figures in common, and the fourth twice.
+    A = np.hstack([np.vstack([a[:, :3] for a, _ in parts]), block_diag(*(a[:, 3:] for a, _ in parts))])
+    r, variance = np.concatenate([r for _, r in parts]), prior_variance(FIGURES, [0])[[0, 1, 2, 3, 3]]
+    C = np.eye(len(r)) + A * variance @ A.T
+    x = (variance[:, None] * A.T) @ np.linalg.solve(C, r)
+    assert fit.x[:3] == pytest.approx(x[:3], abs=1e-6)
+    assert fit.log == pytest.approx(log_normal(r, np.zeros(len(r)), C), abs=1e-4)
+
+
+@few
+@given(seeds)
+def test_scores_are_what_a_new_fit_with_wider_priors_gains(seed):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(ROWS, 4))
+    evidence = evidence_of(A, A @ rng.normal(size=4) + rng.normal(size=ROWS))
+    for score in scores(evidence, [*candidates(FIGURES), Candidate("both", "", (0, 2))], released=[1]):
+        mine = [1, *score.option.figures]
+        wide = evidence.fit(mine)
+        assert score.total == pytest.approx(wide.log - evidence.fit([1]).log, abs=1e-3)
+        assert score.values == pytest.approx(wide.x[list(score.option.figures)], abs=1e-4)
+        small = evidence.fit([1], slack=score.option.figures)
+        assert score.gain == pytest.approx(wide.log - max(small.log, evidence.fit([1]).log), abs=1e-3)
+
+
+def test_evidence_speaks_for_what_is_there_and_against_what_is_not():
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(400, 4))
+    r = A @ np.array([0.8, 0.2, 0.0, 0.3]) + rng.normal(size=400)
+    found = {score.option.effect: score for score in scores(evidence_of(A, r), candidates(FIGURES))}
+    assert found["payload"].gain > 50.0 and found["payload"].values == pytest.approx([0.8], abs=0.15)
+    assert found["encoder_bias"].gain < 0.0 > found["backlash"].gain  # the one within its spread, the other absent
+
+
+AR = np.array([0.5, 1.2, -0.6, 0.1])  # standard deviation and coefficients, stable
+
+
+def coloured(n: int, pieces: int, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces of an AR process, each in its steady state, and where they begin."""
+    each = [lfilter([AR[0]], [1.0, *-AR[1:]], rng.normal(size=n + 200))[200:] for _ in range(pieces)]
+    return np.concatenate(each), n * np.arange(pieces)
+
+
+def test_whitening_makes_an_autoregressive_process_white():
+    values, pieces = coloured(400, 10, np.random.default_rng(2))
+    white = whiten(values[:, None], pieces, AR)[:, 0]
+    inside = np.concatenate([white[a + ORDER : a + 400] for a in pieces])
+    assert inside.std() == pytest.approx(1.0, abs=0.04)
+    for lag in (1, 2, 3, 5):
+        assert abs(np.corrcoef(inside[lag:], inside[:-lag])[0, 1]) < 0.06
+    heads = np.concatenate([white[a : a + ORDER] for a in pieces])  # together as much as one of the others
+    assert heads.std() == pytest.approx(1.0 / np.sqrt(ORDER), abs=0.25)
+
+
+def test_the_noise_is_estimated_over_pieces_that_do_not_touch():
+    values, pieces = coloured(500, 12, np.random.default_rng(3))
+    values[pieces[6] :] *= -1.0
+    assert _autoregression(values, pieces) == pytest.approx(AR, abs=0.08)
+
+
+@few
+@given(seeds, st.floats(0.0, 5.0))
+def test_offsets_of_pieces_are_part_of_the_noise(seed, offset):
+    rng = np.random.default_rng(seed)
+    pieces, noise = np.array([0, 9, 30]), np.array([0.7, 0.4, 0.0, 0.0])
+    white = rng.normal(size=(ROWS, 2))
+    out = _free_of_offsets(white, pieces, Noise(noise, offset))
+    one = whiten(np.ones((ROWS, 1)), pieces, noise)[:, 0]
+    C = np.eye(ROWS)
+    for a, b in ((0, 9), (9, 30), (30, ROWS)):
+        C[a:b, a:b] += offset**2 * np.outer(one[a:b], one[a:b])
+    assert out.T @ out == pytest.approx(white.T @ np.linalg.solve(C, white), abs=1e-8)
+
+
+def problem(values, pieces) -> Problem:
+    n = len(values)
+    columns = np.random.default_rng(0).normal(size=(n, 4))
+    return Problem(FIGURES, {"a|single": values}, {"a|single": columns}, {"a|single": pieces}, {}, {})
+
+
+def test_short_pieces_have_a_noise_too():
+    """Double support may last two ticks only: then there are no second differences within a piece."""
+    values = np.random.default_rng(4).normal(size=60)
+    evidence, noise, _ = weigh(problem(values, np.arange(0, 60, 2)), np.zeros(4))
+    assert np.isfinite(evidence.gram).all() and np.isfinite(evidence.energy)
+    assert noise["a|single"].autoregression[0] == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_channel_that_never_moves_breaks_nothing():
+    """A driver that writes zeros for a foot in the air."""
+    evidence, _, _ = weigh(problem(np.zeros(60), np.array([0])), np.zeros(4))
+    assert np.isfinite(evidence.fit([0]).log)
+
+
+def test_a_prior_never_gets_narrower_when_a_figure_is_released():
+    known = [replace(FIGURES[1], spread=2.0), *FIGURES[:1]]
+    assert (prior_variance(known, [0, 1], [0, 1]) >= prior_variance(known)).all()
+
+
+def test_no_sensor_is_believed_to_be_without_noise():
+    assert least("unloaded/left/fz|single") == least("unloaded/right/fx") == 0.1
+    assert least("unloaded/left/ty|single") == 0.005 and least("force/x|double") == 0.1 and least("what|single") == 0.0

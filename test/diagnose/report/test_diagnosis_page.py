@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page of a diagnosis, from a small made-up finding: a knee with play."""
+
+from __future__ import annotations
+
+import re
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from robots import robot_of
+
+from coman_reduced_model.core.base.types import Array, Foot, Phase
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.diagnose import workflow
+from coman_reduced_model.diagnose.data.recording import Recording
+from coman_reduced_model.diagnose.data.signals import Smoothed
+from coman_reduced_model.diagnose.inference import predicted_com
+from coman_reduced_model.diagnose.inference.case import Case
+from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
+from coman_reduced_model.diagnose.inference.finding import Effect, Finding
+from coman_reduced_model.diagnose.inference.predicted_com import FreeRun
+from coman_reduced_model.diagnose.physics.hypotheses import Figure, candidates
+from coman_reduced_model.diagnose.report.page import diagnosis_page
+from coman_reduced_model.diagnose.report.words import effect_sentence, place
+
+WIDTH, FLOOR = 0.012, 3e-4  # [rad]
+JOINTS = ["LKneeSag", "RKneeSag"]
+STILL = lambda recording, world, x: (recording, world)  # noqa: E731
+KNOWN = [
+    Figure("backlash", "LKneeSag", "width", 0.0, 0.0, 0.01, 1e-3, "rad", STILL, slack=0.001, low=0.0),
+    Figure("encoder_bias", "LKneeSag", "bias", 0.0, 0.001, 0.02, 1e-3, "rad", STILL),
+    Figure("joint_stiffness", "RKneeSag", "scale", 1.0, 0.05, 0.3, 0.01, "1", STILL),
+]
+
+
+@cache
+def coman() -> Robot:
+    return robot_of("coman")
+
+
+def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool = True) -> Case:
+    """A recording whose left knee has a play `width`, seen by a robot with the figures `at`."""
+    t = np.arange(0.0, 8.0, 0.005)
+    phase = np.where(t % 1.0 < 0.3, 3, np.where(t % 2.0 < 1.0, 1, 2)) if walks else np.full(len(t), 3)
+    robot = coman()
+    left, right = (robot.joint_names.index(name) for name in JOINTS)
+    tau = np.zeros((len(t), len(robot.joint_names)))
+    tau[:, left], tau[:, right] = 20.0 * np.sin(np.pi * t), 15.0 * np.cos(np.pi * t)
+    q, wrench = np.zeros_like(tau), {foot: np.zeros((len(t), 6)) for foot in (Foot.LEFT, Foot.RIGHT)}
+    recording = Recording(
+        name, t, q, tau if efforts else None, q, wrench, None, None, None, phase,
+        np.full(len(t), 0.5), np.ones(len(t), dtype=bool), np.zeros(tau.shape[1]),
+        {foot: np.zeros(len(t)) for foot in wrench},
+    )  # fmt: skip
+    ticks = np.arange(10, len(t) - 10, 8)
+    jump, noise = 0.5 * np.sign(tau[ticks, left]), FLOOR * np.random.default_rng(1).standard_normal((2, len(ticks)))
+    columns = {
+        "spring/LKneeSag": np.column_stack([jump, -np.ones(len(ticks)), np.zeros(len(ticks))]),
+        "spring/RKneeSag": np.column_stack([np.zeros((len(ticks), 2)), tau[ticks, right] / 180.0]),
+    }
+    residuals = {
+        "spring/LKneeSag": (width - at[0]) * jump + noise[0],
+        "spring/RKneeSag": -at[2] * tau[ticks, right] / 180.0 + noise[1],
+    }
+    problem = Problem(KNOWN, {}, {}, {}, {}, {})
+    for channel, values in residuals.items():
+        for part, mine in (("double", phase[ticks] == 3), ("single", phase[ticks] != 3)):
+            if mine.any():
+                key, index = f"{channel}|{part}", np.flatnonzero(mine)
+                problem.rows[key], problem.columns[key], problem.times[key] = (
+                    values[mine],
+                    columns[channel][mine],
+                    index,
+                )
+                problem.pieces[key] = np.flatnonzero(np.diff(index, prepend=-9) > 1)
+    noises = {key: Noise(np.array([FLOOR, 0.0, 0.0, 0.0]), 0.0) for key in problem.rows}
+    world = SimpleNamespace(robot=robot)
+    motion = SimpleNamespace(qd=np.zeros((len(ticks), len(robot.joint_names))))
+    state: Any = SimpleNamespace(
+        recording=recording, world=world, motion=motion, residuals=residuals, smoothed=Smoothed()
+    )
+    where: Any = SimpleNamespace(ticks=ticks, staggers=False)
+    evidence = weighed(problem, at, noises)
+    return Case(recording, where, state, problem, evidence, noises, dict.fromkeys(problem.rows, FLOOR))
+
+
+def free_run(config: Config, made_worse: bool) -> FreeRun:
+    """Ten steps; 2 mm off without the play in the model, with it 1 mm, or 3 mm where it makes that worse."""
+    n = 1600
+    size = 0.002 if all(each.name != "backlash" for each in config.effects) else 0.003 if made_worse else 0.001
+    predicted = size * (1.0 + 0.1 * np.sin(np.outer(np.arange(n), (0.1, 0.2, 0.3))))
+    phase = np.where(np.arange(n) % 160 < 40, Phase.DOUBLE, Phase.LEFT)
+    return FreeRun(
+        np.arange(n) * 5_000_000, np.full(n, Foot.LEFT), phase, np.arange(n) // 160, np.zeros((n, 3)), predicted,
+        np.zeros((n, 12)), coman(), (),
+    )  # fmt: skip
+
+
+def diagnosis(
+    monkeypatch: pytest.MonkeyPatch,
+    width: float = WIDTH,
+    found: bool = True,
+    hold: int = 1,
+    made_worse: bool = False,
+    **recording: Any,
+) -> workflow.Diagnosis:
+    """The workflow's own result, with the recordings made up; the play makes the predicted COM better or worse."""
+    nothing, options = np.zeros(len(KNOWN)), candidates(KNOWN)
+    before = [case(name, width, nothing, **recording) for name in ("train", "hold")[: 1 + hold]]
+    finding = Finding(KNOWN, nothing, before=(before[:1], before[1:]), train=before[:1], hold=before[1:])
+    finding.first = finding.last = scores(before[0].evidence, options)
+    if found:
+        finding.at = np.array([width, 0.0, 0.0])
+        finding.chosen = [Effect(next(o for o in options if o.effect == "backlash"), 300.0, 200.0 if hold else np.nan)]
+        after = [case(name, width, finding.at, **recording) for name in ("train", "hold")[: 1 + hold]]
+        finding.train, finding.hold = after[:1], after[1:]
+        finding.refused = [(next(o for o in options if o.effect == "encoder_bias"), "held-out bags speak against it")]
+    finding.fit = finding.train[0].evidence.fit(finding.released)
+    monkeypatch.setattr(workflow, "load", lambda *_: (before[0].recording, before[0].state.world.robot))
+    where = SimpleNamespace(slides=())
+    monkeypatch.setattr(workflow, "prepare", lambda *_: (before[0].recording, before[0].state.world, where))
+    monkeypatch.setattr(workflow, "Looked", lambda *_: None)
+    monkeypatch.setattr(workflow, "search", lambda *_, **__: finding)
+    monkeypatch.setattr(predicted_com, "free_run", lambda path, config, *_: free_run(config, made_worse))
+    monkeypatch.setattr(workflow, "ProcessPoolExecutor", lambda count, context: ThreadPoolExecutor(count))
+    return workflow.diagnose(["bags/train"], ["bags/hold"][:hold], load_config(ROOT / "config/coman.yaml"))
+
+
+def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it(monkeypatch):
+    html = diagnosis_page(diagnosis(monkeypatch))
+    assert not re.search(r"https?:|@import|<script|<img|<link", html)
+    headline = re.search(r"<h1>(.*?)</h1>", html)[1]  # type: ignore[index]
+    assert headline.startswith("The left knee (LKneeSag) has 0.690 ± ")
+    assert headline.endswith("degrees of backlash.")
+    for told in ("model.yaml", "spring law, LKneeSag", "held-out bags speak against it"):
+        assert told in html
+    assert html.count("<svg") == 4  # the law, residuals, COM, heat map
+
+
+@pytest.mark.parametrize("hold", [0, 1])
+@pytest.mark.parametrize(
+    ("verdict", "told"),
+    [
+        ("none", "healthy robots leave"),
+        ("unknown", "no effect of the catalogue"),
+        ("not_excited", "both feet must leave the ground"),
+        ("effect", "could hide below"),
+    ],
+)
+def test_each_verdict_has_a_page(monkeypatch, verdict, told, hold):
+    width = WIDTH if verdict in ("unknown", "effect") else 0.0
+    made = diagnosis(monkeypatch, width, verdict == "effect", hold, walks=verdict != "not_excited")
+    assert made.result["verdict"] == verdict
+    html = diagnosis_page(made)
+    assert told in html
+    assert html.count("<svg") >= 3
+    assert ("no held-out bag" in html.lower()) == (not hold)
+
+
+@pytest.mark.parametrize("made_worse", [False, True])
+@pytest.mark.parametrize("hold", [0, 1])
+def test_an_effect_that_makes_the_predicted_com_worse_is_named_but_not_in_the_model(monkeypatch, hold, made_worse):
+    made = diagnosis(monkeypatch, hold=hold, made_worse=made_worse)
+    (effect,) = made.result["effects"]
+    assert made.result["verdict"] == "effect" and effect["name"] == "backlash"
+    assert effect["in_model"] == ("backlash" in [each.name for each in made.model.effects]) == (not made_worse)
+    com = effect["com"]
+    for axis in "xyz":
+        assert com["after"][axis] == pytest.approx(com["before"][axis] * (1.5 if made_worse else 0.5))
+        low, high = com["change"][axis]
+        assert low > 0.0 if made_worse else high < 0.0
+    # What is written is what model.yaml does.
+    gap = made.result["gap"]["holdout" if hold else "train"]
+    for axis in "xyz":
+        assert gap["after"][f"com/{axis}"] == pytest.approx(gap["before"][f"com/{axis}"] * (1.0 if made_worse else 0.5))
+    walks = "held-out walks" if hold else "training walks"
+    assert (f"it makes the predicted COM of {walks} worse, x 2.007 to 3.011" in made.result["sentence"]) == made_worse
+
+
+@pytest.mark.parametrize("made_worse", [False, True])
+def test_the_page_shows_the_com_before_and_after_each_effect(monkeypatch, made_worse):
+    html = diagnosis_page(diagnosis(monkeypatch, made_worse=made_worse))
+    table = html.partition("with it [mm]")[2].partition("</table>")[0]
+    rows = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr.*?</tr>", table, re.S)]
+    rows = [row for row in rows if row and row[0] == "backlash"]
+    assert [row[2] for row in rows] == ["x", "y", "z"]
+    assert {(row[3][:3], row[4][:3]) for row in rows} == {("2.0", "3.0" if made_worse else "1.0")}
+    assert {row[-1] for row in rows} == {"no" if made_worse else "yes"}
+    assert ("worse, x" in html) == made_worse
+
+
+def test_a_recording_without_torques_has_a_page_that_says_so(monkeypatch):
+    html = diagnosis_page(diagnosis(monkeypatch, efforts=False))
+    assert "No joint torques were recorded" in html
+
+
+@pytest.mark.parametrize(
+    ("where", "said"),
+    [
+        ("LKneeSag", "the left knee (LKneeSag)"),
+        ("RAnkSag", "the right ankle pitch (RAnkSag)"),
+        ("l_hip_roll", "the left hip roll (l_hip_roll)"),
+        ("left_knee", "the left knee (left_knee)"),
+        ("joint7", "joint7"),
+        ("left", "all joints of the left leg"),
+    ],
+)
+def test_places_are_said_as_people_say_them_where_the_name_tells(where, said):
+    assert place(where) == said
+
+
+def test_a_sentence_holds_values_intervals_and_signs():
+    def effect(name: str, where: str, key: str, value: float, unit: str, kind: str | None = None) -> str:
+        parameters = {key: {"value": value, "unit": unit, "interval": [0.95 * value, 1.05 * value]}}
+        return effect_sentence({"name": name, "class": kind, "where": where, "parameters": parameters})
+
+    assert effect("wrench_scale", "right", "scale", 0.93, "1").startswith(
+        "the force sensor of the right foot reads 93.0"
+    )
+    assert "too low" in effect("encoder_bias", "LAnkSag", "bias", -0.0122, "rad")
+    assert "softens" in effect("spring_nonlinearity", "LAnkSag", "cubic", -280.0, "1/rad^2")
+    assert "class drive delay" in effect("motor_lag", "", "time_constant", 0.015, "s", "drive_delay")
+    assert "x 5.00 ± 0.25 N" in effect("external_force", "", "x", 5.0, "N")

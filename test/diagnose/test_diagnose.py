@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman diagnose` on recorded walks: the hidden effect is named, the gap shrinks, and bad input costs one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+from synthetic import WRENCHES, walk, write_bag
+
+from coman_reduced_model.cli.main import run
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import STANDARD_EFFECTS
+from coman_reduced_model.diagnose.inference.evidence import ONE_A_STEP
+from coman_reduced_model.sim.disturbances import make
+from coman_reduced_model.sim.record import record
+from coman_reduced_model.sim.sensors import SensorOptions
+
+SECONDS = 7.0
+HIDDEN = {
+    "clean": None,
+    "backlash": ("backlash", {"where": "RKneeSag", "width": 0.026}),
+    "motor_lag": ("motor_lag", {"time_constant": 0.03}),
+    "payload": ("payload", {"mass": 1.5, "z": 0.1}),
+    "encoder_bias": ("encoder_bias", {"where": "LAnkSag", "bias": 0.026}),
+    "encoder_delay": ("encoder_delay", {"delay": 0.03}),  # from afar, motors that are late
+    "motor_compliance": ("motor_compliance", {"compliance": 5e-4}),
+    "foot_slip": ("foot_slip", {"where": "right", "distance": 0.012}),
+    "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
+    "wrench_bias": ("wrench_bias", {"where": "right", "fz": 25.0}),  # the foot never seems to be in the air
+    "twisted_sensor": ("twisted_sensor", {"where": "left", "axis": "x", "angle": 0.35}),
+}
+ECHOED = {"motor_lag", "motor_compliance"}
+MADE_OTHERWISE = {  # sensors of healthy robots
+    "noise_free": SensorOptions.exact(),
+    "100_hz": SensorOptions(rate_hz=100.0),
+    "noisy_torques": SensorOptions(torque_noise=0.5, torque_bias=0.3),
+}
+
+
+@pytest.fixture(scope="session")
+def bags(tmp_path_factory):
+    """A training and a held-out walk of a robot with something hidden; each recorded once."""
+    known: dict[str, tuple] = {}
+
+    def call(name: str):
+        if name not in known:
+            folder = tmp_path_factory.mktemp(name)
+            effect = None if name in MADE_OTHERWISE else HIDDEN[name]
+            hidden = [make(effect[0], dict(effect[1]))] if effect else []
+            # Motor states that echo the command hide what the motors do: the harder of the two kinds of robot.
+            sensors = SensorOptions(motor_source="commanded" if name in ECHOED else "measured")
+            sensors = MADE_OTHERWISE.get(name, sensors)
+            for seed, gait in enumerate(("test1", "test2")):
+                record(gait, folder / gait, sensors=sensors, disturbances=hidden, seed=seed, duration_s=SECONDS)
+            known[name] = folder / "test1", folder / "test2"
+        return known[name]
+
+    return call
+
+
+@pytest.fixture
+def diagnose(tmp_path, capsys):
+    """Runs `coman diagnose`; gives what it prints and the folder. Never a traceback."""
+
+    def call(*arguments):
+        out = tmp_path / "diagnosis"
+        capsys.readouterr()
+        code = run(["diagnose", *map(str, arguments), "--out", str(out), "--json"])
+        text, err = capsys.readouterr()
+        assert code == 0 and "Traceback" not in err, err
+        return json.loads(text), out
+
+    return call
+
+
+@pytest.fixture
+def refused(tmp_path, capsys):
+    """Runs `coman diagnose`, which must refuse in one line; gives the line."""
+
+    def call(*arguments, out="diagnosis"):
+        capsys.readouterr()
+        code = run(["diagnose", *map(str, arguments), "--out", str(tmp_path / out), "--json"])
+        text, err = capsys.readouterr()
+        lines = [line for line in err.splitlines() if line.startswith("coman: ")]
+        assert code == 2 and text == "" and "Traceback" not in err and len(lines) == 1, err
+        return lines[0]
+
+    return call
+
+
+# --- verdicts ---
+
+
+def named(result: dict, name: str, where: str) -> dict:
+    assert result["verdict"] == "effect", result["sentence"]
+    assert [(effect["name"], effect["where"]) for effect in result["effects"]] == [(name, where)]
+    return result["effects"][0]["parameters"]
+
+
+def shrinks(result: dict, channel: str) -> None:
+    gap = result["gap"]["holdout"]
+    assert gap["after"][channel] < 0.7 * gap["before"][channel], (channel, gap)
+
+
+def com_is_shown(result: dict) -> None:
+    """Before and after, of the whole and of each effect, also where a clock was put right."""
+    for which in ("before", "after"):
+        assert all(0.0 < result["gap"]["holdout"][which][f"com/{axis}"] < 0.05 for axis in "xyz")
+    for effect in result["effects"]:
+        com = effect["com"]
+        assert all(0.0 < com[which][axis] < 0.05 for which in ("before", "after") for axis in "xyz")
+        assert com["steps"] > 4 and all(low < high for low, high in com["change"].values())
+        assert effect["in_model"] or any(low > 0.0 for low, _ in com["change"].values())
+
+
+@pytest.mark.slow
+def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tmp_path, capsys):
+    train, held = bags("backlash")
+    result, out = diagnose(train, "--holdout", held)
+    width = named(result, "backlash", "RKneeSag")["width"]
+    assert width["value"] == pytest.approx(0.026, rel=0.3) and width["interval"][0] > 0.0 and width["unit"] == "rad"
+    shrinks(result, "spring/RKneeSag")
+
+    # What it prints is what discrepancy.md says, and what it writes.
+    assert result == json.loads((out / "diagnosis.json").read_text())
+    assert {"verdict", "effects", "ranking", "localisation", "gap", "undetectable_below", "model", "seconds"} <= set(
+        result
+    )
+    assert {"name", "class", "where", "parameters", "evidence", "in_model", "com"} <= set(result["effects"][0])
+    assert all({"name", "evidence", "holdout_gain"} <= set(entry) for entry in result["ranking"])
+    ranked = [entry["evidence"] for entry in result["ranking"]]
+    assert ranked == sorted(ranked, reverse=True) and result["ranking"][0]["name"] == "backlash"
+    assert all({"channel", "phase", "band_hz", "excess"} <= set(entry) for entry in result["localisation"])
+    for which in ("train", "holdout"):
+        assert set(result["gap"][which]) == {"before", "after", "floor"}
+        assert {"com/x", "com/y", "com/z"} <= set(result["gap"][which]["after"])
+    assert all(value > 0.0 for values in result["undetectable_below"].values() for value in values.values())
+    assert (out / "report.html").read_text().startswith("<!doctype html>")
+
+    # The model that it writes is used as it is.
+    config = load_config(out / result["model"])
+    assert [(e.name, e.where) for e in config.effects][-1] == ("backlash", "RKneeSag")
+    capsys.readouterr()
+    assert run(["predict", str(held), "--config", str(out / "model.yaml"), "--out", str(tmp_path / "p")]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "where", "channel"),
+    [
+        ("payload", "", "force/z"),
+        ("encoder_bias", "LAnkSag", ""),
+        ("encoder_delay", "", "torque/RKneeSag"),
+        ("motor_compliance", "", "spring/RHipLat"),
+        ("wrench_bias", "right", "force/z"),
+        ("foot_slip", "right", "slide/x"),
+        ("touchdown_impact", "", "landing/z"),
+    ],
+)
+def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, diagnose):
+    train, held = bags(case)
+    result, _ = diagnose(train, "--holdout", held)
+    parameters = named(result, case, where)
+    key, value = next((key, v) for key, v in HIDDEN[case][1].items() if key in parameters)
+    assert parameters[key]["value"] == pytest.approx(value, rel=0.3)
+    if channel:
+        shrinks(result, channel)
+    com_is_shown(result)
+    if channel in ONE_A_STEP:
+        assert (channel, "double") in {(entry["channel"], entry["phase"]) for entry in result["localisation"]}
+    if case == "payload":
+        law = result["laws"][channel]  # before anything is fitted
+        assert law["mean"] == pytest.approx(
+            9.81 * value, abs=6.0
+        )  # healthy masses and sensors are some percent of 170 N off
+        assert law["rms"] >= abs(law["mean"]) > 10.0 * law["floor"] > 0.0
+
+
+@pytest.mark.slow
+def test_lagging_motors_that_echo_their_command_are_a_drive_delay(bags, diagnose):
+    train, held = bags("motor_lag")
+    result, _ = diagnose(train, "--holdout", held)
+    assert result["verdict"] == "effect", result["sentence"]
+    assert {effect["name"] for effect in result["effects"]} <= {"motor_lag", "transport_delay"}
+    assert len(result["effects"]) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["clean", *MADE_OTHERWISE])
+def test_a_healthy_robot_lacks_nothing(name, bags, diagnose):
+    train, held = bags(name)
+    result, out = diagnose(train, "--holdout", held)
+    assert result["verdict"] == "none" and result["effects"] == [], result["sentence"]
+    assert [each.name for each in load_config(out / "model.yaml").effects] == list(STANDARD_EFFECTS)
+
+
+@pytest.mark.slow
+def test_what_no_effect_explains_is_unknown(bags, diagnose):
+    train, held = bags("twisted_sensor")
+    result, _ = diagnose(train, "--holdout", held)
+    assert result["verdict"] == "unknown" and result["effects"] == [] and result["too_much"], result["sentence"]
+
+
+@pytest.mark.slow
+def test_an_effect_that_spoils_the_predicted_com_is_not_in_the_model(tmp_path, diagnose):
+    """Foot sensors that are 4 Nm off, of which it is assumed that the trunk's COM is elsewhere."""
+    for seed, gait in enumerate(("test1", "test2")):
+        hidden = [make("wrench_bias", {"ty": 4.0})]
+        record(gait, tmp_path / gait, disturbances=hidden, seed=seed, duration_s=SECONDS)
+    result, out = diagnose(tmp_path / "test1", "--holdout", tmp_path / "test2", "--assume", "com_offset")
+    (effect,) = result["effects"]
+    assert effect["name"] == "com_offset" and abs(effect["parameters"]["x"]["value"]) > 0.005
+    assert [each.name for each in load_config(out / result["model"]).effects] == list(STANDARD_EFFECTS)
+    assert not effect["in_model"] and effect["com"]["after"]["x"] > 2.0 * effect["com"]["before"]["x"]
+    assert "makes the predicted COM of held-out walks worse" in result["sentence"]
+    com_is_shown(result)
+
+
+def test_standing_still_excites_nothing(diagnose, tmp_path):
+    record("stand", tmp_path / "stand", duration_s=6.0, seed=3)
+    result, _ = diagnose(tmp_path / "stand")
+    assert result["verdict"] == "not_excited" and result["effects"] == [] and result["gap"]["holdout"] is None
+
+
+# --- bad input ---
+
+
+@pytest.fixture(scope="session")
+def stepping(tmp_path_factory):
+    """Three seconds of the robot made of formulas: quick to write, quick to refuse."""
+    return write_bag(tmp_path_factory.mktemp("stepping") / "bag", walk(3.0))
+
+
+def test_a_bag_given_twice_confirms_nothing(stepping, refused):
+    assert "given twice" in refused(stepping, "--holdout", stepping)
+
+
+def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_path):
+    def lifted(stream, message):
+        return replace(message, force=0.0 * message.force) if stream in WRENCHES.values() else message
+
+    fallen = write_bag(tmp_path / "fallen", walk(3.0), lifted)
+    record("stand", tmp_path / "stand", duration_s=4.0, seed=3)
+    result, _ = diagnose(tmp_path / "stand", "--holdout", fallen)
+    (line,) = [line for line in result["not_checked"] if line.endswith("left out")]
+    assert line.startswith("fallen: steady on its feet for 0.0 s of 3.0 s")
+    assert result["gap"]["holdout"] is None and result["bags"]["holdout"] == []
+    assert "fallen: steady on its feet" in refused(fallen, out="other")  # to find something in
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ("no_such_effect", "names:"),
+        ("backlash:at=LKneeSag", "wanted NAME"),
+        ("backlash", "where=LHipYaw"),
+        ("backlash:where=LeftKnee", "allowed: where="),
+        ("gravity_stiffness", "cannot be fitted"),
+    ],
+)
+def test_nonsense_that_is_assumed(words, reason, stepping, refused):
+    assert reason in refused(stepping, "--assume", words)
+
+
+def test_a_folder_that_holds_something(stepping, refused, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "work.txt").write_text("mine")
+    assert "not empty" in refused(stepping, out="mine")
+    assert (tmp_path / "mine" / "work.txt").read_text() == "mine"
+
+
+def test_too_short(refused, tmp_path):
+    assert "less than 2 s" in refused(write_bag(tmp_path / "bag", walk(1.0)))
+
+
+def test_no_bag_at_all(refused, tmp_path):
+    assert "no such file" in refused(tmp_path / "nothing")
+    assert not list(tmp_path.iterdir())
+
+
+def test_another_robot(stepping, refused, tmp_path):
+    record("stand", tmp_path / "tall", robot="tall", duration_s=3.0)
+    shutil.rmtree(tmp_path / "diagnosis", ignore_errors=True)
+    assert "another robot" in refused(stepping, "--holdout", tmp_path / "tall")

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a node puts into /diagnostics, programs read back as the same numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from coman_reduced_model.ros.interface.diagnostic_report import (
+    Level,
+    Report,
+    rate_value,
+    rejected_values,
+    restart_value,
+    skill_values,
+)
+from coman_reduced_model.ros.interface.diagnostics import _text
+
+
+def sent(values: dict, level: Level = Level.WARN) -> Report:
+    status = DiagnosticStatus(level=bytes([level]), message="a sentence with 12.5 in it")
+    status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+    return Report.of(status)
+
+
+def test_numbers_come_back():
+    skill = {"0.1": np.array((0.123456, -1.5, np.nan)), "1": np.zeros(3)}
+    counts, last = {"joint_states/nan": 3, "imu/frame": 1}, {"joint_states/nan": "of 7 rad", "imu/frame": "no link: x"}
+    report = sent(
+        {
+            "samples": 4,
+            **rate_value("left_foot/wrench", 199.875),
+            **rejected_values(counts, last),
+            **skill_values(skill),
+            **restart_value(2),
+        }
+    )
+    assert report.level is Level.WARN and report.message
+    assert report.rates() == {"left_foot/wrench": 199.875}
+    assert report.rejected() == counts
+    assert report.restarts() == 2
+    read = report.skill(("0.1", "0.4", "1"))
+    assert list(read) == ["0.1", "1"]
+    for h, values in read.items():
+        assert list(values.values()) == pytest.approx(skill[h], nan_ok=True)
+
+
+def test_nothing_was_reported():
+    report = Report()
+    assert report.level is Level.OK and not report.rates() and not report.rejected() and not report.skill(("0.1",))
+    assert report.restarts() == 0
+
+
+@pytest.mark.parametrize("level", Level)
+def test_levels_are_those_of_the_message(level):
+    assert bytes([level]) == getattr(DiagnosticStatus, level.name)
+    assert sent({}, level).level is level

@@ -1,0 +1,432 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The judge: fair draws, bags without labels, answers out of reach, and a score that counts what it says."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from diagnose_tools import standing
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from coman_reduced_model.cli.main import run as coman
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.effects.catalogue import CATALOGUE
+from coman_reduced_model.diagnose.physics.hypotheses import candidates, figures
+from coman_reduced_model.errors import ConfigError, OutputError
+from coman_reduced_model.judge import baselines, cases, families
+from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
+from coman_reduced_model.judge.families import FAMILIES, LEVELS
+from coman_reduced_model.judge.run import RunFolder, choose_seeds, run
+from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, score_run
+from coman_reduced_model.sim.describe import urdf
+from coman_reduced_model.sim.disturbances import DISTURBANCES, make
+from coman_reduced_model.sim.robot_table import ROBOTS
+
+REPORTED = range(1000, 1200)
+MODEL_OPTIONS = {"gravity_stiffness", "lateral_compliance", "swing_momentum", "trunk_rotation"}
+
+# --- draws ---
+
+
+def test_a_seed_gives_the_same_case_in_any_range_and_any_order():
+    assert [draw_case(seed) for seed in range(1040, 1000, -1)] == [draw_case(seed) for seed in range(1001, 1041)][::-1]
+
+
+def test_the_reported_seeds_hold_what_the_targets_ask_for():
+    drawn = [draw_case(seed) for seed in REPORTED]
+    assert Counter(case.kind for case in drawn) == {"clean": 60, "single": 90, "pair": 25, "unknown": 25}
+    singles = Counter(case.families[0] for case in drawn if case.kind == "single")
+    assert set(singles) == set(families.CATALOGUED) and min(singles.values()) >= 3
+    for kind, least in (("single", 25), ("unknown", 5)):
+        assert min(Counter(case.levels[0] for case in drawn if case.kind == kind).values()) >= least
+    assert set(Counter(case.robot for case in drawn)) == set(ROBOTS)
+    for case in drawn:
+        assert len(set(case.gaits.values())) == 3  # the held-out walks are others
+        assert len({families.class_of(e["name"]) for e in case.effects}) == len(case.families)
+    assert len({case.name for case in map(draw_case, range(2000))}) == 2000
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_levels_grow_and_can_be_built_on_every_robot(family):
+    f = FAMILIES[family]
+    for table in ROBOTS.values():
+        sizes = []
+        for level in range(3):
+            values = f.parameters(np.random.default_rng(4), level, table)
+            effect = make(f.effect, values)
+            sizes.append(
+                sum(
+                    abs(np.log(v)) if key == "scale" else abs(v)
+                    for key, v in effect.told()["parameters"].items()
+                    if isinstance(v, float)
+                )
+            )
+        assert sizes[0] < sizes[1] < sizes[2], (table.name, sizes)
+
+
+def test_every_effect_that_can_be_hidden_is_drawn():
+    assert {f.effect for f in FAMILIES.values()} == set(DISTURBANCES) - {"scatter"}
+
+
+def test_effects_have_the_same_names_for_the_judge_the_model_and_the_diagnosis():
+    """The judge shares no table with the diagnosis: a name that differs would count as a wrong verdict."""
+    known = {FAMILIES[name].effect for name in families.CATALOGUED}
+    assert known == set(CATALOGUE) - MODEL_OPTIONS
+    assert not {FAMILIES[name].effect for name in families.OUTSIDE} & set(CATALOGUE)
+    recording, world = standing()
+    assert {option.effect for option in candidates(figures(recording, world))} == known
+    assert set(families.CLASSES) <= known
+
+
+def test_after_falls_the_level_goes_down_and_that_is_recorded():
+    seed = next(seed for seed in range(1000) if draw_case(seed).levels == ("strong",))
+    levels = [draw_case(seed, attempt).levels for attempt in range(12)]
+    assert levels == [("strong",)] * 4 + [("medium",)] * 4 + [("weak",)] * 4
+    assert draw_case(seed, 5).attempt == 5 and draw_case(seed, 5).families == draw_case(seed).families
+
+
+# --- bags ---
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> tuple[Path, cases.Case, dict]:
+    """A case with short walks."""
+    folder = tmp_path_factory.mktemp("bags")
+    case = draw_case(3, kind="pair", families=("backlash", "wrench_scale"), level="medium")
+    before = dict(cases.SECONDS)
+    cases.SECONDS.update(dict.fromkeys(BAGS, 3.6))
+    try:
+        found = write_case(case, folder / case.name)
+    finally:
+        cases.SECONDS.update(before)
+    assert found is not None
+    return folder / case.name, case, found
+
+
+def test_bags_hold_no_label(written):
+    folder, case, found = written
+    assert sorted(path.name for path in folder.iterdir()) == ["hold1", "hold2", "robot.yaml", "train"]
+    assert [e["name"] for e in found["effects"]] == ["backlash", "wrench_scale"] and found["seed"] == 3
+    words = [*DISTURBANCES, *FAMILIES, *LEVELS, "truth", "clean", "seed", *set(case.gaits.values())]
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} == {".mcap", ".yaml"}
+    spoken = {path: path.read_text() for path in files if path.suffix == ".yaml"}
+    for bag in BAGS:
+        with AnyReader([folder / bag]) as reader:
+            assert reader.message_count > 1000
+            description = [c for c in reader.connections if c.topic == "/robot_description"]
+            connection, _, raw = next(reader.messages(description))
+            assert reader.deserialize(raw, connection.msgtype).data == urdf(ROBOTS[case.robot])
+        path = folder / bag / f"{bag}.mcap"
+        with path.open("rb") as stream:
+            mcap = make_reader(stream)
+            assert not list(mcap.iter_attachments())
+            spoken[path] = "".join(str(record) for record in mcap.iter_metadata())
+    for path, text in spoken.items():
+        for word in words:
+            assert word not in path.name and not re.search(rf"(?<![A-Za-z]){word}(?![A-Za-z])", text), (path, word)
+
+
+def test_name_and_robot_do_not_depend_on_what_is_hidden():
+    for seed in range(100):
+        clean, other = draw_case(seed, kind="clean"), draw_case(seed, kind="single", families=("payload",))
+        assert (clean.robot, clean.name) == (other.robot, other.name)
+
+
+def test_the_data_sheet_is_a_configuration_with_nominal_constants(written):
+    folder, case, _ = written
+    robot = load_config(folder / "robot.yaml").robot
+    table = ROBOTS[case.robot]
+    assert robot.name == table.name
+    assert [*robot.left.stiffness, *robot.right.stiffness] == [joint.stiffness for joint in table.joints()]
+
+
+# --- the workflow sees bags and nothing else ---
+
+SPY = """
+import json, os, sys
+from pathlib import Path
+a = sys.argv[1:]
+out = Path(a[a.index("--out") + 1])
+seen = {"argv": a, "cwd": os.getcwd(), "environment": dict(os.environ),
+        "files": [str(p) for p in Path(a[0]).parent.rglob("*")], "assume": "--assume" in a}
+with open(sys.argv[0] + ".log", "a") as log: log.write(json.dumps(seen) + chr(10))
+out.mkdir()
+(out / "diagnosis.json").write_text(json.dumps({"verdict": "none", "effects": [], "gap": {}}))
+"""
+
+
+@pytest.fixture
+def spy(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("tool") / "spy.py"
+    path.write_text(SPY)
+    return path
+
+
+@pytest.fixture
+def judged(tmp_path, spy) -> tuple[RunFolder, list[str], list[int]]:
+    """A run whose bags exist already, as empty files: the recording is tested above."""
+    layout = RunFolder(tmp_path / "run_of_the_judge")
+    seeds = [next(s for s in REPORTED if draw_case(s).kind == kind) for kind in ("clean", "single", "unknown")]
+    layout.sealed.mkdir(parents=True)
+    for seed in seeds:
+        case = draw_case(seed)
+        for bag in BAGS:
+            (layout.bags(case.name) / bag).mkdir(parents=True)
+            (layout.bags(case.name) / bag / "metadata.yaml").write_text("")
+        (layout.bags(case.name) / "robot.yaml").write_text("")
+        layout.answer(case.name).write_text(json.dumps(cases.answer(case)))
+    names = run(layout.out, seeds, command=[sys.executable, str(spy)], baselines=())
+    return layout, names, seeds
+
+
+def seen(spy: Path) -> list[dict]:
+    return [json.loads(line) for line in Path(f"{spy}.log").read_text().splitlines()]
+
+
+def test_the_workflow_has_no_path_to_the_answers(judged, spy):
+    layout, names, _ = judged
+    calls = [call for call in seen(spy) if not call["assume"]]
+    assert len(calls) == len(names) == 3
+    for call in calls:
+        told = json.dumps([call["argv"], call["cwd"], call["files"], call["environment"]])
+        assert str(layout.out) not in told and str(layout.sealed) not in told and layout.out.name not in told
+        assert not any(name in told for name in names)
+        for file in call["files"]:
+            assert Path(file).name in (*BAGS, "robot.yaml", "metadata.yaml")
+        up = Path(call["argv"][0]).parent
+        assert layout.out not in up.parents and not any(layout.answer(n).name in call["files"] for n in names)
+    assert not any(path.is_relative_to(layout.out) for path in layout.sealed.iterdir())
+
+
+def test_oracles_are_told_only_after_the_verdicts_are_sealed(judged, spy):
+    layout, names, seeds = judged
+    calls = seen(spy)
+    assert [call["assume"] for call in calls] == [False] * 3 + [True]
+    effect = draw_case(seeds[1]).effects[0]
+    told = calls[-1]["argv"][calls[-1]["argv"].index("--assume") + 1]
+    assert told == (f"{effect['name']}:where={effect['where']}" if effect["where"] else effect["name"])
+    sealed = (layout.out / "verdicts.sha256").stat().st_mtime_ns
+    assert sealed < (layout.oracle(draw_case(seeds[1]).name) / "run.json").stat().st_mtime_ns
+
+
+def test_a_run_goes_on_where_it_was_broken_off(judged, spy):
+    layout, names, seeds = judged
+    (layout.verdict(names[0]) / "run.json").unlink()
+    (layout.out / "verdicts.sha256").unlink()
+    run(layout.out, seeds, command=[sys.executable, str(spy)], baselines=())
+    assert len(seen(spy)) == 5  # the missing one, and no other
+
+
+def test_a_verdict_changed_after_sealing_is_refused(judged):
+    layout, names, _ = judged
+    assert score_run(layout.out, names)["workflow"]["false_alarms_on_clean"]["hits"] == 0
+    (layout.verdict(names[1]) / "diagnosis.json").write_text('{"verdict": "unknown"}')
+    with pytest.raises(OutputError, match="changed since the answers were opened"):
+        score_run(layout.out, names)
+
+
+def test_a_workflow_that_breaks_counts_as_failed_and_the_round_is_counted(judged):
+    layout, names, seeds = judged
+    assert score_run(layout.out, names)["round"] == 1
+    broken = [sys.executable, "-c", "import sys; sys.exit('no such luck')"]
+    run(layout.out, seeds, command=broken, baselines=(), again=True)
+    result = score_run(layout.out, names)
+    assert result["round"] == 2
+    assert result["workflow"]["failed"]["hits"] == 3
+    assert json.loads((layout.verdict(names[0]) / "run.json").read_text())["message"] == "no such luck"
+
+
+@pytest.mark.slow
+def test_a_run_from_the_first_draw_to_the_score(tmp_path, spy, monkeypatch):
+    monkeypatch.setattr(cases, "SECONDS", dict.fromkeys(BAGS, 3.6))
+    seeds = [next(s for s in REPORTED if draw_case(s).kind == kind) for kind in ("clean", "single")]
+    names = run(tmp_path / "judged", seeds, jobs=2, command=[sys.executable, str(spy)], baselines=())
+    result = score_run(tmp_path / "judged", names)
+    assert result["cases"] == {"clean": 1, "single": 1} and result["workflow"]["failed"]["hits"] == 0
+    assert {row["truth"][0] for row in result["rows"] if row["truth"]} == {draw_case(seeds[1]).effects[0]["name"]}
+    assert all(oct(path.stat().st_mode)[-3:] == "600" for path in RunFolder(tmp_path / "judged").sealed.iterdir())
+
+
+# --- the score, on verdicts that are known ---
+
+
+def told(*effects: tuple[str, str], **values: float) -> dict:
+    parameters = {name: {"value": value} for name, value in values.items()}
+    return {"verdict": "effect", "effects": [{"name": n, "where": w, "parameters": parameters} for n, w in effects]}
+
+
+def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values: float) -> dict:
+    return {
+        "seed": 1000,
+        "kind": kind,
+        "robot": "coman",
+        "attempt": 0,
+        "families": [name for name, _ in effects],
+        "levels": [level] * len(effects),
+        "effects": [{"name": n, "where": w, "parameters": values} for n, w in effects],
+    }
+
+
+@pytest.mark.parametrize(
+    ("answer", "verdict", "result"),
+    [
+        (hidden("clean"), {"verdict": "none"}, "none"),
+        (hidden("clean"), told(("payload", "")), "wrong"),
+        (hidden("single", ("backlash", "LKneeSag")), told(("backlash", "RKneeSag")), "right"),
+        (hidden("single", ("backlash", "LKneeSag")), told(("backlash", "LKneeSag"), ("payload", "")), "wrong"),
+        (hidden("single", ("motor_lag", "")), told(("transport_delay", "")), "right"),
+        (hidden("single", ("motor_lag", "")), told(("motor_compliance", "")), "wrong"),
+        (hidden("single", ("ground_slope", "")), told(("external_force", "")), "right"),
+        (hidden("single", ("backlash", "LKneeSag")), {"verdict": "unknown"}, "unknown"),
+        (hidden("single", ("backlash", "LKneeSag")), {"verdict": "not_excited"}, "not_excited"),
+        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""), ("backlash", "")), "right"),
+        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", "")), "partly"),
+        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""), ("com_offset", "")), "wrong"),
+        (hidden("unknown", ("sloshing_load", "")), {"verdict": "unknown"}, "unknown"),
+        (hidden("unknown", ("sloshing_load", "")), told(("payload", "")), "wrong"),
+        (hidden("clean"), None, "failed"),
+        (hidden("clean"), {"verdict": "maybe"}, "failed"),
+        (hidden("clean"), {"verdict": "effect", "effects": []}, "failed"),
+    ],
+)
+def test_what_a_verdict_is_worth(answer, verdict, result):
+    assert outcome(answer, verdict)["result"] == result
+
+
+def test_place_and_parameters_of_a_right_name():
+    answer = hidden("single", ("joint_stiffness", "left"), scale=0.8)
+    found = outcome(answer, told(("joint_stiffness", "left"), scale=0.85))
+    assert found["place"] == [True] and found["error"] == {"joint_stiffness.scale": pytest.approx(0.25)}
+    assert outcome(answer, told(("joint_stiffness", ""), scale=0.8))["place"] == [False]
+
+
+def test_the_figures_of_known_verdicts():
+    def gap(after: float) -> dict:
+        rms = {"before": {"com_x": 3.0, "com_z": 1.0}, "after": {"com_x": after, "com_z": 1.0}, "floor": {"com_x": 1.0}}
+        return {"gap": {"holdout": rms}}
+
+    slosh = hidden("unknown", ("sloshing_load", ""), level="strong")
+    rows = [
+        (hidden("clean"), {"verdict": "none"}),
+        (hidden("clean"), {"verdict": "none"}),
+        (hidden("clean"), {"verdict": "unknown"}),
+        (hidden("clean"), told(("payload", ""))),
+        (hidden("single", ("backlash", ""), level="weak"), {"verdict": "none"}),
+        (hidden("single", ("backlash", "")), {**told(("backlash", "")), **gap(2.0)}),
+        (hidden("single", ("motor_lag", ""), level="strong"), told(("transport_delay", ""))),
+        (hidden("single", ("payload", ""), level="strong"), told(("com_offset", ""))),
+        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""), ("backlash", ""))),
+        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""))),
+        (slosh, {"verdict": "unknown"}),
+        (slosh, told(("payload", ""))),
+    ]
+    judged = [
+        {"name": str(k), "answer": answer, "verdict": verdict, "oracle": gap(1.0), "run": {"seconds": 10.0 + k},
+         "baselines": {"always": told(("payload", ""))}}
+        for k, (answer, verdict) in enumerate(rows)
+    ]  # fmt: skip
+    result = score(judged)
+
+    def share(method: dict, key: str) -> tuple[int, int]:
+        return method[key]["hits"], method[key]["of"]
+
+    workflow, always = result["workflow"], result["baselines"]["always"]
+    assert share(workflow, "right_on_medium_and_strong") == (2, 3)
+    assert share(workflow, "wrong_name") == (1, 6)
+    assert share(workflow, "false_alarms_on_clean") == (2, 4)
+    assert share(workflow, "unknown_recall_on_strong") == (1, 2)
+    assert share(workflow, "both_of_a_pair") == share(workflow, "one_of_a_pair") == (1, 2)
+    assert share(always, "right_on_medium_and_strong") == (1, 3)
+    assert share(always, "false_alarms_on_clean") == (4, 4)
+    assert result["gap_reduction"]["median_share_of_oracle"] == pytest.approx(5.0 / 8.0)
+    assert result["seconds"] == {"median": 15.5, "largest": 21.0}
+    assert result["confusion"]["motor_lag"] == {"drive_delay": 1}
+    assert result["confusion"]["clean"] == {"none": 2, "unknown": 1, "payload": 1}
+    assert result["confusion"]["payload"] == {"com_offset": 1}
+    assert result["confusion"]["pair"] == {"right": 1, "partly": 1}
+    assert result["redrawn"] == {"cases": 0, "lowered": 0}
+    assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
+
+
+def test_a_gap_that_is_not_told_is_not_zero():
+    assert np.isnan(gap_reduction(None)) and np.isnan(gap_reduction({"gap": {}})) and np.isnan(gap_reduction({}))
+
+
+# --- the command ---
+
+
+@pytest.mark.parametrize("text", ["1000", "9:3", "5:5", "a:b", "-1:5"])
+def test_seeds_that_are_no_range_are_refused(text, tmp_path):
+    with pytest.raises(ConfigError, match="--seeds"):
+        choose_seeds(text, tmp_path / "new")
+
+
+def test_the_command_prints_figures_and_keeps_them(judged, spy, capsys):
+    layout, names, seeds = judged
+    workflow = f"{sys.executable} {spy}"
+    for path in [p for p in (layout.out / "bags").iterdir() if p.name != draw_case(seeds[0]).name]:
+        for file in sorted(path.rglob("*"), reverse=True):
+            file.rmdir() if file.is_dir() else file.unlink()
+    seed = f"{seeds[0]}:{seeds[0] + 1}"
+    arguments = ["judge", "--out", str(layout.out), "--seeds", seed, "--workflow", workflow, "--no-baselines"]
+    assert coman([*arguments, "--only", "clean"]) == 0
+    printed = capsys.readouterr().out
+    assert "false alarms on clean robots" in printed and "0 % (0/1" in printed
+    assert coman([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((layout.out / "score.json").read_text())
+    assert coman([*arguments, "--only", "dirty"]) == 2
+    assert "allowed: clean, single, pair, unknown" in capsys.readouterr().err
+
+
+# --- simpler methods ---
+
+
+def synthetic(effect: float) -> baselines.Features:
+    """Residuals of white noise, and of a payload; features of two effects that have nothing in common."""
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((4000, 3))
+    terms = (
+        baselines.Term("payload", "", ("mass", "x"), np.array([0, 1])),
+        baselines.Term("backlash", "LKneeSag", ("width",), np.array([2])),
+    )
+    y = A[:, :2] @ [effect, -effect] + rng.standard_normal(4000)
+    return baselines.Features(y / y.std(), A / y.std(), np.ones(3), terms)
+
+
+def test_the_naive_criterion_names_what_is_there_and_nothing_in_white_noise():
+    verdict = baselines.white_bic(synthetic(0.5))
+    assert [(e["name"], e["where"]) for e in verdict["effects"]] == [("payload", "")]
+    found = verdict["effects"][0]["parameters"]
+    assert (found["mass"]["value"], found["x"]["value"]) == pytest.approx((0.5, -0.5), abs=0.05)
+    assert baselines.white_bic(synthetic(0.0))["verdict"] == "none"
+
+
+def test_sparse_regression_names_what_explains_most():
+    pytest.importorskip("pysindy")
+    assert baselines.pysindy(synthetic(0.5))["effects"][0]["name"] == "payload"
+    assert baselines.pysindy(synthetic(0.0))["verdict"] == "none"
+
+
+@pytest.mark.slow
+def test_the_simpler_methods_read_bags_as_the_workflow_does(capsys):
+    baselines.main([str(ROOT / "bags" / "test1"), "--config", str(ROOT / "config" / "coman.yaml")])
+    verdicts = json.loads(capsys.readouterr().out)
+    # A clean robot, and perfectly nominal: what they name nevertheless is why they are no more than baselines.
+    assert verdicts["white_bic"]["verdict"] in ("effect", "none")
+    for verdict in verdicts.values():
+        assert all(effect["name"] in CATALOGUE for effect in verdict["effects"])
+
+
+def test_two_instances_of_one_effect_are_one_truth_in_the_table():
+    row = {"kind": "single", "truth": ["wrench_delay"], "named": ["wrench_delay", "wrench_delay"], "result": "right"}
+    late = {"kind": "single", "truth": ["motor_lag"], "named": ["transport_delay"], "result": "right"}
+    assert confusion([row, late]) == {"motor_lag": {"drive_delay": 1}, "wrench_delay": {"wrench_delay": 1}}

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The predictor as users meet it: its description, parameters and topics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from coman_reduced_model_msgs.msg import SupportState
+from geometry_msgs.msg import PointStamped
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros_testing import Peer, Standing, robot_urdf, stamp_of, vector
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
+
+from coman_reduced_model.ros.interface import qos
+
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
+
+
+@pytest.mark.parametrize("order", ["node first", "sensors first", "description last"])
+def test_any_order_of_start(start, peer, order):
+    if order == "node first":
+        node = start.node("predictor")
+        node.wait_for("waiting for the URDF on /robot_description")
+    standing = Standing(peer)
+    if order != "description last":
+        standing.describe()
+    if order != "node first":
+        standing.samples(20)
+        node = start.node("predictor")
+    if order == "description last":
+        node.wait_for("waiting for the URDF on /robot_description")
+        standing.describe()
+    standing.wait_until_heard()
+    standing.samples(50)
+    peer.wait(lambda: len(peer.predictions) >= 50, "predictions")
+    assert peer.predictions[-1].support.phase == SupportState.DOUBLE
+    assert node.stop() == 0
+
+
+@pytest.mark.parametrize("source", ["file", "parameter"])
+def test_description_from(start, peer, tmp_path, source):
+    urdf = tmp_path / "legs.urdf"
+    urdf.write_text(robot_urdf())
+    if source == "file":  # relative to the file that names it
+        config = tmp_path / "robot.yaml"
+        config.write_text("/**:\n  ros__parameters:\n    robot.urdf: legs.urdf\n    robot.gravity: 10\n")
+        node = start.node("predictor", "--params-file", config)
+    else:
+        config = tmp_path / "description.yaml"
+        text = "\n".join(f"      {line}" for line in robot_urdf().splitlines())
+        config.write_text(f"/**:\n  ros__parameters:\n    robot_description: |\n{text}\n")
+        node = start.node("predictor", "--params-file", config)
+    node.wait_for("ready: coman, 17.30 kg")
+    assert node.stop() == 0
+
+
+BAD_URDFS = {  # the other ways are tested where URDFs are read
+    "no frame": (lambda text: text.replace("l_sole", "left_sole"), "no frame 'l_sole'"),
+    "no mass": (lambda text: '<robot name="x"><link name="base_link"/></robot>', "mass"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_URDFS)
+def test_urdf_that_cannot_be_used_ends_the_node_with_one_line(start, peer, case):
+    change, wanted = BAD_URDFS[case]
+    node = start.node("predictor")
+    node.wait_for("waiting for the URDF")
+    Standing(peer).describe(change(robot_urdf()))
+    assert node.wait() == 2
+    last = node.output.strip().splitlines()[-1]
+    assert last.startswith("predictor: /robot_description: ") and wanted in last
+    assert "Traceback" not in node.output
+
+
+def value_of(peer, name, node="/predictor"):
+    (value,) = peer.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name])).values
+    return value
+
+
+def set_parameter(peer, name, value, node="/predictor"):
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+    (result,) = peer.call(SetParameters, f"{node}/set_parameters", request).results
+    return result.successful, result.reason
+
+
+def test_parameters_at_run_time(start, peer):
+    node = start.node("predictor", output__points_rate=200.0)
+    standing = Standing(peer)
+    standing.describe()
+    standing.wait_until_heard()
+
+    def phase(**shares):
+        standing.samples(60, **shares)
+        peer.wait(lambda: stamp_of(peer.predictions[-1]) == standing.stamp, "the last prediction")
+        return peer.predictions[-1].support.phase
+
+    def number(value):
+        return ParameterValue(type=3, double_value=value)
+
+    standing.samples(10)
+    peer.wait(lambda: peer.predictions, "predictions")
+    # A light touch of the right foot counts as contact, until the threshold says otherwise.
+    assert phase(left=1.0, right=0.0) == SupportState.LEFT
+    assert phase(left=0.7, right=0.3) == SupportState.DOUBLE
+    assert set_parameter(peer, "support.contact_on", number(0.6)) == (True, "")
+    assert phase(left=1.0, right=0.0) == SupportState.LEFT
+    assert phase(left=0.7, right=0.3) == SupportState.LEFT
+    successful, reason = set_parameter(peer, "support.contact_on", number(5.0))
+    assert not successful and reason
+    successful, reason = set_parameter(peer, "support.contact_off", number(0.7))
+    assert not successful and "must be below support.contact_on = 0.6" in reason
+    successful, reason = set_parameter(peer, "robot.gravity", number(1.6))
+    assert not successful and "read-only" in reason.lower().replace("read only", "read-only")
+    assert value_of(peer, "support.contact_on").double_value == 0.6
+    described = peer.call(
+        DescribeParameters,
+        "/predictor/describe_parameters",
+        DescribeParameters.Request(names=["streams.max_wait", "support.contact_on"]),
+    ).descriptors
+    assert described[0].read_only and "[s]" in described[0].description
+    assert not described[1].read_only and described[1].floating_point_range[0].to_value == 0.9
+    assert node.stop() == 0
+
+
+def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
+    peer = Peer("robot1")
+    try:
+        got = {topic: [] for topic in ("support", "measured", "predicted", "reference_point", "markers")}
+        kinds = (SupportState, PointStamped, PointStamped, PointStamped, MarkerArray)
+        for (topic, received), kind in zip(got.items(), kinds, strict=True):
+            peer.node.create_subscription(kind, f"/robot1/com/{topic}", received.append, 10)
+        node = start.node("predictor", "-r", "__ns:=/robot1")
+        standing = Standing(peer)
+        standing.describe()
+        standing.wait_until_heard()
+        peer.wait(lambda: peer.node.count_publishers("/robot1/com/markers"), "the outputs")
+        peer.spin(0.5)
+        standing.samples(100)
+        peer.wait(lambda: len(peer.predictions) == 100, "a prediction for each joint state")
+        peer.wait(lambda: all(got.values()), f"all topics, not only {[topic for topic in got if got[topic]]}")
+        peer.wait(lambda: "robot1/predictor: prediction" in peer.statuses, "diagnostics under the node's full name")
+        by_stamp = {stamp_of(message): message for message in peer.predictions}
+        for topic in ("measured", "predicted", "reference_point"):
+            assert {point.header.frame_id for point in got[topic]} == {"odom"}
+            for point in got[topic]:  # odom is the first support sole, which has not moved
+                wanted = getattr(by_stamp[stamp_of(point)], f"{topic.removesuffix('_point')}_position")
+                np.testing.assert_allclose(vector(point.point), vector(wanted), atol=1e-9)
+        markers = {marker.ns: marker for marker in got["markers"][-1].markers}
+        assert set(markers) == {"measured", "predicted", "support_foot", "horizon"}
+        assert {marker.header.frame_id for marker in markers.values()} == {"odom"}
+        assert {marker.action for marker in markers.values()} == {Marker.ADD}
+        com = by_stamp[stamp_of(markers["measured"])].measured_position
+        np.testing.assert_allclose(vector(markers["measured"].pose.position), vector(com), atol=1e-9)
+        support = got["support"][-1]
+        assert support.phase == SupportState.DOUBLE and support.left_share == pytest.approx(0.5)
+        assert support.header.frame_id == by_stamp[stamp_of(support)].header.frame_id
+        assert node.stop() == 0
+    finally:
+        peer.close()
+
+
+def test_quality_of_service(start, peer):
+    """Best-effort publishers are heard; and every profile can be overridden."""
+    override = ("-p", "qos_overrides./joint_states.subscription.reliability:=reliable")
+    careful = start.node("predictor", "-r", "__ns:=/careful", "-r", "joint_states:=/joint_states", *override)
+    plain = start.node("predictor")
+    standing = Standing(peer)
+    standing.describe()
+    named = peer.publisher(peer.types.String, "/careful/robot_description", qos.latched())
+    named.publish(peer.types.String(data=robot_urdf()))
+    for node in (careful, plain):
+        node.wait_for("ready: coman")
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = peer.publisher(JointState, "joint_states", best_effort)
+    peer.wait(lambda: publisher.get_subscription_count() == 1, "only the plain one hears best effort")
+    peer.wait(lambda: standing.joints.get_subscription_count() == 2, "both hear reliable")
+    for node in (careful, plain):
+        assert node.stop() == 0
