@@ -222,6 +222,12 @@ def _summary(
     status, judge = pipeline.status(), pipeline.judge
     run = statistics.summary()
     mismatches = _mismatches(bag, pipeline)
+    warnings = [*bag.warnings, *status.warnings]
+    if diverged := run["flags"].get("REJECTED_STATE"):
+        warnings.append(
+            f"predictions diverged in {diverged} of {run['samples']} samples: check stiffness, damping, URDF and units "
+            "(joint positions in rad)"
+        )
     return {
         "bag": str(bag.path),
         "version": __version__,
@@ -237,7 +243,7 @@ def _summary(
         "incomplete": {name: stream.incomplete for name, stream in status.streams.items() if stream.incomplete},
         "streams": {name: asdict(stream) for name, stream in status.streams.items()},
         "restarts": status.restarts,
-        "warnings": [*bag.warnings, *status.warnings, *(each["text"] for each in mismatches)],
+        "warnings": [*warnings, *(each["text"] for each in mismatches)],
         "mismatches": mismatches,
         "extra_joints": list(status.extra_joints),
         "unlisted_joints": list(status.unlisted_joints),

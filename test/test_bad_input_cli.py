@@ -12,6 +12,7 @@ import math
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +26,12 @@ from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config import Config, config_to_yaml, parameter_table
+from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.types import Flags
 from coman_reduced_model.errors import ComanError
 from coman_reduced_model.topics import INPUT_TOPICS
 
+BAGS = Path(__file__).resolve().parents[1] / "bags"
 few = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SECONDS, SAMPLES = 2.0, 400
 
@@ -153,6 +157,41 @@ def test_a_renamed_joint_is_refused_by_the_configuration(spoiled, predict, tmp_p
 def test_arrays_of_unequal_length(spoiled, array):
     summary = spoiled(at(JOINTS, 50, **{array: np.zeros(5)}))
     assert summary["rejected"] == {"joint_states/length": 1} and summary["samples"] == SAMPLES - 1
+
+
+@pytest.mark.timeout(300, method="thread")  # the report drew lines that left the figure for good
+@pytest.mark.parametrize("topics", [("/joint_states",), ("/joint_states", "/motor_states")])
+def test_joint_positions_in_degrees(tmp_path, capsys, topics):
+    """Predictions beyond physics are restarts with their flag, no table says inf, and the page says what it hides."""
+    with Bag(BAGS / "test1") as opened, BagWriter(tmp_path / "bag", opened.topics, ("/robot_description",)) as writer:
+        for topic, log_time, message in opened.messages(opened.topics):
+            if log_time > opened.start_ns + 5_000_000_000:
+                break
+            if topic in topics:
+                message.position = np.degrees(message.position)
+            writer.write(topic, log_time, message)
+    out = tmp_path / "out"
+    capsys.readouterr()
+    assert run(["predict", str(tmp_path / "bag"), "--out", str(out)]) == 0
+    text, err = capsys.readouterr()
+    assert "inf" not in text and "nan" not in text and "RuntimeWarning" not in err
+    rejected = json.loads((out / "summary.json").read_text())["flags"]["REJECTED_STATE"]
+    assert rejected > 50 and f"predictions diverged in {rejected} of " in err
+    _check_bounds(out)
+    assert run(["report", str(out)]) == 0
+    page = (out / "report.html").read_text()
+    assert "which is beyond physics. It was restarted from the measurement" in page
+
+
+def _check_bounds(out):
+    """What `coman predict` wrote is physically possible, or NaN with a flag."""
+    with Bag(out / "predictions") as written:
+        for _, _, message in written.messages(["/com/prediction"]):
+            residual = message.residual
+            assert not math.hypot(residual.x, residual.y, residual.z) >= Predictor.DIVERGED
+            for each in message.horizons:
+                p = each.position
+                assert math.isfinite(p.x + p.y + p.z) or message.flags & Flags.REJECTED_STATE
 
 
 def test_bytes_that_are_no_message(predict, tmp_path):
@@ -382,6 +421,7 @@ def test_bags_of_messages_that_are_spoiled(predict, tmp_path, mutations, source,
     code, summary, _ = predict(bag, "--set", f"prediction.reference={source}", *model)
     if code == 0:
         assert summary["samples"] == summary["streams"][JOINTS]["accepted"]
+        _check_bounds(tmp_path / "out")
 
 
 def test_bags_that_are_truncated(tmp_path, predict):

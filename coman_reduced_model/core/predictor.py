@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, isfinite
 
 import numpy as np
 
 from .config import Config
 from .dynamics import Dynamics, Now
 from .effects import Effect, loaded
-from .horizon import HorizonJudge, predict_baselines
+from .horizon import HorizonJudge, drop_impossible, predict_baselines
 from .model import Model
 from .odometry import FootOdometry
 from .point_mass import Pendulum, PointMass
@@ -32,11 +32,13 @@ class Predictor:
 
     Attributes:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.
+        TOPPLED: [rad] and so has one whose trunk leans this much more or less than the measured one.
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
     """
 
     DIVERGED = 0.5
+    TOPPLED = 1.0
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.robot = robot = loaded(robot, config.effects)
@@ -122,6 +124,8 @@ class Predictor:
         if len(self._horizons):
             if ready:
                 horizons = dynamics.ahead(now, self._horizons)
+                if drop_impossible(horizons, com, com_vel, self._horizons, self.model.gravity, self.DIVERGED):
+                    flags |= Flags.REJECTED_STATE
             baselines = predict_baselines(
                 com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons
             )
@@ -143,12 +147,26 @@ class Predictor:
         event, touchdown = Flags.RESET, self._touchdown(support)
         if dynamics.state is not None and not touchdown:
             dynamics.advance(now)
-            assert dynamics.state is not None
-            if hypot(*(dynamics.state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
+            if self._near(now):
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)
+        if not self._near(now):  # what it began from, a filter of the measurement, has diverged as well
+            event |= Flags.REJECTED_STATE
+            dynamics.reset()
+            dynamics.prepare(now)
+            dynamics.restart(now)
         return event
+
+    def _near(self, now: Now) -> bool:
+        """Whether the free run is where the robot can be by the measurement."""
+        state = self.dynamics.state
+        assert state is not None
+        if not hypot(*(state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
+            return False
+        if self.model.turning and not np.abs(self.dynamics.tilt - tilt(now.link.R[now.foot])).max() < self.TOPPLED:
+            return False
+        return isfinite(state[3] + state[4] + state[5])
 
     def _finish(
         self,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bag.reader import Bag
+from ..core.predictor import Predictor
 from ..core.types import Array, Flags, Foot, Phase, Prediction
 from ..errors import BagError
 from ..messages import COM_PREDICTION, matrix_from, stamp_of
@@ -63,6 +64,22 @@ class Run:
         """Predicted minus reference, (n, 3) [m]."""
         return self.predicted - self.reference
 
+    @property
+    def diverged(self) -> Booleans:
+        """(n,) whether the free run diverged: there it begins from the measurement again and predicts nothing."""
+        both = int(Flags.RESET | Flags.REJECTED_STATE)
+        return (self.flags & both) == both
+
+    def possible(self) -> Run:
+        """The same run without what is beyond physics.
+
+        NaN stands for predictions where the free run diverged, and for predictions and references that are
+        `Predictor.DIVERGED` or more from the measured COM along an axis.
+        """
+        predicted = np.where((self.diverged | _far(self.predicted, self.measured))[:, None], np.nan, self.predicted)
+        reference = np.where(_far(self.reference, self.measured)[:, None], np.nan, self.reference)
+        return replace(self, predicted=predicted, reference=reference)
+
     def in_odom(self, points: Array) -> Array:
         """Points (n, 3) of the support sole in `odom`."""
         return np.einsum("nij,nj->ni", self.T_odom_sole[:, :3, :3], points) + self.T_odom_sole[:, :3, 3]
@@ -104,6 +121,11 @@ class Run:
             return None
         row = rows[len(rows) // 2]
         return row[0].first, row[-1].last
+
+
+def _far(points: Array, measured: Array) -> Booleans:
+    with np.errstate(invalid="ignore"):
+        return (np.abs(points - measured) >= Predictor.DIVERGED).any(axis=1) | np.isinf(points).any(axis=1)
 
 
 def run_of(predictions: Iterable[Prediction]) -> Run:
