@@ -17,6 +17,7 @@ from robots import robot_of
 from coman_reduced_model.core.base.types import Array, Foot, Phase
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose import workflow
 from coman_reduced_model.diagnose.data.recording import Recording
@@ -26,7 +27,7 @@ from coman_reduced_model.diagnose.inference.case import Case
 from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
 from coman_reduced_model.diagnose.inference.finding import Effect, Finding
 from coman_reduced_model.diagnose.inference.predicted_com import FreeRun
-from coman_reduced_model.diagnose.physics.hypotheses import Figure, candidates
+from coman_reduced_model.diagnose.physics.hypotheses import candidates
 from coman_reduced_model.diagnose.report.page import diagnosis_page
 from coman_reduced_model.diagnose.report.words import effect_sentence, place
 
@@ -34,9 +35,9 @@ WIDTH, FLOOR = 0.012, 3e-4  # [rad]
 JOINTS = ["LKneeSag", "RKneeSag"]
 STILL = lambda recording, world, x: (recording, world)  # noqa: E731
 KNOWN = [
-    Figure("backlash", "LKneeSag", "width", 0.0, 0.0, 0.01, 1e-3, "rad", STILL, slack=0.001, low=0.0),
-    Figure("encoder_bias", "LKneeSag", "bias", 0.0, 0.001, 0.02, 1e-3, "rad", STILL),
-    Figure("joint_stiffness", "RKneeSag", "scale", 1.0, 0.05, 0.3, 0.01, "1", STILL),
+    Unknown("backlash", "LKneeSag", "width", "rad", STILL, 0.01, step=1e-3, slack=0.001, low=0.0),
+    Unknown("encoder_bias", "LKneeSag", "bias", "rad", STILL, 0.02, 0.001, step=1e-3),
+    Unknown("joint_stiffness", "RKneeSag", "scale", "1", STILL, 0.3, 0.05, nominal=1.0, step=0.01),
 ]
 
 
