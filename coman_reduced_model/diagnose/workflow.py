@@ -21,7 +21,7 @@ from ..core.effects.unknown import PLAN
 from ..core.evaluation.statistics import by_axis
 from ..core.robot.robot import Robot
 from ..errors import BagError, ConfigError
-from ..progress import Progress
+from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.masks import taken_up_anew
 from .data.recording import Recording, load, moving
@@ -72,13 +72,15 @@ def diagnose(
     for i, path in enumerate(paths):
         if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
             raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
-    prepared, left_out = [], {}
+    prepared: list[Prepared] = []
+    left_out: dict[str | Path, str] = {}
     helper = ProcessPoolExecutor(1, get_context("spawn"))
     free_runs = FreeRuns(helper, urdf, names)
     free_runs.start(paths, config)
     try:
         for i, path in enumerate(paths):
-            recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
+            part = between(report, 0.15 * i / len(paths), 0.15 * (i + 1) / len(paths))
+            recording, robot = load(path, config, urdf, names, part)
             if i:
                 _same_robot(path, robot, paths[0], prepared[0][1].robot)
             try:

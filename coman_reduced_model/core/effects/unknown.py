@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar, cast
 import numpy as np
 import pinocchio as pin
 
-from ..base.types import Array, Foot
+from ..base.types import Array, Foot, Integers
 from ..robot.robot import Robot
 
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
@@ -140,12 +140,12 @@ class About:
     count: Array
 
     @property
-    def joints(self) -> dict[str, Array]:
+    def joints(self) -> dict[str, Integers]:
         """By name of a leg's joint, its index (1,) in `Robot.joint_names`."""
         return {self.robot.joint_names[j]: np.array([j]) for foot in FEET[""] for j in self.robot.legs[foot]}
 
     @property
-    def joints_and_legs(self) -> dict[str, Array]:
+    def joints_and_legs(self) -> dict[str, Integers]:
         """By place, indices of joints: each alone, all of a leg, all ("")."""
         legs = {where: np.concatenate([self.robot.legs[foot] for foot in feet]) for where, feet in FEET.items()}
         return {**self.joints, **legs}
@@ -159,14 +159,14 @@ class About:
 # --- what unknowns do ---
 
 
-def world_plus(name: str, which: Array | int | None = None) -> Change:
+def world_plus(name: str, which: Integers | int | None = None) -> Change:
     """Adds to a field of the world, or to some of its elements."""
     if which is None:
         return lambda r, w, x: (r, w.changed(**{name: getattr(w, name) + x}))
     return world_elements(name, which, lambda values, x: values + x)
 
 
-def world_elements(name: str, which: Array | int, change: Callable[[Array, float], Array]) -> Change:
+def world_elements(name: str, which: Integers | int, change: Callable[[Array, float], Array]) -> Change:
     """Changes some elements of a field of the world."""
 
     def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:
@@ -177,7 +177,7 @@ def world_elements(name: str, which: Array | int, change: Callable[[Array, float
     return apply
 
 
-def columns_minus(name: str, which: Array) -> Change:
+def columns_minus(name: str, which: Integers) -> Change:
     """Takes an error off some columns of an array of the measurement."""
 
     def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:

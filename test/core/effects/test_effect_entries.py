@@ -83,7 +83,7 @@ def missing_of_unknowns(effect: type[Effect]) -> set[str]:
         for each in mine:
             if each.low < parameter.low - each.nominal and np.isfinite(each.low):
                 out.add(f"bounds of {each.key}")
-    places = {"joint": {*about().joints_and_legs}}.get(effect.place) or {*PLACES.get(effect.place, ())}
+    places = {"joint": set(about().joints_and_legs)}.get(effect.place) or {*PLACES.get(effect.place, ())}
     for each in found:
         if each.where not in places | {PLAN, LINKS}:
             out.add(f"place of {each.key}")
