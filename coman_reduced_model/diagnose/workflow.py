@@ -17,6 +17,7 @@ from ..core.base.types import Array, Phase
 from ..core.config.schema import OPTIONS, Config, can_turn, nominal_effects
 from ..core.effects.base import EffectConfig
 from ..core.effects.catalogue import CATALOGUE
+from ..core.effects.unknown import PLAN
 from ..core.evaluation.statistics import by_axis
 from ..core.robot.robot import Robot
 from ..errors import BagError, ConfigError
@@ -30,17 +31,14 @@ from .inference.finding import Finding, size
 from .inference.limits import limit_of, limits
 from .inference.predicted_com import Errors, FreeRun, FreeRuns, admitted, change, errors, rms
 from .inference.search import CLASSES, SUSPECTED, Looked, search, smallest, total
-from .physics.hypotheses import PLAN, Candidate, candidates, figures
+from .physics.hypotheses import Candidate, candidates, unknowns
 from .report.words import sentence
 from .result import MODEL_FILE, Diagnosis
 
 # Where an effect that was found amounts to so many times the noise floor, so many times the limits are no surprise, nor
 # is this share of what it does: it is not exactly of the form it is given here ...
 ACTS, TOLERANCE, INEXACT = 5.0, 3.0, 0.3
-EXACT = {  # ... unless it is one of these
-    "encoder_bias", "encoder_delay", "wrench_delay", "wrench_scale", "wrench_bias", "com_offset", "payload",
-    "ground_slope", "external_force",
-}  # fmt: skip
+EXACT = {name for name, effect in CATALOGUE.items() if effect.exact}  # ... unless it is one of these
 CONFIDENCE = 1.96  # standard deviations of an interval
 
 
@@ -172,7 +170,7 @@ def _same_robot(path: str | Path, robot: Robot, first: str | Path, expected: Rob
 def _check_told(told: Sequence[tuple[str, str]], prepared: Prepared) -> None:
     """Refuse what `search` could not fit, and would take for absent."""
     places: dict[str, list[str]] = {}
-    for option in candidates(figures(prepared[0], prepared[1])):
+    for option in candidates(unknowns(prepared[0], prepared[1])):
         places.setdefault(option.effect, []).append(option.place)
     for name, where in told:
         if name not in places:

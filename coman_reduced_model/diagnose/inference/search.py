@@ -13,9 +13,12 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 
 from ...core.base.types import Array
+from ...core.effects.base import Effect as BaseEffect
+from ...core.effects.catalogue import CATALOGUE
+from ...core.effects.unknown import LINKS, PLAN, Unknown
 from ...progress import Progress
 from ..data.recording import moving
-from ..physics.hypotheses import LINKS, PLAN, Candidate, Figure, candidates, figures
+from ..physics.hypotheses import Candidate, candidates, unknowns
 from .case import Case, Prepared, examine
 from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed
 from .finding import Effect, Finding
@@ -37,14 +40,11 @@ LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the
 RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
 FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
 STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
-CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
-    "motor_lag": "drive_delay",
-    "transport_delay": "drive_delay",
-    "ground_slope": "constant_force",
-    "external_force": "constant_force",
-}
-CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from afar one looks like another
-LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
+# Effects that walking hardly distinguishes: one of a class is enough.
+CLASSES = {name: effect.ambiguity.name for name, effect in CATALOGUE.items() if effect.ambiguity}
+CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: from afar one looks like another
+# A payload with its place is both mass and COM: two loads are one.
+LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEffect.load}
 _Conclusion = TypeVar("_Conclusion")
 
 
@@ -134,7 +134,7 @@ def _tried(finding: Finding, looked: Looked, option: Candidate) -> tuple[Array, 
     return at, fit, *_confirm(finding.known, fit, looked.at(at, "hold"), finding, option)
 
 
-def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
+def _impossible(known: Sequence[Unknown], fit: Fit, option: Candidate) -> str:
     """Why an effect with the figures that fit best is none; empty if it may be one."""
     if any(fit.x[i] < known[i].low for i in option.figures):
         return "of the wrong sign, seen closely"
@@ -291,7 +291,7 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
     return scores(_sum(cases), options)
 
 
-def smallest(finding: Finding) -> list[tuple[Figure, float]]:
+def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
     """Of each figure of an effect, the deviation from nominal that would just give enough evidence beside the found."""
     enough = ENOUGH if finding.hold else ALONE
     needed = _needed(enough, candidates(finding.known))
@@ -319,7 +319,7 @@ class Looked:
 
     def __init__(self, train: Sequence[Prepared], hold: Sequence[Prepared] = ()) -> None:
         self.train, self.hold = train, hold
-        self.known = figures(train[0][0], train[0][1])
+        self.known = unknowns(train[0][0], train[0][1])
         self._cases: dict[tuple[str, bytes], list[Case]] = {}
         self._concluded: dict[tuple[Any, ...], Any] = {}
         self.arrived: dict[tuple[Any, ...], Array] = {}  # of `_gauss_newton`
@@ -404,7 +404,7 @@ def _settled(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple
     return at, cases, _sum(cases).fit(released)
 
 
-def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array:
+def _values(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> Array:
     """Deviations (P,) to linearise around: those of the released figures, as far as they are possible."""
     at = np.zeros(len(known))
     for i in released:
@@ -452,7 +452,7 @@ def _closest(finding: Finding, looked: Looked, *rivals: Candidate) -> int:
 
 
 def _confirm(
-    known: list[Figure], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
+    known: list[Unknown], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
 ) -> tuple[float, str]:
     """Log evidence on held-out recordings for the effect as trained against none of it; and why not, if not."""
     evidence = _sum(held)
