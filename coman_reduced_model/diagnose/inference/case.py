@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -38,13 +40,15 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
         if tilt is not None and (off := abs(np.nanmedian(tilt))) > FAR:
-            told = f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
-            recording = recording.changed(up=None, warnings=(*recording.warnings, told))
+            warning = (
+                f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
+            )
+            recording = recording.changed(up=None, warnings=(*recording.warnings, warning))
             state = evaluate(recording, world, where)
     where = on_flat_soles(where, state.residuals)
     if where.staggers:
-        told = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
-        recording = recording.changed(warnings=(*recording.warnings, told))
+        warning = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
+        recording = recording.changed(warnings=(*recording.warnings, warning))
     if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
         raise BagError(
             f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
@@ -102,6 +106,11 @@ class Case:
         """By group, what figures at deviations x (P,) leave of the residuals."""
         step = x - self.evidence.at
         return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
+
+
+def evidence_of(cases: Sequence[Case]) -> Evidence:
+    """Sum over recordings, with each recording's own parameters integrated out."""
+    return reduce(add, (case.evidence.shared() for case in cases))
 
 
 def examine(

@@ -19,8 +19,8 @@ JUDGED_S = 2.0  # [s] of a law that tell how much is left of it; less is hardly 
 
 
 @dataclass
-class Effect:
-    """An effect that was accepted."""
+class ChosenEffect:
+    """A candidate that the search has accepted."""
 
     option: Candidate
     gain: float  # nats on the training bags
@@ -41,7 +41,7 @@ class Finding:
 
     known: list[Figure]
     at: Array
-    chosen: list[Effect] = field(default_factory=list)
+    chosen: list[ChosenEffect] = field(default_factory=list)
     fit: Fit | None = None
     first: list[Score] = field(default_factory=list)
     last: list[Score] = field(default_factory=list)

@@ -10,8 +10,8 @@ import numpy as np
 from ...core.evaluation.statistics import AXES
 from ...report.figures import heat_map
 from ...report.page import Notice, Part, Section, Table, Text, page, picture
-from ..inference.limits import limit_of, limits
 from ..inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
+from ..inference.verdict import limit_of, limits
 from ..result import Diagnosis
 from .figures import LAWS, Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
