@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording under examination: what is believed of its robot, and what each figure does to its residuals."""
+"""A recording under examination: the nominal state of its robot, and the derivatives of its residuals."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ Prepared = tuple[Recording, World, Masks]
 
 
 def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
-    """A recording with what is believed of its robot.
+    """A recording with the nominal state of its robot and the masks of its residuals.
 
     Raises:
-        BagError: it hardly ever stands steadily.
+        BagError: the robot hardly ever stands steadily.
     """
     recording, world = _with_known(recording, World.nominal(robot, config), config)
     where = masks(recording, world)
@@ -58,9 +58,9 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
 
 
 def _with_known(recording: Recording, world: World, config: Config) -> tuple[Recording, World]:
-    """Effects that the configuration has already belong to the nominal robot.
+    """Apply the effects of the configuration, which belong to the nominal robot.
 
-    Those of sensors, drives and loads came in while the recording was read.
+    Those of sensors, drives and loads were applied while the recording was read.
     """
     for effect in config.effects:
         kind = CATALOGUE[effect.name]
@@ -74,7 +74,7 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
 
 @dataclass
 class Case:
-    """One recording under examination, linear around some values of the figures."""
+    """One recording under examination, linear around some values of the parameters."""
 
     recording: Recording
     where: Masks
@@ -86,15 +86,15 @@ class Case:
 
     @property
     def floor(self) -> dict[str, float]:
-        """The noise floor by group; most trials are refused before it is asked for."""
+        """The noise floor by group, computed when first needed: most trials are refused before."""
         if self.known_floor is None:
             self.known_floor = floor(self.state, self.where)
         return self.known_floor
 
     def own(self, fit: Fit, released: Sequence[int]) -> Array:
-        """Deviations (P,) of the figures: this recording's own best healthy scatter, and the `released` as fitted.
+        """Deviations (P,) of the parameters from nominal: the best nominal variability of this recording.
 
-        The latter within their uncertainty.
+        Those of `released` stay within the uncertainty of the `fit`.
         """
         mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
         covariance = fit.covariance
@@ -103,7 +103,7 @@ class Case:
         return self.evidence.posterior(mean, variance).x
 
     def left(self, x: Array) -> dict[str, Array]:
-        """By group, what figures at deviations x (P,) leave of the residuals."""
+        """By group, the residuals that remain with the parameters at deviations x (P,) from nominal: r - J (x - at)."""
         step = x - self.evidence.at
         return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
 
@@ -116,9 +116,9 @@ def evidence_of(cases: Sequence[Case]) -> Evidence:
 def examine(
     prepared: Prepared, known: list[Figure], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
 ) -> Case:
-    """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal.
+    """Evidence of a recording, linear around deviations `at` (P,) of the parameters from nominal.
 
-    With a case `like` it, only the derivatives by the figures `fresh` are taken anew.
+    With a case `like` it, only the derivatives by the parameters `fresh` are computed again.
     """
     recording, world, where = prepared
     moved = recording

@@ -22,7 +22,7 @@ from .finding import ChosenEffect, Finding
 from .gauss_newton import ROUNDS, settle, settled
 
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
-FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
+FEW, FEWER = 4, 1.1  # an effect of at most FEW ways (places, axes) instead of twelve has better odds, by FEWER nats
 SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
 # Nats that another effect must add beside one at most, and as a share of what that one adds: what an effect explains
 # not quite looks like a second one.
@@ -30,19 +30,19 @@ FURTHER, INHERITED = 8.0, 0.05
 ALONE = 9.0  # nats that it must add on the training bags where no held-out bag can contradict
 WORTH_TRYING = 0.55  # of these, on the training bags, for a look at the held-out ones
 AGREES = 2.0  # nats that it must add on the held-out bags
-SURE = 2.0  # standard deviations by which a load must weigh something
+SURE = 2.0  # standard deviations by which the mass of a load must differ from zero
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
 TOUCHED = 0.1  # of the noise floor, from which on an effect is seen in a residual at all
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
-RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
-CLASSES = {  # effects that walking hardly tells apart: one of a class is enough
+RIVALS, CLOSE = 4, 0.03  # number that is compared closely, if they explain at least this share of the best's
+CLASSES = {  # effects that look alike in a walk: one of a class is enough
     "motor_lag": "drive_delay",
     "transport_delay": "drive_delay",
     "ground_slope": "constant_force",
     "external_force": "constant_force",
 }
-CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: from afar one looks like another
+CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: alike until linearised at their values
 LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
 
 
@@ -59,7 +59,7 @@ def search(
     Args:
         cache: the recordings.
         assumed: effects by name and place; only their parameters are fitted, and nothing else is chosen.
-        progress: called now and then.
+        progress: called after each choice.
         enough: evidence that an effect needs [nats]; default: ENOUGH, or ALONE without held-out recordings.
     """
     known, hold = cache.known, bool(cache.hold)
@@ -123,7 +123,7 @@ def search(
 
 
 def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array, Fit, float, str]:
-    """Where an effect settles beside the chosen ones, its fit, what held-out bags say [nats], and why it is none."""
+    """Values with an effect beside the chosen ones, their fit, evidence of the held-out bags [nats], reason to refuse."""
     at, _, fit = settled(finding, cache, [*finding.released, *option.figures])
     if why := _impossible(finding.known, fit, option):
         return at, fit, np.nan, why
@@ -133,7 +133,7 @@ def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array
 
 
 def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
-    """Why an effect with the figures that fit best is none; empty if it may be one."""
+    """Why an effect with the parameters that fit best is impossible; empty if it is possible."""
     if any(fit.x[i] < known[i].low for i in option.figures):
         return "of the wrong sign, seen closely"
     if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in option.figures):
@@ -206,7 +206,7 @@ def _enough(
 
 
 def _no_twins(found: Sequence[Score]) -> list[Score]:
-    """Without those that explain the same as others of their effect and place with more figures."""
+    """Without those that explain the same as others of their effect and place with more parameters."""
 
     def twin(a: Score, b: Score) -> bool:
         same = (a.option.effect, a.option.where) == (b.option.effect, b.option.where)
@@ -247,7 +247,7 @@ def _without(case: Case, groups: set[str]) -> Case:
 
 
 def _one_load(finding: Finding, cache: CaseCache, options: Sequence[Candidate]) -> None:
-    """A shifted COM and a mass more are one load with its place, if that is possible and held-out bags agree."""
+    """Replace a shifted COM and an added mass by one load with its place, if possible and confirmed by held-out bags."""
     loads = [effect for effect in finding.chosen if effect.option.effect in LOADS]
     whole = _whole_load(options)
     if len(loads) < 2 or whole is None:
@@ -265,7 +265,7 @@ def _one_load(finding: Finding, cache: CaseCache, options: Sequence[Candidate]) 
 
 
 def _whole_load(options: Sequence[Candidate]) -> Candidate | None:
-    """A payload with all figures of its place."""
+    """A payload with all parameters of its place."""
     loads = [option for option in options if option.effect == "payload"]
     return max(loads, key=lambda option: len(option.figures), default=None)
 
@@ -290,7 +290,7 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
 
 
 def smallest(finding: Finding) -> list[tuple[Figure, float]]:
-    """Of each figure of an effect, the deviation from nominal that would just give enough evidence beside the found."""
+    """By parameter of an effect, the deviation from nominal with just enough evidence beside the chosen effects."""
     enough = ENOUGH if finding.hold else ALONE
     needed = _needed(enough, candidates(finding.known))
     fit, before = evidence_of(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
@@ -328,7 +328,7 @@ def _visible(cases: Sequence[Case], score: Score) -> float:
 
 
 def _closest(finding: Finding, cache: CaseCache, *rivals: Candidate) -> int:
-    """Which is best of what looks alike from afar: each linear around its own values, all with the same noise."""
+    """Index of the best of similar rivals: each linear around its own values, all with the same noise."""
     if len(rivals) == 1:
         return 0
     trials = []

@@ -340,14 +340,14 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     for effect in result["effects"]:
         name, rivals = effect["name"], _rivals(diagnosis, effect)
         decides = _DECIDES.get(effect["class"] or name)
-        told = f"{effect_sentence(effect)}."
+        text = f"{effect_sentence(effect)}."
         if rivals:
-            told += f" Explaining nearly as much when alone: {', '.join(rivals)}."
+            text += f" Explaining nearly as much when alone: {', '.join(rivals)}."
         elif not effect["class"]:
-            told += " No other effect, or place, explains half as much."
+            text += " No other effect, or place, explains half as much."
         if decides and (rivals or effect["class"]):
-            told += f" What would decide: {decides}."
-        parts.append(Notice(told[:1].upper() + told[1:], "warn" if effect["class"] else "info"))
+            text += f" What would decide: {decides}."
+        parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
     if result["refused"]:
         rows = [[spaced(entry["name"]), entry["where"] or "–", entry["why"]] for entry in result["refused"]]
         parts.append(Table(["refused", "where", "why"], rows, "Asked for by the training bags.", words=3))
