@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core.config.schema import Config
-from ..progress import Progress
+from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
 from .inference.check import check_recordings, parse_assumed
@@ -54,9 +54,9 @@ def diagnose(
     with free_runs_in_helper(urdf, names) as free_runs:
         free_runs.start(paths, config)  # the nominal prediction, in another process
 
-        readings = read_bags(paths, config, urdf, names, lambda f, what: report(READ * f, what))
+        readings = read_bags(paths, config, urdf, names, between(report, 0.0, READ))
         checked = check_recordings(readings, len(train), config, assumed)
-        found = find_effects(checked, assumed, lambda f, what: report(READ + (SEARCHED - READ) * f, what))
+        found = find_effects(checked, assumed, between(report, READ, SEARCHED))
         report(SEARCHED, "predicting the COM")
         predicted = predict_com(found.finding, checked, config, free_runs)
     return build_diagnosis(checked, found, predicted, config, began)

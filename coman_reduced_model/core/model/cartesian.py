@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.compiled import compiled
-from ..base.types import Array, Foot, Phase, SupportState
+from ..base.types import Array, Foot, Integers, Phase, SupportState
 from ..config.schema import Config
 from ..effects.catalogue import Effect
 from ..robot.leg import add_gravity_stiffness
@@ -37,7 +37,7 @@ class Terms:
     K: Array
     D: Array
     force: Array
-    axes: Array  # (n,) indices of the integrated coordinates; the others follow the reference and are not felt
+    axes: Integers  # (n,) indices of the integrated coordinates; the others follow the reference and are not felt
     near_singular: bool = False
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...core.config.schema import Config
 from ...core.robot.robot import Robot
 from ...errors import BagError
-from ...progress import Progress
+from ...progress import Progress, between
 from ...topics import TopicNames
 from .recording import Recording, load
 
@@ -47,7 +47,7 @@ def read_bags(
     """
     readings: list[Reading] = []
     for i, path in enumerate(paths):
-        part: Progress = lambda fraction, what, i=i: progress((i + fraction) / len(paths), what)  # noqa: E731
+        part = between(progress, i / len(paths), (i + 1) / len(paths))
         reading = Reading(path, *load(path, config, urdf, names, part))
         if readings:
             _refuse_another_robot(reading, readings[0])

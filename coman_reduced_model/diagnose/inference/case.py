@@ -15,7 +15,7 @@ from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.robot.robot import Robot
 from ...errors import BagError
-from ..data.masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
+from ..data.masks import TICKS, Masks, masks, on_flat_soles, with_taken_up
 from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
@@ -125,7 +125,7 @@ def examine(
     for figure, value in zip(known, at, strict=True):
         if value:
             moved, world = figure.apply(moved, world, float(value) + figure.usual)
-    where = taken_up_anew(where, recording, moved, world)
+    where = with_taken_up(where, recording, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh, at)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)

@@ -10,7 +10,7 @@ from pathlib import Path
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
 from ...errors import BagError, ConfigError
-from ..data.masks import taken_up_anew
+from ..data.masks import with_taken_up
 from ..data.reading import Reading
 from ..data.recording import Recording, moving
 from ..physics.hypotheses import candidates, figures
@@ -113,7 +113,7 @@ def with_common_streams(prepared: Sequence[Prepared]) -> list[Prepared]:
     }
     less = [recording.changed(**drop) for recording, _, _ in prepared]
     return [
-        (recording, world, taken_up_anew(where, before, recording, world))
+        (recording, world, with_taken_up(where, before, recording, world))
         for recording, (before, world, where) in zip(less, prepared, strict=True)
     ]
 

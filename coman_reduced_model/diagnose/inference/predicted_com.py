@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from ...bag.session import Session
-from ...core.base.types import Array, Flags, Foot, Phase
+from ...core.base.types import Array, Flags, Foot, Integers, Phase
 from ...core.config.schema import Config
 from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE, Effect, build_effects
@@ -41,10 +41,10 @@ class FreeRun:
         robot, loads: as the URDF has it, and the effects that change its masses.
     """
 
-    stamps: Array
-    foot: Array
-    phase: Array
-    run: Array
+    stamps: Integers
+    foot: Integers
+    phase: Integers
+    run: Integers
     measured: Array
     predicted: Array
     q: Array
@@ -62,7 +62,7 @@ class Errors:
     """
 
     times: Array
-    step: Array
+    step: Integers
     before: Array
     after: Array
 
@@ -154,7 +154,7 @@ def errors(before: FreeRun, after: FreeRun) -> Errors:
     same = (before.run[i] == before.run[j]) & (foot == before.foot[j]) & (foot == after.foot[inside])
     good = np.flatnonzero(same & np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1))
     stamps = after.stamps[inside][good]
-    since = (stamps - stamps[:1]) * 1e-9 if len(stamps) else np.zeros(0)
+    since = np.asarray((stamps - stamps[:1]) * 1e-9 if len(stamps) else np.zeros(0), dtype=float)
     return Errors(since, _steps(after.phase)[inside][good], old[good], new[good])
 
 
@@ -168,7 +168,7 @@ def _measured(run: FreeRun, loads: tuple[EffectConfig, ...]) -> Array:
     return out
 
 
-def _steps(phase: Array) -> Array:
+def _steps(phase: Integers) -> Integers:
     """(n,) number of the step: one ends where a single support does."""
     single = np.isin(phase[:-1], (Phase.LEFT, Phase.RIGHT))
     return np.cumsum(np.append(0, single & (np.diff(phase) != 0))[: len(phase)])
@@ -222,7 +222,8 @@ def admitted(
     def compared(without: tuple[int, ...], with_them: tuple[int, ...]) -> Change:
         return change([errors(*both) for both in zip(runs(without), runs(with_them), strict=True)])
 
-    kept, changes = tuple(range(count)), {}
+    kept = tuple(range(count))
+    changes: dict[int, Change] = {}
     while kept:
         changes |= {i: compared(tuple(k for k in kept if k != i), kept) for i in kept}
         worse = [i for i in kept if changes[i].worse] or (list(kept) if compared((), kept).worse else [])

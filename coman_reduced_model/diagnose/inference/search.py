@@ -123,7 +123,7 @@ def search(
 
 
 def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array, Fit, float, str]:
-    """Values with an effect beside the chosen ones, their fit, evidence of the held-out bags [nats], reason to refuse."""
+    """Values with an effect beside the chosen ones, their fit, held-out evidence [nats], and a reason to refuse it."""
     at, _, fit = settled(finding, cache, [*finding.released, *option.figures])
     if why := _impossible(finding.known, fit, option):
         return at, fit, np.nan, why
@@ -247,7 +247,7 @@ def _without(case: Case, groups: set[str]) -> Case:
 
 
 def _one_load(finding: Finding, cache: CaseCache, options: Sequence[Candidate]) -> None:
-    """Replace a shifted COM and an added mass by one load with its place, if possible and confirmed by held-out bags."""
+    """Replace a shifted COM and an added mass by one load with its place, if held-out bags confirm it."""
     loads = [effect for effect in finding.chosen if effect.option.effect in LOADS]
     whole = _whole_load(options)
     if len(loads) < 2 or whole is None:

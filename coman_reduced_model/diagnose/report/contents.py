@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.base.types import Array, Phase
+from ...core.base.types import Array, Integers, Phase
 from ...core.config.schema import Config
 from ...core.evaluation.statistics import by_axis
 from ..inference.case import Case
@@ -133,7 +133,7 @@ def _localised(case: Case, key: str, left: Array) -> list[dict[str, Any]]:
     return out
 
 
-def _means_of_pieces(values: Array, pieces: Array) -> Array:
+def _means_of_pieces(values: Array, pieces: Integers) -> Array:
     """(n,) Mean of the contiguous piece that each of the values (n,) belongs to; pieces: their first indices."""
     ends = np.append(pieces[1:], len(values))
     return np.concatenate([np.full(b - a, values[a:b].mean()) for a, b in zip(pieces, ends, strict=True)])
