@@ -28,7 +28,7 @@ from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
-from coman_reduced_model.tuning.recording import Recording, read_recording
+from coman_reduced_model.tuning.recording import JoinedBag, read_recording
 
 MODELS = {"the paper's model": "without", "the turning trunk": "with"}
 
@@ -36,7 +36,7 @@ MODELS = {"the paper's model": "without", "the turning trunk": "with"}
 class Replay:
     """The motors of a bag, as a motion of the virtual robot."""
 
-    def __init__(self, recording: Recording, robot: VirtualRobot, gait: str) -> None:
+    def __init__(self, recording: JoinedBag, robot: VirtualRobot, gait: str) -> None:
         samples = [s for s in recording.samples if s.motor_q is not None and s.motor_qd is not None]
         self._t = np.array([s.stamp_ns - robot.start_ns for s in samples]) * 1e-9
         order = [recording.robot.joint_names.index(name) for name in robot.table.joint_names]

@@ -83,7 +83,7 @@ def validate(
             raise ConfigError("BAG, --holdout: two bags have the same name")
         for bag in named.values():  # said before any work begins
             Bag(bag).close()
-        cases = [validation.Case(settings.robot.name, settings, named)]
+        cases = [validation.RobotCase(settings.robot.name, settings, named)]
         train, judge = [bags[0].name], [bag.name for bag in holdout]
         if len(bags) > 1:
             raise ConfigError("BAG: tune on one bag here (coman tune takes several)")

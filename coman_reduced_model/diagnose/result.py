@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a diagnosis found."""
+"""The result of a diagnosis."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE = "diagnosis.json", "model.yaml", "repor
 
 @dataclasses.dataclass
 class Diagnosis:
-    """What was found out.
+    """The result of a diagnosis.
 
     Attributes:
-        result: what diagnosis.json holds.
+        result: contents of diagnosis.json.
         model: the configuration with the effects added.
         finding: the evidence behind it; recordings: of the training bags, then the held-out ones.
         com: errors of the predicted COM in the first held-out bag, or else training bag, with the nominal model and

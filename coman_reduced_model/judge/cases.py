@@ -47,7 +47,7 @@ PAIRS = [
 
 
 @dataclass(frozen=True)
-class Case:
+class HiddenCase:
     """What is hidden in which robot, and how it is recorded."""
 
     seed: int
@@ -98,7 +98,7 @@ def _families_and_levels(kind: str, number: int) -> tuple[tuple[str, ...], tuple
 
 def draw_case(
     seed: int, attempt: int = 0, kind: str | None = None, families: tuple[str, ...] = (), level: str | None = None
-) -> Case:
+) -> HiddenCase:
     """Draw the case of a seed.
 
     Args:
@@ -126,7 +126,7 @@ def draw_case(
     held = [str(name) for name in rng.choice(others, 2, replace=False)]
     gaits = dict(zip(BAGS, (train, *held), strict=True))
     motor_states = "commanded" if rng.random() < 0.2 else "measured"
-    return Case(seed, kind, robot, tuple(families), levels, tuple(effects), gaits, motor_states, attempt)
+    return HiddenCase(seed, kind, robot, tuple(families), levels, tuple(effects), gaits, motor_states, attempt)
 
 
 @functools.lru_cache(maxsize=64)
@@ -140,7 +140,7 @@ def _planned(robot: str, gait_name: str, seconds: float) -> tuple[GaitParameters
     return walk, plan_recording(walk, ROBOTS[robot])
 
 
-def write_case(case: Case, folder: str | Path, force: bool = False) -> dict[str, Any] | None:
+def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dict[str, Any] | None:
     """Record the bags of a case, and write the configuration of its robot with the constants of the data sheet.
 
     Args:
@@ -180,7 +180,7 @@ def write_case(case: Case, folder: str | Path, force: bool = False) -> dict[str,
     return None
 
 
-def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any) -> tuple[Case, dict[str, Any]]:
+def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any) -> tuple[HiddenCase, dict[str, Any]]:
     """Draw the case of a seed until its robot does not fall, and write it into folder / case.name.
 
     Raises:
@@ -193,7 +193,7 @@ def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any)
     raise ConfigError(f"seed {seed}: {', '.join(case.families) or 'a clean robot'}: it falls at every level")
 
 
-def answer(case: Case) -> dict[str, Any]:
+def answer(case: HiddenCase) -> dict[str, Any]:
     """What is hidden in a case: only the scorer reads it."""
     return {**asdict(case), "classes": sorted({class_of(effect["name"]) for effect in case.effects})}
 

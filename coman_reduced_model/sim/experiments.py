@@ -19,7 +19,7 @@ from ..errors import ConfigError
 from ..progress import Progress
 from .disturbances import Disturbance
 from .motion import LegKinematics, MotorMotion, Posture
-from .record import Recording, record_motion
+from .record import RecordedBag, record_motion
 from .robot_table import ROBOTS, RobotTable
 from .sensors import SensorOptions
 from .virtual_robot import VirtualRobot
@@ -140,7 +140,7 @@ def record_experiment(
     duration_s: float | None = None,
     force: bool = False,
     progress: Progress | None = None,
-) -> Recording:
+) -> RecordedBag:
     """Does an experiment and writes its bag `out` and the truth beside it.
 
     Args:

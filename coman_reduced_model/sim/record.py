@@ -42,7 +42,7 @@ CONTACT_FORCE = 1.0  # [N] above which the truth says that a foot touches the fl
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedBag:
     """What `record` made."""
 
     bag: Path
@@ -110,7 +110,7 @@ def record(
     force: bool = False,
     progress: Progress | None = None,
     planned: tuple[MotorMotion, WalkPlan] | None = None,
-) -> Recording:
+) -> RecordedBag:
     """Plans a gait, walks the virtual robot through it, writes the bag `out` and the truth `out`.truth.npz.
 
     Args:
@@ -161,7 +161,7 @@ def record_motion(
     duration_s: float,
     force: bool = False,
     progress: Progress | None = None,
-) -> Recording:
+) -> RecordedBag:
     """The same for any motion of the motors (see VirtualRobot.reset), such as the experiments that identify springs.
 
     There is no plan then, and no com/reference in the bag.
@@ -189,7 +189,7 @@ def _run(
     destination: _Destination,
     duration_s: float,
     progress: Progress | None,
-) -> Recording:
+) -> RecordedBag:
     names = {stream: f"/{topic}" for stream, topic in INPUT_TOPICS.items() if plan or stream != REFERENCE}
     topics = {f"/{DESCRIPTION}": STRING, **{name: INPUT_TYPES[stream] for stream, name in names.items()}}
     truths: list[Truth] = []
@@ -225,7 +225,7 @@ def _run(
     if progress:
         progress(1.0, "done")
     factor = robot.t / (time.perf_counter() - began)
-    return Recording(destination.bag, destination.truth, robot.t, bag.counts, fallen, factor)
+    return RecordedBag(destination.bag, destination.truth, robot.t, bag.counts, fallen, factor)
 
 
 class _Stream:

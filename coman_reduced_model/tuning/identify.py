@@ -20,7 +20,7 @@ from ..core.base.types import Array, Foot, Phase
 from ..core.config.schema import Config
 from ..core.robot.robot import Robot
 from ..errors import BagError
-from .recording import Recording
+from .recording import JoinedBag
 from .statistics import hac_covariance, quantile
 
 _BLOCK = 0.1  # [s] means over it: quantisation and noise average out, quasi-static loads do not change
@@ -55,7 +55,7 @@ class Joint:
     note: str = ""
 
 
-def identify(recordings: Sequence[Recording], config: Config) -> list[Joint]:
+def identify(recordings: Sequence[JoinedBag], config: Config) -> list[Joint]:
     """Stiffness and damping of the leg joints, hip to ankle, left leg first.
 
     Args:
@@ -95,7 +95,7 @@ def identified_config(config: Config, joints: Sequence[Joint]) -> Config:
     return config.replaced(changes, "identified")
 
 
-def _standing_on(recording: Recording) -> Foot:
+def _standing_on(recording: JoinedBag) -> Foot:
     if not recording.samples:
         raise BagError(f"{recording.bag}: no usable sample")
     phases = np.array([p.support.phase for p in recording.predictions])
@@ -105,7 +105,7 @@ def _standing_on(recording: Recording) -> Foot:
     return Foot.NONE
 
 
-def _spring(recording: Recording, index: int) -> tuple[Array, Array, Array, Array]:
+def _spring(recording: JoinedBag, index: int) -> tuple[Array, Array, Array, Array]:
     """Time [s], link position, deflection [rad] and torque [Nm] of a joint, where all are known; torque may be NaN."""
     samples = [s for s in recording.samples if s.motor_q is not None]
     t = np.array([s.stamp_ns - samples[0].stamp_ns for s in samples]) * 1e-9
@@ -115,7 +115,7 @@ def _spring(recording: Recording, index: int) -> tuple[Array, Array, Array, Arra
     return t, q, motor - q, tau
 
 
-def _stiffness(name: str, loads: Sequence[Recording]) -> Joint:
+def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
     """(7) by least squares over means of blocks, deflection on torque.
 
     Torque on deflection would come out too soft: the noise of the encoder, which is a large part of a stiff joint's
@@ -160,7 +160,7 @@ def _centred(values: Array) -> Array:
     return values - values.mean()
 
 
-def _damping(recording: Recording, foot: Foot, joints: dict[str, Joint]) -> Joint:
+def _damping(recording: JoinedBag, foot: Foot, joints: dict[str, Joint]) -> Joint:
     """Decay of the pendulum I q'' + d q' + (k + G) q = 0 about the joint of the support leg that swings most.
 
     I and G (inertia and the stiffness of gravity, negative for an inverted pendulum) come from the URDF. The floor
@@ -244,7 +244,7 @@ def fit_decay(t: Array, x: Array) -> tuple[float, float]:
     return float(found.x[0]), float(found.x[1])
 
 
-def pendulum(robot: Robot, recording: Recording, foot: Foot, joint: str) -> tuple[float, float]:
+def pendulum(robot: Robot, recording: JoinedBag, foot: Foot, joint: str) -> tuple[float, float]:
     """Inertia [kg m^2] about a joint of all that a standing leg carries, and gravity's stiffness [Nm/rad] there."""
     q = pin.neutral(robot.model)
     data = robot.model.createData()

@@ -21,7 +21,7 @@ from ..core.config.schema import Config, parameter_table
 from ..core.evaluation.run import Run, run_of
 from ..errors import ConfigError
 from ..progress import Progress
-from .recording import Recording
+from .recording import JoinedBag
 from .tune import Errors, Tuned, _known, _steps_of, describe, judged
 
 JOINTS = ("joint_stiffness", "joint_damping")
@@ -106,7 +106,7 @@ def changed(config: Config, knobs: Sequence[Knob], values: Sequence[float] | Arr
 
 
 # What each worker process keeps between its tasks.
-_work: tuple[Sequence[Recording], Config, Sequence[Knob], Sequence[Array], tuple[int, ...]]
+_work: tuple[Sequence[JoinedBag], Config, Sequence[Knob], Sequence[Array], tuple[int, ...]]
 
 
 def _begin(*work: Any) -> None:
@@ -133,7 +133,7 @@ def _residual(values: Array) -> Array:
 
 
 def tune_parameters(
-    recordings: Sequence[Recording],
+    recordings: Sequence[JoinedBag],
     config: Config,
     names: Sequence[str],
     steps_only: bool = False,
@@ -199,7 +199,7 @@ def tune_parameters(
     )
 
 
-def _errors(recordings: Sequence[Recording], residuals: Sequence[Array]) -> Errors:
+def _errors(recordings: Sequence[JoinedBag], residuals: Sequence[Array]) -> Errors:
     def mse(windows: Sequence[Array]) -> dict[str, float]:
         together = np.concatenate([r[use] for r, use in zip(residuals, windows, strict=True)])
         together = together[np.isfinite(together).all(axis=1)]

@@ -22,7 +22,7 @@ from ..topics import TopicNames
 
 
 @dataclass(frozen=True)
-class Recording:
+class JoinedBag:
     """One bag, one entry a joint state."""
 
     bag: Path
@@ -51,7 +51,7 @@ def read_recording(
     names: TopicNames | None = None,
     urdf: str | Path | None = None,
     progress: Progress | None = None,
-) -> Recording:
+) -> JoinedBag:
     """Join and predict a bag.
 
     Raises:
@@ -63,12 +63,12 @@ def read_recording(
         for batch in session.batches(progress):
             samples += deepcopy(batch) if config.effects else batch  # effects correct samples in place
             predictions += session.pipeline.predict(batch)
-        return Recording(Path(path), session.pipeline.robot, samples, predictions, session.warnings)
+        return JoinedBag(Path(path), session.pipeline.robot, samples, predictions, session.warnings)
 
 
 def read_all(
     paths: Sequence[Path], config: Config, names: TopicNames, urdf: Path | None, progress: Progress | None
-) -> list[Recording]:
+) -> list[JoinedBag]:
     """Several bags, one after the other."""
     found = []
     for number, path in enumerate(paths):

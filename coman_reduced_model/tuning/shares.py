@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.base.types import Array, Foot, Phase
 from ..core.config.schema import Config
-from .recording import Recording
+from .recording import JoinedBag
 from .statistics import quantile
 
 _LEAST = 3  # double supports, fewer say nothing
@@ -36,7 +36,7 @@ class Share:
         return 0.05 <= self.leading <= 1.0 and high - low <= 2.0 * _TIGHT
 
 
-def measure_shares(recordings: Sequence[Recording]) -> list[Share]:
+def measure_shares(recordings: Sequence[JoinedBag]) -> list[Share]:
     """Shares per axis, before and after single support; empty if there are too few double supports.
 
     The share is the ratio of the leg's force to the sum that explains it best in the least squares sense, for the
@@ -71,7 +71,7 @@ class _DoubleSupport:
     leads: Array  # (n,) whether the landed leg is the support leg
 
 
-def _double_supports(recording: Recording) -> list[_DoubleSupport]:
+def _double_supports(recording: JoinedBag) -> list[_DoubleSupport]:
     """Double supports between two single supports of different legs; forces in the axes of the soles."""
     phases = np.array([p.support.phase for p in recording.predictions])
     edges = [0, *(np.flatnonzero(np.diff(phases)) + 1).tolist(), len(phases)]

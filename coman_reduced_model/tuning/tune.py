@@ -20,7 +20,7 @@ from ..core.evaluation.run import run_of
 from ..errors import BagError, ConfigError
 from ..progress import Progress
 from .free_run import COEFFICIENTS, FreeRun, collect
-from .recording import Recording
+from .recording import JoinedBag
 from .statistics import hac_covariance, quantile
 
 _CORRELATED = 0.98
@@ -61,7 +61,7 @@ class Tuned:
 
 
 def tune_coefficients(
-    recordings: Sequence[Recording],
+    recordings: Sequence[JoinedBag],
     config: Config,
     steps_only: bool = False,
     together: bool = True,
@@ -180,7 +180,7 @@ def chosen(config: Config, names: str) -> list[str]:
     return [] if wanted == ["coefficients"] else wanted
 
 
-def judged(recordings: Sequence[Recording], steps_only: bool) -> list[Array]:
+def judged(recordings: Sequence[JoinedBag], steps_only: bool) -> list[Array]:
     """Which samples (n,) count: where the free run of the untuned model exists; or those of three steps in a row.
 
     In the frame of the support leg the swing of a leg never counts: while it swings, the other one's frame is used.
@@ -204,7 +204,7 @@ def judged(recordings: Sequence[Recording], steps_only: bool) -> list[Array]:
     return found
 
 
-def _steps_of(recording: Recording) -> Array:
+def _steps_of(recording: JoinedBag) -> Array:
     use = np.zeros(len(recording.predictions), dtype=bool)
     rows = run_of(recording.predictions).consecutive_steps()
     if rows is not None:

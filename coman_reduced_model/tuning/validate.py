@@ -24,7 +24,7 @@ from ..errors import BagError, ConfigError
 from ..progress import Progress
 from .free_run import compile_loop
 from .parameters import tune_parameters
-from .recording import Recording, read_recording
+from .recording import JoinedBag, read_recording
 from .shares import measure_shares, with_shares
 from .tune import chosen, tune_coefficients
 
@@ -80,7 +80,7 @@ class Score:
 
 
 @dataclass
-class Case:
+class RobotCase:
     """One robot: what to record or read, and the configuration of it."""
 
     robot: str
@@ -89,7 +89,7 @@ class Case:
     tuned: dict[str, dict[str, Config]] = field(default_factory=dict)  # by the gait tuned on, and variant
 
 
-def virtual_case(name: str, config: Config) -> Case:
+def virtual_case(name: str, config: Config) -> RobotCase:
     """A robot of the table with its data sheet as configuration.
 
     Raises:
@@ -104,7 +104,7 @@ def virtual_case(name: str, config: Config) -> Case:
     for side, leg in (("left", config.robot.left), ("right", config.robot.right)):
         changes[f"robot.{side}.stiffness"] = [table.stiffness[joint[1:]] for joint in leg.joints]
         changes[f"robot.{side}.damping"] = [table.damping[joint[1:]] for joint in leg.joints]
-    return Case(name, config.replaced(changes))
+    return RobotCase(name, config.replaced(changes))
 
 
 def record_gait(robot: str, gait: str, out: Path, seed: int, duration_s: float | None) -> Path:
@@ -122,7 +122,7 @@ def record_gait(robot: str, gait: str, out: Path, seed: int, duration_s: float |
     return out
 
 
-def score(recording: Recording, config: Config, robot: str, gait: str, variant: str) -> Score:
+def score(recording: JoinedBag, config: Config, robot: str, gait: str, variant: str) -> Score:
     """Runs the predictor over a bag."""
     predictor, statistics = Predictor(recording.robot, config), RunStatistics(config.streams.restart_gap)
     pitch = []
@@ -137,7 +137,7 @@ def score(recording: Recording, config: Config, robot: str, gait: str, variant: 
     return Score(robot, gait, variant, run["rmse_m"], run["rmse_rigid_m"], skill, lean)
 
 
-def tuned_variants(recording: Recording, config: Config, variants: Sequence[str]) -> dict[str, Config]:
+def tuned_variants(recording: JoinedBag, config: Config, variants: Sequence[str]) -> dict[str, Config]:
     """The paper's model and the whole model, each tuned on a bag."""
     found = {}
     shares = measure_shares([recording])
@@ -145,14 +145,16 @@ def tuned_variants(recording: Recording, config: Config, variants: Sequence[str]
         bare = config.replaced(VARIANTS[variant] | {"prediction.horizons": ()})
         bare = with_shares(bare, shares)
         names = chosen(bare, "")
-        own = Recording(recording.bag, recording.robot, recording.samples, recording.predict(bare), ())
+        own = JoinedBag(recording.bag, recording.robot, recording.samples, recording.predict(bare), ())
         # One process: the cases are already spread over all.
         made = tune_parameters([own], bare, names, processes=1) if names else tune_coefficients([own], bare)
         found[f"{variant}, tuned"] = made.config.replaced({"prediction.horizons": config.prediction.horizons})
     return found
 
 
-def _train(case: Case, gait: str, seed: int, duration_s: float | None, folder: Path) -> tuple[str, dict[str, Config]]:
+def _train(
+    case: RobotCase, gait: str, seed: int, duration_s: float | None, folder: Path
+) -> tuple[str, dict[str, Config]]:
     bag = case.bags.get(gait)
     if bag is None:
         bag = record_gait(case.robot, gait, folder / f"{case.robot}_{gait}_train", seed, duration_s)
@@ -161,8 +163,8 @@ def _train(case: Case, gait: str, seed: int, duration_s: float | None, folder: P
 
 
 def _judge(
-    case: Case, gait: str, tuned: Mapping[str, Config], variants: Sequence[str], seed: int, duration_s: float | None,
-    folder: Path,
+    case: RobotCase, gait: str, tuned: Mapping[str, Config], variants: Sequence[str], seed: int,
+    duration_s: float | None, folder: Path,
 ) -> tuple[str, list[Score]]:  # fmt: skip
     bag = case.bags.get(gait)
     if bag is None:
@@ -185,7 +187,7 @@ class Validation:
 
 
 def validate(
-    cases: Sequence[Case],
+    cases: Sequence[RobotCase],
     train: Sequence[str],
     judge: Sequence[str],
     folder: Path,
@@ -216,7 +218,7 @@ def validate(
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     with ProcessPoolExecutor(processes, multiprocessing.get_context(method)) as pool:
 
-        def collected(futures: dict[Any, tuple[Case, str]], what: str) -> Any:
+        def collected(futures: dict[Any, tuple[RobotCase, str]], what: str) -> Any:
             nonlocal done
             for future in as_completed(futures):
                 case, gait = futures[future]

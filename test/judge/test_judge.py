@@ -97,7 +97,7 @@ def test_after_falls_the_level_goes_down_and_that_is_recorded():
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory) -> tuple[Path, cases.Case, dict]:
+def written(tmp_path_factory) -> tuple[Path, cases.HiddenCase, dict]:
     """A case with short walks."""
     folder = tmp_path_factory.mktemp("bags")
     case = draw_case(3, kind="pair", families=("backlash", "wrench_scale"), level="medium")

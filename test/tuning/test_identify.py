@@ -20,7 +20,7 @@ from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.record import load_truth
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.tuning.identify import fit_decay, free_oscillations, identified_config, identify, pendulum
-from coman_reduced_model.tuning.recording import Recording
+from coman_reduced_model.tuning.recording import JoinedBag
 from coman_reduced_model.tuning.statistics import hac_covariance, quantile
 
 COUNT = 2.0 * np.pi / 4096
@@ -40,7 +40,7 @@ def recording(robot, t, q, motor, tau, phase=Phase.DOUBLE, name="bag"):
     nothing = np.full(3, np.nan)
     support = SupportState(phase, Foot.LEFT)
     said = Prediction(0, "", support, nothing, nothing, nothing, nothing, nothing, nothing, np.eye(4), [], 0)
-    return Recording(Path(name), robot, samples, [replace(said, stamp_ns=s.stamp_ns) for s in samples], ())
+    return JoinedBag(Path(name), robot, samples, [replace(said, stamp_ns=s.stamp_ns) for s in samples], ())
 
 
 def slow_load(robot, stiffness, damping, torque=8.0, offset=0.3, seed=0):

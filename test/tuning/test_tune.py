@@ -17,7 +17,7 @@ from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.tuning.free_run import COEFFICIENTS, collect
 from coman_reduced_model.tuning.parameters import changed, knobs, tune_parameters
-from coman_reduced_model.tuning.recording import Recording, read_recording
+from coman_reduced_model.tuning.recording import JoinedBag, read_recording
 from coman_reduced_model.tuning.shares import measure_shares, with_shares
 from coman_reduced_model.tuning.tune import chosen, describe, tune_coefficients
 
@@ -30,8 +30,8 @@ WHOLE = {f"model.{option}": "with" for option in ("gravity_stiffness", "trunk_ro
 def walk():
     """Five seconds from the middle of a walk: seven steps."""
     whole = read_recording(BAGS / "test1", CONFIG)
-    cut = Recording(whole.bag, whole.robot, whole.samples[600:1600], [], ())
-    return Recording(cut.bag, cut.robot, cut.samples, cut.predict(CONFIG), ())
+    cut = JoinedBag(whole.bag, whole.robot, whole.samples[600:1600], [], ())
+    return JoinedBag(cut.bag, cut.robot, cut.samples, cut.predict(CONFIG), ())
 
 
 def imagined(walk, config, noise=0.0, seed=0):
@@ -158,11 +158,11 @@ def test_joint_springs_are_found_again_through_the_whole_model(walk):
     assert [k.name for k in chosen_knobs] == [f"joint_stiffness({s}{j})" for s in "LR" for j in ("KneeSag", "AnkSag")]
     true = (1.15, 0.9, 1.05, 1.1)
     hidden = imagined(walk, changed(config, chosen_knobs, true))
-    short = Recording(walk.bag, walk.robot, walk.samples, walk.predict(config), ())
+    short = JoinedBag(walk.bag, walk.robot, walk.samples, walk.predict(config), ())
 
-    class Imagined(Recording):
+    class Imagined(JoinedBag):
         def predict(self, config):
-            said = Recording.predict(self, config)
+            said = JoinedBag.predict(self, config)
             for p, truth in zip(said, hidden, strict=True):
                 p.measured_com = truth.measured_com
             return said

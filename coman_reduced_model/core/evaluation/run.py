@@ -119,7 +119,7 @@ class Run:
 def _far(points: Array, measured: Array) -> Booleans:
     with np.errstate(invalid="ignore"):
         far = np.logical_or(np.abs(points - measured) >= DIVERGED, np.isinf(points))
-    return np.logical_or.reduce(far, axis=1)  # type: ignore[no-any-return]
+    return np.logical_or.reduce(far, axis=1)
 
 
 def run_of(predictions: Iterable[Prediction]) -> Run:

@@ -84,8 +84,8 @@ def _scuffs(force: Array, air: Booleans, world: World) -> Booleans:
     return np.asarray(np.convolve(far, np.ones(3), "same") > 0)
 
 
-def taken_up_anew(where: Masks, before: Recording, recording: Recording, world: World) -> Masks:
-    """With the play of the joints as it is seen in this recording, if other streams than before tell of it."""
+def with_taken_up(where: Masks, before: Recording, recording: Recording, world: World) -> Masks:
+    """Masks with the play as seen in this recording, if the streams that show it differ from those before."""
     if all(getattr(recording, name) is getattr(before, name) for name in ("q", "tau", "motor_q")):
         return where
     return replace(where, taken_up=_taken_up(recording, world)[where.ticks])

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording under examination: what is believed of its robot, and what each figure does to its residuals."""
+"""A recording under examination: the nominal state of its robot, and the derivatives of its residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.effects.unknown import Unknown
 from ...core.robot.robot import Robot
 from ...errors import BagError
-from ..data.masks import TICKS, Masks, masks, on_flat_soles, taken_up_anew
+from ..data.masks import TICKS, Masks, masks, on_flat_soles, with_taken_up
 from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
@@ -28,10 +30,10 @@ Prepared = tuple[Recording, World, Masks]
 
 
 def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
-    """A recording with what is believed of its robot.
+    """A recording with the nominal state of its robot and the masks of its residuals.
 
     Raises:
-        BagError: it hardly ever stands steadily.
+        BagError: the robot hardly ever stands steadily.
     """
     recording, world = _with_known(recording, World.nominal(robot, config), config)
     where = masks(recording, world)
@@ -39,13 +41,15 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
         if tilt is not None and (off := abs(np.nanmedian(tilt))) > FAR:
-            told = f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
-            recording = recording.changed(up=None, warnings=(*recording.warnings, told))
+            warning = (
+                f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
+            )
+            recording = recording.changed(up=None, warnings=(*recording.warnings, warning))
             state = evaluate(recording, world, where)
     where = on_flat_soles(where, state.residuals)
     if where.staggers:
-        told = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
-        recording = recording.changed(warnings=(*recording.warnings, told))
+        warning = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
+        recording = recording.changed(warnings=(*recording.warnings, warning))
     if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
         raise BagError(
             f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
@@ -55,9 +59,9 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
 
 
 def _with_known(recording: Recording, world: World, config: Config) -> tuple[Recording, World]:
-    """Effects that the configuration has already belong to the nominal robot.
+    """Apply the effects of the configuration, which belong to the nominal robot.
 
-    Those of sensors, drives and loads came in while the recording was read.
+    Those of sensors, drives and loads were applied while the recording was read.
     """
     for effect in config.effects:
         kind = CATALOGUE[effect.name]
@@ -71,7 +75,7 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
 
 @dataclass
 class Case:
-    """One recording under examination, linear around some values of the figures."""
+    """One recording under examination, linear around some values of the parameters."""
 
     recording: Recording
     where: Masks
@@ -83,15 +87,15 @@ class Case:
 
     @property
     def floor(self) -> dict[str, float]:
-        """The noise floor by group; most trials are refused before it is asked for."""
+        """The noise floor by group, computed when first needed: most trials are refused before."""
         if self.known_floor is None:
             self.known_floor = floor(self.state, self.where)
         return self.known_floor
 
     def own(self, fit: Fit, released: Sequence[int]) -> Array:
-        """Deviations (P,) of the figures: this recording's own best healthy scatter, and the `released` as fitted.
+        """Deviations (P,) of the parameters from nominal: the best nominal variability of this recording.
 
-        The latter within their uncertainty.
+        Those of `released` stay within the uncertainty of the `fit`.
         """
         mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
         covariance = fit.covariance
@@ -100,24 +104,29 @@ class Case:
         return self.evidence.posterior(mean, variance).x
 
     def left(self, x: Array) -> dict[str, Array]:
-        """By group, what figures at deviations x (P,) leave of the residuals."""
+        """By group, the residuals that remain with the parameters at deviations x (P,) from nominal: r - J (x - at)."""
         step = x - self.evidence.at
         return {key: row - self.problem.columns[key] @ step for key, row in self.problem.rows.items()}
+
+
+def evidence_of(cases: Sequence[Case]) -> Evidence:
+    """Sum over recordings, with each recording's own parameters integrated out."""
+    return reduce(add, (case.evidence.shared() for case in cases))
 
 
 def examine(
     prepared: Prepared, known: list[Unknown], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
 ) -> Case:
-    """Evidence of a recording, linear around deviations `at` (P,) of the figures from nominal.
+    """Evidence of a recording, linear around deviations `at` (P,) of the parameters from nominal.
 
-    With a case `like` it, only the derivatives by the figures `fresh` are taken anew.
+    With a case `like` it, only the derivatives by the parameters `fresh` are computed again.
     """
     recording, world, where = prepared
     moved = recording
     for figure, value in zip(known, at, strict=True):
         if value:
             moved, world = figure.apply(moved, world, float(value) + figure.usual)
-    where = taken_up_anew(where, recording, moved, world)
+    where = with_taken_up(where, recording, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh, at)
     evidence, noise, _ = weigh(problem, at, like.noise if like else None)

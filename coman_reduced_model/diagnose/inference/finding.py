@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the recordings say: the effects that were found, and what these leave of the residuals."""
+"""The result of the search: the effects that were found, and the residuals that these leave."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .case import Case
 from .evidence import Fit, Score
 
 ON_SOLES = {"force", "moment", "torque", "tilt"}  # laws that take the stance sole to be still and flat on the ground
-BEST, NORMAL = 0.8, 0.6616  # share of the values that tells how large all are; the RMS of that share of normal ones
-JUDGED_S = 2.0  # [s] of a law that tell how much is left of it; less is hardly more than one error of an encoder
+BEST, NORMAL = 0.8, 0.6616  # share of the values that the size is computed from; the RMS of that share of normal ones
+JUDGED_S = 2.0  # [s] of a law from which its size is known; less is hardly more than one error of an encoder
 
 
 @dataclass
-class Effect:
-    """An effect that was accepted."""
+class ChosenEffect:
+    """A candidate that the search has accepted."""
 
     option: Candidate
     gain: float  # nats on the training bags
@@ -30,10 +30,10 @@ class Effect:
 
 @dataclass
 class Finding:
-    """What the recordings say.
+    """The result of the search.
 
     Attributes:
-        known: all figures; `at` (P,): where the cases below are linear: deviations of the chosen effects' figures.
+        known: all parameters; at: (P,) deviations from nominal around which the cases below are linear.
         fit: posterior on the training bags, with the chosen effects released.
         first: every candidate before anything was chosen; last: what else would help when all was chosen.
         train, hold: the recordings with the chosen effects; before: the same without any.
@@ -42,7 +42,7 @@ class Finding:
 
     known: list[Unknown]
     at: Array
-    chosen: list[Effect] = field(default_factory=list)
+    chosen: list[ChosenEffect] = field(default_factory=list)
     fit: Fit | None = None
     first: list[Score] = field(default_factory=list)
     last: list[Score] = field(default_factory=list)
@@ -71,17 +71,17 @@ class Finding:
         return {key: sorted(values)[len(values) // 2] for key, values in ratios.items()}
 
     def judged(self, case: Case, key: str) -> bool:
-        """Whether a group or channel of a recording says something: of a robot that staggers, only if all do."""
+        """Whether a group or channel of a recording counts: of a robot that staggers, only if all recordings do."""
         law = key.partition("/")[0]
         on_soles = law in ON_SOLES or (law == "spring" and case.recording.tau is None)
         all_stagger = all(each.where.staggers for each in [*self.train, *self.hold])
         return not (on_soles and case.where.staggers) or all_stagger
 
     def gaps(self, before: Case, after: Case) -> tuple[dict[str, Array], dict[str, Array]]:
-        """By group, what is left of a recording without and with what was found: the effects are all the difference.
+        """By group, the residuals of a recording without and with the chosen effects, which are all the difference.
 
-        Both have the healthy scatter that is best with the effects: without them, it would take their place as far as
-        it can, and nothing would show.
+        Both have the nominal variability that fits best with the effects. Fitted without them, it would replace them
+        as far as it can, and hide the difference.
         """
         assert self.fit is not None
         x = after.own(self.fit, self.released)

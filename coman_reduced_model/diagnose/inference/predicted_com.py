@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -235,16 +237,23 @@ def admitted(
 class FreeRuns:
     """Free runs of models that differ in their effects, each made once; every other one in another process."""
 
-    def __init__(self, helper: Executor, urdf: str | Path | None, names: TopicNames | None) -> None:
-        self._helper, self._urdf, self._names = helper, urdf, names
+    def __init__(
+        self,
+        helper: Executor,
+        urdf: str | Path | None = None,
+        names: TopicNames | None = None,
+        predict: Callable[..., FreeRun] = free_run,
+    ) -> None:
+        """Take the executor of the other process, and a function as `free_run`."""
+        self._helper, self._urdf, self._names, self._predict = helper, urdf, names, predict
         self._known: dict[tuple[str, str], FreeRun | Future[FreeRun]] = {}
 
     def start(self, paths: Sequence[str | Path], config: Config) -> None:
-        """Have the other process make them."""
+        """Begin to predict the bags in the other process."""
         for path in paths:
             key = str(path), repr(config.effects)
             if key not in self._known:
-                self._known[key] = self._helper.submit(free_run, path, config, self._urdf, self._names)
+                self._known[key] = self._helper.submit(self._predict, path, config, self._urdf, self._names)
 
     def of(self, paths: Sequence[str | Path], config: Config) -> list[FreeRun]:
         """By bag."""
@@ -252,6 +261,18 @@ class FreeRuns:
         missing = [path for path in paths if (str(path), effects) not in self._known]
         self.start(missing[1::2], config)
         for path in missing[::2]:
-            self._known[str(path), effects] = free_run(path, config, self._urdf, self._names)
+            self._known[str(path), effects] = self._predict(path, config, self._urdf, self._names)
         made = [self._known[str(path), effects] for path in paths]
         return [each.result() if isinstance(each, Future) else each for each in made]
+
+
+@contextmanager
+def free_runs_in_helper(urdf: str | Path | None, names: TopicNames | None) -> Iterator[FreeRuns]:
+    """Free runs with a helper process; an exception does not wait for its predictions."""
+    helper = ProcessPoolExecutor(1, get_context("spawn"))
+    try:
+        yield FreeRuns(helper, urdf, names)
+    except BaseException:
+        helper.shutdown(wait=False, cancel_futures=True)
+        raise
+    helper.shutdown()

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from operator import add
-from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -18,13 +17,15 @@ from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import LINKS, PLAN, Unknown
 from ...progress import Progress
 from ..data.recording import moving
-from ..physics.hypotheses import Candidate, candidates, unknowns
-from .case import Case, Prepared, examine
-from .evidence import Evidence, Fit, Score, prior_variance, quieter, scores, weighed
-from .finding import Effect, Finding
+from ..physics.hypotheses import Candidate, candidates
+from .case import Case, evidence_of
+from .case_cache import CaseCache
+from .evidence import Fit, Score, prior_variance, quieter, scores, weighed
+from .finding import ChosenEffect, Finding
+from .gauss_newton import ROUNDS, settle, settled
 
 ENOUGH = 4.5  # nats that an effect must add, as the mean of training bags and of held-out bags
-FEW, FEWER = 4, 1.1  # an effect of so few ways (places, axes) instead of twelve has the better odds by so many nats
+FEW, FEWER = 4, 1.1  # an effect of at most FEW ways (places, axes) instead of twelve has better odds, by FEWER nats
 SUSPECTED = 2.0  # the same where something is missing for sure, and this is all of it
 # Nats that another effect must add beside one at most, and as a share of what that one adds: what an effect explains
 # not quite looks like a second one.
@@ -32,25 +33,22 @@ FURTHER, INHERITED = 8.0, 0.05
 ALONE = 9.0  # nats that it must add on the training bags where no held-out bag can contradict
 WORTH_TRYING = 0.55  # of these, on the training bags, for a look at the held-out ones
 AGREES = 2.0  # nats that it must add on the held-out bags
-SURE = 2.0  # standard deviations by which a load must weigh something
+SURE = 2.0  # standard deviations by which the mass of a load must differ from zero
 VISIBLE = 0.5  # of the noise floor, that an effect must amount to in some residual
 MOST = 3  # effects at once
 TOUCHED = 0.1  # of the noise floor, from which on an effect is seen in a residual at all
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
-RIVALS, CLOSE = 4, 0.03  # so many are compared closely, if they explain no less than this share of what the best does
-FAR_OFF, ARRIVED, ROUNDS = 0.3, 0.1, 4  # of a reach: all derivatives are taken anew, until figures move no further
-STEPS, SETTLED = 8, 0.05  # linearisations of one explanation at most; share of the reach that no longer matters
-# Effects that walking hardly distinguishes: one of a class is enough.
+RIVALS, CLOSE = 4, 0.03  # number that is compared closely, if they explain at least this share of the best's
+# Effects that look alike in a walk: one of a class is enough.
 CLASSES = {name: effect.ambiguity.name for name, effect in CATALOGUE.items() if effect.ambiguity}
-CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: from afar one looks like another
+CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: alike until linearised there
 # A payload with its place is both mass and COM: two loads are one.
 LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEffect.load}
-_Conclusion = TypeVar("_Conclusion")
 
 
 def search(
-    looked: Looked,
-    told: Sequence[tuple[str, str]] | None = None,
+    cache: CaseCache,
+    assumed: Sequence[tuple[str, str]] | None = None,
     progress: Progress | None = None,
     enough: float | None = None,
 ) -> Finding:
@@ -59,26 +57,26 @@ def search(
     Of a robot that does not walk, nothing is chosen: what moves so little is settling, not physics.
 
     Args:
-        looked: the recordings.
-        told: effects by name and place, if they are known: then only their figures are sought.
-        progress: called now and then.
+        cache: the recordings.
+        assumed: effects by name and place; only their parameters are fitted, and nothing else is chosen.
+        progress: called after each choice.
         enough: evidence that an effect needs [nats]; default: ENOUGH, or ALONE without held-out recordings.
     """
-    known, hold = looked.known, bool(looked.hold)
-    walks = any(moving(recording.phase) for recording, _, _ in looked.train)
+    known, hold = cache.known, bool(cache.hold)
+    walks = any(moving(recording.phase) for recording, _, _ in cache.train)
     finding = Finding(known, np.zeros(len(known)))
     enough = enough or (ENOUGH if hold else ALONE)
     options = candidates(known)
     needed, whole = _needed(enough, options), _whole_load(options)
     tried = WORTH_TRYING if hold else 1.0
-    finding.before = looked.at(finding.at, "train"), looked.at(finding.at, "hold")
+    finding.before = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
     finding.train, finding.hold = finding.before
-    if told is not None:
-        return _believe(finding, looked, options, told)
+    if assumed is not None:
+        return fit_assumed(finding, cache, options, assumed)
     nominal = finding.at
     while True:
-        looked.forget(nominal, finding.at)
-        evidence = _sum(finding.train)
+        cache.forget(nominal, finding.at)
+        evidence = evidence_of(finding.train)
         finding.fit = evidence.fit(finding.released)
         refused = [option for option, _ in finding.refused]
         taken = {i for effect in finding.chosen for i in effect.option.figures}
@@ -109,33 +107,33 @@ def search(
         rivals = [score for score in strong[:RIVALS] if score.total > CLOSE * strong[0].total]
         if any(score.option.effect in CLOCKS for score in rivals):
             rivals += [score for score in strong if score.option.effect in CLOCKS and score not in rivals]
-        best = rivals[looked.once(_closest, finding, *(rival.option for rival in rivals))]
-        at, fit, confirmed, why = looked.once(_tried, finding, best.option)
-        if not why and not _enough(finding, looked.at(at, "hold"), fit, best, confirmed, enough, needed):
+        best = rivals[cache.memoize(_closest, finding, *(rival.option for rival in rivals))]
+        at, fit, confirmed, why = cache.memoize(_tried, finding, best.option)
+        if not why and not _enough(finding, cache.at(at, "hold"), fit, best, confirmed, enough, needed):
             why = f"too little evidence ({best.gain:.1f} nats, held-out bags {confirmed:.1f})"
         if why:
             finding.refused.append((best.option, why))
             continue
-        finding.chosen.append(Effect(best.option, best.gain, confirmed))
-        finding.at, finding.train, finding.hold = at, looked.at(at, "train"), looked.at(at, "hold")
-        _drop_what_the_last_one_explains(finding, looked, enough, needed)
-        _one_load(finding, looked, options)
+        finding.chosen.append(ChosenEffect(best.option, best.gain, confirmed))
+        finding.at, finding.train, finding.hold = at, cache.at(at, "train"), cache.at(at, "hold")
+        _drop_explained_by_last(finding, cache, enough, needed)
+        _one_load(finding, cache, options)
         if progress:
             progress(len(finding.chosen) / (MOST + 1), f"{best.option.name}: {best.gain:.0f} nats")
 
 
-def _tried(finding: Finding, looked: Looked, option: Candidate) -> tuple[Array, Fit, float, str]:
-    """Where an effect settles beside the chosen ones, its fit, what held-out bags say [nats], and why it is none."""
-    at, _, fit = _settled(finding, looked, [*finding.released, *option.figures])
+def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array, Fit, float, str]:
+    """Values with an effect beside the chosen ones, their fit, held-out evidence [nats], and a reason to refuse it."""
+    at, _, fit = settled(finding, cache, [*finding.released, *option.figures])
     if why := _impossible(finding.known, fit, option):
         return at, fit, np.nan, why
-    if not looked.hold:
+    if not cache.hold:
         return at, fit, np.nan, ""
-    return at, fit, *_confirm(finding.known, fit, looked.at(at, "hold"), finding, option)
+    return at, fit, *_confirm(finding.known, fit, cache.at(at, "hold"), finding, option)
 
 
 def _impossible(known: Sequence[Unknown], fit: Fit, option: Candidate) -> str:
-    """Why an effect with the figures that fit best is none; empty if it may be one."""
+    """Why an effect with the parameters that fit best is impossible; empty if it is possible."""
     if any(fit.x[i] < known[i].low for i in option.figures):
         return "of the wrong sign, seen closely"
     if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in option.figures):
@@ -147,13 +145,13 @@ def _impossible(known: Sequence[Unknown], fit: Fit, option: Candidate) -> str:
     return ""
 
 
-def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: float, needed: dict[str, float]) -> None:
+def _drop_explained_by_last(finding: Finding, cache: CaseCache, enough: float, needed: dict[str, float]) -> None:
     """Backward elimination: an effect that was chosen first may have stood for one that was found later.
 
     It needs as much evidence beside the later one as if it had come after it.
     """
     for effect in finding.chosen[:-1]:
-        option, train = effect.option, _sum(finding.train)
+        option, train = effect.option, evidence_of(finding.train)
         shapes = [i for i in option.figures if finding.known[i].shape]  # without the others they are nothing
         bare = replace(option, figures=tuple(i for i in option.figures if i not in shapes))
         fit = train.fit(finding.released)
@@ -166,8 +164,8 @@ def _drop_what_the_last_one_explains(finding: Finding, looked: Looked, enough: f
             continue
         finding.chosen.remove(effect)
         finding.refused.append((effect.option, f"explained by {finding.chosen[-1].option.name}, which was found later"))
-        finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
-        finding.hold = looked.at(finding.at, "hold")
+        finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
+        finding.hold = cache.at(finding.at, "hold")
 
 
 def _needed(enough: float, options: Sequence[Candidate]) -> dict[str, float]:
@@ -208,7 +206,7 @@ def _enough(
 
 
 def _no_twins(found: Sequence[Score]) -> list[Score]:
-    """Without those that explain the same as others of their effect and place with more figures."""
+    """Without those that explain the same as others of their effect and place with more parameters."""
 
     def twin(a: Score, b: Score) -> bool:
         same = (a.option.effect, a.option.where) == (b.option.effect, b.option.where)
@@ -224,7 +222,7 @@ def _apart(finding: Finding, held: Sequence[Case], fit: Fit, score: Score, least
     """
     touched = set().union(*(_touched(case, finding) for case in [*finding.train, *held]))
     train, hold = ([_without(case, touched) for case in cases] for cases in (finding.train, held))
-    (alone,) = scores(_sum(train), [score.option], finding.released)
+    (alone,) = scores(evidence_of(train), [score.option], finding.released)
     confirmed, why = _confirm(finding.known, fit, hold, finding, score.option) if hold else (np.nan, "")
     return alone.physical and not why and float(np.nanmean([alone.gain, confirmed])) >= least
 
@@ -248,168 +246,70 @@ def _without(case: Case, groups: set[str]) -> Case:
     return replace(case, problem=problem, evidence=weighed(problem, case.evidence.at, case.noise))
 
 
-def _one_load(finding: Finding, looked: Looked, options: Sequence[Candidate]) -> None:
-    """A shifted COM and a mass more are one load with its place, if that is possible and held-out bags agree."""
+def _one_load(finding: Finding, cache: CaseCache, options: Sequence[Candidate]) -> None:
+    """Replace a shifted COM and an added mass by one load with its place, if held-out bags confirm it."""
     loads = [effect for effect in finding.chosen if effect.option.effect in LOADS]
     whole = _whole_load(options)
     if len(loads) < 2 or whole is None:
         return
     others = [effect for effect in finding.chosen if effect not in loads]
     released = [i for effect in others for i in effect.option.figures]
-    (score,) = scores(_sum(finding.train), [whole], released)
+    (score,) = scores(evidence_of(finding.train), [whole], released)
     alone = replace(finding, chosen=others)
-    at, train, fit = _settled(alone, looked, [*released, *whole.figures])
-    held = looked.at(at, "hold")
+    at, train, fit = settled(alone, cache, [*released, *whole.figures])
+    held = cache.at(at, "hold")
     confirmed, why = _confirm(finding.known, fit, held, alone, whole) if held else (np.nan, "")
     if not (why or _impossible(finding.known, fit, whole)):
-        finding.chosen = [*others, Effect(whole, score.gain, confirmed)]
+        finding.chosen = [*others, ChosenEffect(whole, score.gain, confirmed)]
         finding.at, finding.train, finding.hold, finding.fit = at, train, held, fit
 
 
 def _whole_load(options: Sequence[Candidate]) -> Candidate | None:
-    """A payload with all figures of its place."""
+    """A payload with all parameters of its place."""
     loads = [option for option in options if option.effect == "payload"]
     return max(loads, key=lambda option: len(option.figures), default=None)
 
 
-def _believe(
-    finding: Finding, looked: Looked, options: Sequence[Candidate], told: Sequence[tuple[str, str]]
+def fit_assumed(
+    finding: Finding, cache: CaseCache, options: Sequence[Candidate], assumed: Sequence[tuple[str, str]]
 ) -> Finding:
-    """Fit the effects that are told, linearised twice."""
-    finding.first = finding.last = scores(_sum(finding.train), options)
-    for name, where in told:
+    """Fit the parameters of the assumed effects, given by name and place."""
+    finding.first = finding.last = scores(evidence_of(finding.train), options)
+    for name, where in assumed:
         mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
         if mine:  # the way in which it shows most
-            finding.chosen.append(Effect(mine[0].option, mine[0].gain, np.nan))
-    finding.at, finding.train, finding.fit = _settled(finding, looked, finding.released)
-    finding.hold = looked.at(finding.at, "hold")
+            finding.chosen.append(ChosenEffect(mine[0].option, mine[0].gain, np.nan))
+    finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
+    finding.hold = cache.at(finding.at, "hold")
     return finding
 
 
 def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
     """What each candidate adds on these recordings."""
-    return scores(_sum(cases), options)
+    return scores(evidence_of(cases), options)
 
 
 def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
-    """Of each figure of an effect, the deviation from nominal that would just give enough evidence beside the found."""
+    """By parameter of an effect, the deviation from nominal with just enough evidence beside the chosen effects."""
     enough = ENOUGH if finding.hold else ALONE
     needed = _needed(enough, candidates(finding.known))
-    fit, before = _sum(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
+    fit, before = evidence_of(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
     variance = np.diag(fit.covariance)
     out = []
     for i, figure in enumerate(finding.known):
         if not figure.effect or not figure.offered or figure.shape or i in finding.released:
             continue
         narrow = max(figure.spread, figure.slack)
-        told = 1.0 / variance[i] - 1.0 / before[i]
-        if told < 1e-6 / figure.reach**2:  # nothing of it shows, however large
+        information = 1.0 / variance[i] - 1.0 / before[i]
+        if information < 1e-6 / figure.reach**2:  # the recordings do not depend on it
             continue
-        noise = 1.0 / told  # of the data alone
+        noise = 1.0 / information  # variance by the data alone
         # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
         price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
         wanted = _wanted(finding, figure.effect, enough, needed)
         out.append((figure, float(np.sqrt(2.0 * (wanted + price) / max(worth, 1e-30)))))
     return out
-
-
-class Looked:
-    """Recordings as `prepare` gives them, and what was seen in them, by the values of the figures."""
-
-    def __init__(self, train: Sequence[Prepared], hold: Sequence[Prepared] = ()) -> None:
-        self.train, self.hold = train, hold
-        self.known = unknowns(train[0][0], train[0][1])
-        self._cases: dict[tuple[str, bytes], list[Case]] = {}
-        self._concluded: dict[tuple[Any, ...], Any] = {}
-        self.arrived: dict[tuple[Any, ...], Array] = {}  # of `_gauss_newton`
-
-    def at(self, at: Array, which: Literal["train", "hold"]) -> list[Case]:
-        key = which, at.tobytes()
-        if key not in self._cases:
-            self._cases[key] = [examine(each, self.known, at) for each in getattr(self, which)]
-        return self._cases[key]
-
-    def forget(self, *kept: Array) -> None:
-        """What was seen at other values than these: of long recordings it would fill the memory."""
-        values = {at.tobytes() for at in kept}
-        self._cases = {key: cases for key, cases in self._cases.items() if key[1] in values}
-
-    def once(self, conclude: Callable[..., _Conclusion], finding: Finding, *options: Candidate) -> _Conclusion:
-        """What a function of what was chosen, the recordings and these options says: a second search asks it again."""
-        key = (conclude, finding.at.tobytes(), *finding.released, *options)
-        if key not in self._concluded:
-            self._concluded[key] = conclude(finding, self, *options)
-        return cast(_Conclusion, self._concluded[key])
-
-    def near(self, at: Array, like: Sequence[Case], fresh: Sequence[int]) -> list[Case]:
-        """Training recordings in a quarter of the time."""
-        return [examine(each, self.known, at, case, fresh) for each, case in zip(self.train, like, strict=True)]
-
-
-def _sum(cases: Sequence[Case]) -> Evidence:
-    return reduce(add, (case.evidence.shared() for case in cases))
-
-
-def _settle(
-    finding: Finding, looked: Looked, released: Sequence[int], rounds: int = ROUNDS
-) -> tuple[Array, list[Case], Fit]:
-    """Gauss-Newton: where the released figures are linear and estimated agree.
-
-    Steps are no longer than a reach, and half as long after each turn back: a spring four times too soft is far from
-    linear. Where they went far, as delays do, all derivatives are taken anew, for `rounds` in all at most.
-    """
-    known, cases = finding.known, finding.train
-    at = np.zeros(len(known))  # what was dropped is gone at once
-    at[list(released)] = finding.at[list(released)]
-    near, far_off = finding.at, FAR_OFF
-    for left in reversed(range(rounds)):
-        at, cases, fit = _gauss_newton(looked, released, at, cases)
-        if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
-            break
-        near, far_off, cases = at, ARRIVED, looked.at(at, "train")
-    return at, cases, fit
-
-
-def _gauss_newton(
-    looked: Looked, released: Sequence[int], at: Array, like: Sequence[Case]
-) -> tuple[Array, list[Case], Fit]:
-    """`_settle` from figures `at`, with the derivatives by all other figures as in the cases `like`."""
-    known, cases = looked.known, list(like)
-    key = at.tobytes(), like[0].evidence.at.tobytes(), *released
-    if key in looked.arrived:  # rivals are compared again when the best of them was refused
-        at = looked.arrived[key]
-        cases = looked.near(at, like, released)
-        return at, cases, _sum(cases).fit(released)
-    fit = _sum(cases).fit(released)
-    longest = np.array([figure.reach for figure in known])
-    last = np.zeros(len(known))
-    for _ in range(STEPS):
-        step = _values(known, fit, released) - at
-        longest[step * last < 0.0] *= 0.5
-        last = np.clip(step, -longest, longest)
-        at = at + last
-        cases = looked.near(at, like, released)
-        fit = _sum(cases).fit(released)
-        if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
-            break
-    looked.arrived[key] = at
-    return at, cases, fit
-
-
-def _settled(finding: Finding, looked: Looked, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
-    """The same with all derivatives taken where it ends."""
-    at = _settle(finding, looked, released)[0]
-    cases = looked.at(at, "train")
-    return at, cases, _sum(cases).fit(released)
-
-
-def _values(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> Array:
-    """Deviations (P,) to linearise around: those of the released figures, as far as they are possible."""
-    at = np.zeros(len(known))
-    for i in released:
-        at[i] = max(fit.x[i], known[i].low)
-    return at
 
 
 def _visible(cases: Sequence[Case], score: Score) -> float:
@@ -427,15 +327,15 @@ def _visible(cases: Sequence[Case], score: Score) -> float:
     return most
 
 
-def _closest(finding: Finding, looked: Looked, *rivals: Candidate) -> int:
-    """Which is best of what looks alike from afar: each linear around its own values, all with the same noise."""
+def _closest(finding: Finding, cache: CaseCache, *rivals: Candidate) -> int:
+    """Index of the best of similar rivals: each linear around its own values, all with the same noise."""
     if len(rivals) == 1:
         return 0
     trials = []
     for rival in rivals:
         released = [*finding.released, *rival.figures]
         rounds = ROUNDS if rival.effect in CLOCKS else 1
-        trials.append((released, _settle(finding, looked, released, rounds)[1]))
+        trials.append((released, settle(finding, cache, released, rounds)[1]))
     count = len(trials[0][1])
     noises = [reduce(quieter, (cases[k].noise for _, cases in trials)) for k in range(count)]
     logs = []
@@ -455,7 +355,7 @@ def _confirm(
     known: list[Unknown], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
 ) -> tuple[float, str]:
     """Log evidence on held-out recordings for the effect as trained against none of it; and why not, if not."""
-    evidence = _sum(held)
+    evidence = evidence_of(held)
     released = [*finding.released, *option.figures]
     covariance = fit.covariance
     healthy = prior_variance(known, finding.released)

@@ -13,8 +13,8 @@ from ...core.effects.unknown import LINKS, PLAN
 from ...core.evaluation.statistics import AXES
 from ...report.figures import heat_map
 from ...report.page import Notice, Part, Section, Table, Text, page, picture
-from ..inference.limits import limit_of, limits
 from ..inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
+from ..inference.verdict import limit_of, limits
 from ..result import Diagnosis
 from .figures import Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
@@ -319,14 +319,14 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     for effect in result["effects"]:
         name, rivals = effect["name"], _rivals(diagnosis, effect)
         decides = CATALOGUE[name].experiment
-        told = f"{effect_sentence(effect)}."
+        text = f"{effect_sentence(effect)}."
         if rivals:
-            told += f" Explaining nearly as much when alone: {', '.join(rivals)}."
+            text += f" Explaining nearly as much when alone: {', '.join(rivals)}."
         elif not effect["class"]:
-            told += " No other effect, or place, explains half as much."
+            text += " No other effect, or place, explains half as much."
         if rivals or effect["class"]:
-            told += f" What would decide: {decides}."
-        parts.append(Notice(told[:1].upper() + told[1:], "warn" if effect["class"] else "info"))
+            text += f" What would decide: {decides}."
+        parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
     if result["refused"]:
         rows = [[spaced(entry["name"]), entry["where"] or "–", entry["why"]] for entry in result["refused"]]
         parts.append(Table(["refused", "where", "why"], rows, "Asked for by the training bags.", words=3))

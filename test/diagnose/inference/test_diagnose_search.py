@@ -15,13 +15,16 @@ from synthetic import robot
 from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.unknown import PLAN
-from coman_reduced_model.diagnose import workflow
 from coman_reduced_model.diagnose.data.masks import masks
-from coman_reduced_model.diagnose.inference import search
-from coman_reduced_model.diagnose.inference.case import Case, examine, prepare
+from coman_reduced_model.diagnose.inference import gauss_newton, search
+from coman_reduced_model.diagnose.inference.case import Case, evidence_of, examine, prepare
+from coman_reduced_model.diagnose.inference.case_cache import CaseCache
+from coman_reduced_model.diagnose.inference.check import limitations, with_common_streams
+from coman_reduced_model.diagnose.inference.effects import effect_entries, with_effects
 from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, Score, weighed
-from coman_reduced_model.diagnose.inference.finding import Effect, Finding, size
+from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding, size
 from coman_reduced_model.diagnose.inference.search import ENOUGH, FEWER, SUSPECTED
+from coman_reduced_model.diagnose.inference.verdict import limit_of
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates, unknowns
 from coman_reduced_model.diagnose.report.words import effect_sentence
 
@@ -36,12 +39,12 @@ def test_one_of_few_ways_needs_less_than_one_of_many_places():
 
 def test_a_channel_has_the_limit_of_its_own_or_of_its_law():
     most = {"force": 3.5, "force/y": 6.0}
-    assert workflow.limit_of("force/y|single", most) == 6.0 and workflow.limit_of("force/x|single", most) == 3.5
-    assert workflow.limit_of("plan/x|single", most) is None
+    assert limit_of("force/y|single", most) == 6.0 and limit_of("force/x|single", most) == 3.5
+    assert limit_of("plan/x|single", most) is None
 
 
 @given(st.floats(1e-6, 1e3), st.integers(0, 150))
-def test_what_is_left_is_told_by_most_of_the_values(sigma, stumbles):
+def test_the_size_of_residuals_ignores_stumbles(sigma, stumbles):
     values = sigma * np.random.default_rng(stumbles).standard_normal(1000)
     values[:stumbles] *= 1e3
     assert size(values) == pytest.approx(sigma, rel=0.1 if stumbles == 0 else 0.5)
@@ -63,11 +66,11 @@ def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_
     assert always.judged(edgy, "force/y|single")
 
 
-def test_what_was_noticed_of_a_recording_is_told_with_what_was_not_checked():
+def test_warnings_of_a_recording_are_among_its_limitations():
     prepared = prepare(swaying(Phase.LEFT), robot(), Config())
-    told = workflow._not_checked([prepared], True)
-    assert any("nearly always on the edge of a foot" in line for line in told)
-    assert any("a foot that slides does not show" in line for line in told)
+    lines = limitations([prepared], held_out=True)
+    assert any("nearly always on the edge of a foot" in line for line in lines)
+    assert any("a foot that slides does not show" in line for line in lines)
 
 
 def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
@@ -75,10 +78,10 @@ def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
     where = masks(recording, world)
     assert where.taken_up.any()
     without = recording.changed(tau=None)
-    alike = workflow._alike([(recording, world, where), (without, world, masks(without, world))])
+    alike = with_common_streams([(recording, world, where), (without, world, masks(without, world))])
     assert [each.tau for each, _, _ in alike] == [None, None]
     assert not any(masked.taken_up.any() for _, _, masked in alike)
-    (kept,) = workflow._alike([(recording, world, where)])
+    (kept,) = with_common_streams([(recording, world, where)])
     assert kept[2] is where
 
 
@@ -94,28 +97,28 @@ def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatc
     )
     asked = {}
 
-    def settled(finding, looked, released):
+    def settled(finding, cache, released):
         asked["released"] = released
         return np.ones(len(known)), ["train"], "fit"
 
-    monkeypatch.setattr(search, "_sum", lambda cases: None)
+    monkeypatch.setattr(search, "evidence_of", lambda cases: None)
     monkeypatch.setattr(search, "scores", lambda e, o, r: [Score(o[0], 30.0, 25.0, np.zeros(4), True)])
-    monkeypatch.setattr(search, "_settled", settled)
+    monkeypatch.setattr(search, "settled", settled)
     monkeypatch.setattr(search, "_confirm", lambda *a: (12.0, disagrees))
     monkeypatch.setattr(search, "_impossible", lambda *a: impossible)
-    before = [Effect(shift, 9.0, 9.0), Effect(other, 50.0, 50.0), Effect(mass, 9.0, 9.0)]
+    before = [ChosenEffect(shift, 9.0, 9.0), ChosenEffect(other, 50.0, 50.0), ChosenEffect(mass, 9.0, 9.0)]
     finding = Finding(known, np.zeros(len(known)), chosen=list(before))
     search._one_load(finding, SimpleNamespace(at=lambda at, which: ["hold"]), options)
     assert asked["released"] == [*other.figures, *whole.figures]
     if disagrees or impossible:
         assert finding.chosen == before and not finding.at.any()
     else:
-        assert finding.chosen == [before[1], Effect(whole, 25.0, 12.0)]
+        assert finding.chosen == [before[1], ChosenEffect(whole, 25.0, 12.0)]
         assert finding.at.all() and (finding.train, finding.hold, finding.fit) == (["train"], ["hold"], "fit")
 
 
 @pytest.mark.parametrize("reference", ["motor", "topic"])
-def test_what_measured_motor_states_tell_is_named_but_needs_no_change_of_the_model(reference):
+def test_what_measured_motor_states_show_is_named_but_needs_no_change_of_the_model(reference):
     recording, world = standing()
     still = np.zeros((len(recording.t), 2))
     known = unknowns(recording.changed(plan=still, moved=still), world)
@@ -124,9 +127,9 @@ def test_what_measured_motor_states_tell_is_named_but_needs_no_change_of_the_mod
     assert {option.effect for option in against_plan} == {"motor_compliance", "motor_lag", "transport_delay"}
     fit = SimpleNamespace(x=np.full(len(known), 0.01), covariance=np.eye(len(known)))
     for option in against_plan:
-        finding = Finding(known, np.zeros(len(known)), chosen=[Effect(option, 9.0, 9.0)], fit=fit)
-        (entry,) = workflow._effects(finding, config)
-        added = option.effect in {effect.name for effect in workflow.with_effects(config, [entry]).effects}
+        finding = Finding(known, np.zeros(len(known)), chosen=[ChosenEffect(option, 9.0, 9.0)], fit=fit)
+        (entry,) = effect_entries(finding, config)
+        added = option.effect in {effect.name for effect in with_effects(config, [entry]).effects}
         assert entry["in_model"] == added == (reference == "topic")
         assert ("the motor states show it" in effect_sentence(entry)) == (reference == "motor")
 
@@ -151,8 +154,8 @@ def test_evidence_is_apart_where_the_chosen_effects_do_nothing(where, apart):
 
     first, second = Candidate("payload", "", (0,)), Candidate("backlash", "", (2,))
     cases = [case()], [case()]
-    finding = Finding(FIGURES, np.zeros(len(FIGURES)), [Effect(first, 99.0, 99.0)], train=cases[0], hold=cases[1])
-    evidence = search._sum(finding.train)
+    finding = Finding(FIGURES, np.zeros(len(FIGURES)), [ChosenEffect(first, 99.0, 99.0)], train=cases[0], hold=cases[1])
+    evidence = evidence_of(finding.train)
     finding.fit = evidence.fit(finding.released)
     (score,) = search.scores(evidence, [second], finding.released)
     assert score.gain > ENOUGH
@@ -164,7 +167,7 @@ def test_further_effects_need_more_unless_their_evidence_is_apart(monkeypatch):
     options = candidates(known)
     needed = search._needed(ENOUGH, options)
     first, second = (next(o for o in options if o.effect == name) for name in ("encoder_delay", "backlash"))
-    finding = Finding(known, np.zeros(len(known)), [Effect(first, 90.0, 90.0)])
+    finding = Finding(known, np.zeros(len(known)), [ChosenEffect(first, 90.0, 90.0)])
 
     def enough(nats, apart, needed=needed):
         monkeypatch.setattr(search, "_apart", lambda *a: apart)
@@ -193,20 +196,20 @@ def test_what_explains_the_same_with_fewer_figures_is_not_compared():
 def test_one_load_alone_stays_what_it_is():
     known = unknowns(*standing())
     options = candidates(known)
-    finding = Finding(known, np.zeros(len(known)), chosen=[Effect(options[0], 9.0, 9.0)])
+    finding = Finding(known, np.zeros(len(known)), chosen=[ChosenEffect(options[0], 9.0, 9.0)])
     search._one_load(finding, SimpleNamespace(), options)
     assert [effect.option for effect in finding.chosen] == [options[0]]
 
 
-def test_rivals_that_are_compared_again_arrive_where_they_did_before(monkeypatch):
+def test_rivals_that_are_compared_again_converge_to_the_same_values(monkeypatch):
     recording, world = stretched(lambda tau, nominal: 2.0 * nominal), standing()[1]
-    looked = search.Looked([(recording, world, masks(recording, world))])
-    soft = next(i for i, figure in enumerate(looked.known) if figure.name == "joint_stiffness@LKneeSag.scale")
-    nothing, steps, near = np.zeros(len(looked.known)), [], looked.near
-    monkeypatch.setattr(looked, "near", lambda *a: steps.append(1) or near(*a))
-    first = search._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
+    cache = CaseCache([(recording, world, masks(recording, world))])
+    soft = next(i for i, figure in enumerate(cache.known) if figure.name == "joint_stiffness@LKneeSag.scale")
+    nothing, steps, near = np.zeros(len(cache.known)), [], cache.near
+    monkeypatch.setattr(cache, "near", lambda *a: steps.append(1) or near(*a))
+    first = gauss_newton._gauss_newton(cache, [soft], nothing, cache.at(nothing, "train"))
     taken = len(steps)
-    again = search._gauss_newton(looked, [soft], nothing, looked.at(nothing, "train"))
+    again = gauss_newton._gauss_newton(cache, [soft], nothing, cache.at(nothing, "train"))
     assert first[0][soft] == pytest.approx(-0.5, abs=0.02) and taken > 1
     assert len(steps) == taken + 1
     np.testing.assert_array_equal(again[0], first[0])
@@ -215,17 +218,17 @@ def test_rivals_that_are_compared_again_arrive_where_they_did_before(monkeypatch
 
 def test_a_second_search_gets_the_answers_of_the_first_about_the_same_effects():
     recording, world = standing()
-    looked = search.Looked([(recording, world, masks(recording, world))])
-    options, asked = candidates(looked.known), []
-    nothing = np.zeros(len(looked.known))
-    bare, beside = (Finding(looked.known, nothing, chosen) for chosen in ([], [Effect(options[0], 9.0, 9.0)]))
+    cache = CaseCache([(recording, world, masks(recording, world))])
+    options, asked = candidates(cache.known), []
+    nothing = np.zeros(len(cache.known))
+    bare, beside = (Finding(cache.known, nothing, chosen) for chosen in ([], [ChosenEffect(options[0], 9.0, 9.0)]))
 
-    def conclude(finding, looked, *of):
+    def conclude(finding, cache, *of):
         asked.append((finding.released, of))
         return len(asked)
 
     answers = [
-        looked.once(conclude, finding, *of)
+        cache.memoize(conclude, finding, *of)
         for finding in (bare, beside, bare, beside)
         for of in (options[:1], options[:2])
     ]

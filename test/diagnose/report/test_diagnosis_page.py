@@ -24,18 +24,21 @@ from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.core.effects.unknown import About, Unknown, world_plus
 from coman_reduced_model.core.effects.widths import widths
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.diagnose import workflow
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import Smoothed
-from coman_reduced_model.diagnose.inference import predicted_com
 from coman_reduced_model.diagnose.inference.case import Case
+from coman_reduced_model.diagnose.inference.check import Checked, limitations
+from coman_reduced_model.diagnose.inference.effects import with_structure
 from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
-from coman_reduced_model.diagnose.inference.finding import Effect as Found
-from coman_reduced_model.diagnose.inference.finding import Finding
-from coman_reduced_model.diagnose.inference.predicted_com import FreeRun
+from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding
+from coman_reduced_model.diagnose.inference.predicted_com import FreeRun, FreeRuns
+from coman_reduced_model.diagnose.inference.prediction import predict_com
+from coman_reduced_model.diagnose.inference.verdict import judge
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
+from coman_reduced_model.diagnose.report.contents import build_diagnosis
 from coman_reduced_model.diagnose.report.page import diagnosis_page
 from coman_reduced_model.diagnose.report.words import effect_sentence, place
+from coman_reduced_model.diagnose.result import Diagnosis
 
 WIDTH, FLOOR = 0.012, 3e-4  # [rad]
 JOINTS = ["LKneeSag", "RKneeSag"]
@@ -111,14 +114,13 @@ def free_run(config: Config, made_worse: bool) -> FreeRun:
 
 
 def diagnosis(
-    monkeypatch: pytest.MonkeyPatch,
     width: float = WIDTH,
     found: bool = True,
     hold: int = 1,
     made_worse: bool = False,
     **recording: Any,
-) -> workflow.Diagnosis:
-    """The workflow's own result, with the recordings made up; the play makes the predicted COM better or worse."""
+) -> Diagnosis:
+    """The last two steps on made-up recordings and findings; the play makes the predicted COM better or worse."""
     nothing, options = np.zeros(len(KNOWN)), candidates(KNOWN)
     before = [case(name, width, nothing, **recording) for name in ("train", "hold")[: 1 + hold]]
     finding = Finding(KNOWN, nothing, before=(before[:1], before[1:]), train=before[:1], hold=before[1:])
@@ -126,24 +128,26 @@ def diagnosis(
     if found:
         finding.at = np.array([width, 0.0, 0.0])
         finding.chosen = [
-            Found(next(o for o in options if o.effect == KNOWN[0].effect), 300.0, 200.0 if hold else np.nan)
+            ChosenEffect(next(o for o in options if o.effect == KNOWN[0].effect), 300.0, 200.0 if hold else np.nan)
         ]
         after = [case(name, width, finding.at, **recording) for name in ("train", "hold")[: 1 + hold]]
         finding.train, finding.hold = after[:1], after[1:]
         finding.refused = [(next(o for o in options if o.effect == "encoder_bias"), "held-out bags speak against it")]
     finding.fit = finding.train[0].evidence.fit(finding.released)
-    monkeypatch.setattr(workflow, "load", lambda *_: (before[0].recording, before[0].state.world.robot))
-    where = SimpleNamespace(slides=())
-    monkeypatch.setattr(workflow, "prepare", lambda *_: (before[0].recording, before[0].state.world, where))
-    monkeypatch.setattr(workflow, "Looked", lambda *_: None)
-    monkeypatch.setattr(workflow, "search", lambda *_, **__: finding)
-    monkeypatch.setattr(predicted_com, "free_run", lambda path, config, *_: free_run(config, made_worse))
-    monkeypatch.setattr(workflow, "ProcessPoolExecutor", lambda count, context: ThreadPoolExecutor(count))
-    return workflow.diagnose(["bags/train"], ["bags/hold"][:hold], load_config(ROOT / "config/coman.yaml"))
+    config, where = with_structure(load_config(ROOT / "config/coman.yaml")), SimpleNamespace(slides=())
+    prepared: Any = [(each.recording, each.state.world, where) for each in before]
+    checked = Checked(
+        prepared[:1], prepared[1:], ["bags/train"], ["bags/hold"][:hold], [each.recording for each in before],
+        limitations(prepared, held_out=bool(hold)),
+    )  # fmt: skip
+    with ThreadPoolExecutor(1) as helper:
+        free_runs = FreeRuns(helper, predict=lambda path, config, *_: free_run(config, made_worse))
+        predicted = predict_com(finding, checked, config, free_runs)
+    return build_diagnosis(checked, judge(finding, checked), predicted, config, began=0.0)
 
 
-def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it(monkeypatch):
-    html = diagnosis_page(diagnosis(monkeypatch))
+def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it():
+    html = diagnosis_page(diagnosis())
     assert not re.search(r"https?:|@import|<script|<img|<link", html)
     headline = re.search(r"<h1>(.*?)</h1>", html)[1]  # type: ignore[index]
     assert headline.startswith("The left knee (LKneeSag) has 0.690 ± ")
@@ -163,9 +167,9 @@ def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it(monkeyp
         ("effect", "could hide below"),
     ],
 )
-def test_each_verdict_has_a_page(monkeypatch, verdict, told, hold):
+def test_each_verdict_has_a_page(verdict, told, hold):
     width = WIDTH if verdict in ("unknown", "effect") else 0.0
-    made = diagnosis(monkeypatch, width, verdict == "effect", hold, walks=verdict != "not_excited")
+    made = diagnosis(width, verdict == "effect", hold, walks=verdict != "not_excited")
     assert made.result["verdict"] == verdict
     html = diagnosis_page(made)
     assert told in html
@@ -175,8 +179,8 @@ def test_each_verdict_has_a_page(monkeypatch, verdict, told, hold):
 
 @pytest.mark.parametrize("made_worse", [False, True])
 @pytest.mark.parametrize("hold", [0, 1])
-def test_an_effect_that_makes_the_predicted_com_worse_is_named_but_not_in_the_model(monkeypatch, hold, made_worse):
-    made = diagnosis(monkeypatch, hold=hold, made_worse=made_worse)
+def test_an_effect_that_makes_the_predicted_com_worse_is_named_but_not_in_the_model(hold, made_worse):
+    made = diagnosis(hold=hold, made_worse=made_worse)
     (effect,) = made.result["effects"]
     assert made.result["verdict"] == "effect" and effect["name"] == "backlash"
     assert effect["in_model"] == ("backlash" in [each.name for each in made.model.effects]) == (not made_worse)
@@ -194,8 +198,8 @@ def test_an_effect_that_makes_the_predicted_com_worse_is_named_but_not_in_the_mo
 
 
 @pytest.mark.parametrize("made_worse", [False, True])
-def test_the_page_shows_the_com_before_and_after_each_effect(monkeypatch, made_worse):
-    html = diagnosis_page(diagnosis(monkeypatch, made_worse=made_worse))
+def test_the_page_shows_the_com_before_and_after_each_effect(made_worse):
+    html = diagnosis_page(diagnosis(made_worse=made_worse))
     table = html.partition("with it [mm]")[2].partition("</table>")[0]
     rows = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr.*?</tr>", table, re.S)]
     rows = [row for row in rows if row and row[0] == "backlash"]
@@ -205,8 +209,8 @@ def test_the_page_shows_the_com_before_and_after_each_effect(monkeypatch, made_w
     assert ("worse, x" in html) == made_worse
 
 
-def test_a_recording_without_torques_has_a_page_that_says_so(monkeypatch):
-    html = diagnosis_page(diagnosis(monkeypatch, efforts=False))
+def test_a_recording_without_torques_has_a_page_that_says_so():
+    html = diagnosis_page(diagnosis(efforts=False))
     assert "No joint torques were recorded" in html
 
 

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Step 1, read: the bags as recordings of one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.config.schema import Config
+from ...core.robot.robot import Robot
+from ...errors import BagError
+from ...progress import Progress, between
+from ...topics import TopicNames
+from .recording import Recording, load
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A bag, its recording, and its robot with the loads that are configured."""
+
+    path: str | Path
+    recording: Recording
+    robot: Robot
+
+
+def refuse_repeated(paths: Sequence[str | Path]) -> None:
+    """Raises BagError if a bag is given twice: it cannot confirm what was found in it."""
+    for i, path in enumerate(paths):
+        if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
+            raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
+
+
+def read_bags(
+    paths: Sequence[str | Path],
+    config: Config,
+    urdf: str | Path | None,
+    names: TopicNames | None,
+    progress: Progress,
+) -> list[Reading]:
+    """Recordings of all bags.
+
+    Raises:
+        ComanError: a bag, the robot or the configuration cannot be used, or the bags are of different robots.
+    """
+    readings: list[Reading] = []
+    for i, path in enumerate(paths):
+        part = between(progress, i / len(paths), (i + 1) / len(paths))
+        reading = Reading(path, *load(path, config, urdf, names, part))
+        if readings:
+            _refuse_another_robot(reading, readings[0])
+        readings.append(reading)
+    return readings
+
+
+def _refuse_another_robot(reading: Reading, first: Reading) -> None:
+    robot, expected = reading.robot, first.robot
+    another = f"{reading.path}: of another robot than {first.path}:"
+    if robot.joint_names != expected.joint_names:
+        raise BagError(f"{another} its joints are {', '.join(robot.joint_names)}")
+    if not np.isclose(robot.mass, expected.mass, rtol=1e-3):
+        raise BagError(f"{another} {robot.mass:.4g} kg by its URDF, not {expected.mass:.4g}")

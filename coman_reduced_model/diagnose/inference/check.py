@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Step 2, check: which recordings can be used, with which of their streams, and what they cannot show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...core.config.schema import Config
+from ...core.effects.catalogue import CATALOGUE
+from ...errors import BagError, ConfigError
+from ..data.masks import with_taken_up
+from ..data.reading import Reading
+from ..data.recording import Recording, moving
+from ..physics.hypotheses import candidates, unknowns
+from .case import Prepared, prepare
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Recordings that the search can use.
+
+    Attributes:
+        train, hold: recordings with the streams that all of them have.
+        train_paths, hold_paths: their bags.
+        recordings: all of them with all of their streams, the training bags first.
+        not_checked: sentences on what the recordings cannot show, and which bags were left out.
+    """
+
+    train: list[Prepared]
+    hold: list[Prepared]
+    train_paths: list[str | Path]
+    hold_paths: list[str | Path]
+    recordings: list[Recording]
+    not_checked: list[str]
+
+    @property
+    def paths(self) -> list[str | Path]:
+        """All bags."""
+        return [*self.train_paths, *self.hold_paths]
+
+    @property
+    def judging_paths(self) -> list[str | Path]:
+        """Bags whose COM decides what goes into the model: the held-out ones, if there are any."""
+        return self.hold_paths or self.train_paths
+
+
+def parse_assumed(text: str) -> tuple[str, str]:
+    """Name and place of an assumed effect: `NAME` or `NAME:where=PLACE`.
+
+    Raises:
+        ConfigError: of another form, or an unknown effect.
+    """
+    name, _, rest = text.partition(":")
+    key, _, where = rest.partition("=")
+    if name not in CATALOGUE or (rest and key != "where"):
+        raise ConfigError(f"--assume {text}: wanted NAME or NAME:where=PLACE (names: {', '.join(CATALOGUE)})")
+    return name, where
+
+
+def check_recordings(
+    readings: Sequence[Reading], train_count: int, config: Config, assumed: Sequence[tuple[str, str]]
+) -> Checked:
+    """Prepare the recordings; a held-out one that hardly ever stands steadily is left out.
+
+    Args:
+        readings: of the `train_count` training bags, then of the held-out ones.
+        assumed: effects by name and place that must be candidates of these recordings.
+
+    Raises:
+        BagError: a training bag hardly ever stands steadily.
+        ConfigError: an assumed effect cannot be fitted to these recordings.
+    """
+    prepared: list[Prepared] = []
+    paths, left_out = [], []
+    for i, reading in enumerate(readings):
+        try:
+            prepared.append(prepare(reading.recording, reading.robot, config))
+            paths.append(reading.path)
+        except BagError as error:
+            if i < train_count:
+                raise
+            left_out.append(f"{error}; left out")
+    recordings = [recording for recording, _, _ in prepared]
+    not_checked = [*left_out, *limitations(prepared, held_out=len(prepared) > train_count)]
+    prepared = with_common_streams(prepared)
+    if assumed:
+        _refuse_what_cannot_be_fitted(assumed, prepared[0])
+    n = train_count
+    return Checked(prepared[:n], prepared[n:], paths[:n], paths[n:], recordings, not_checked)
+
+
+def _refuse_what_cannot_be_fitted(assumed: Sequence[tuple[str, str]], prepared: Prepared) -> None:
+    """The search would take these for absent."""
+    places: dict[str, list[str]] = {}
+    for option in candidates(unknowns(prepared[0], prepared[1])):
+        places.setdefault(option.effect, []).append(option.place)
+    for name, where in assumed:
+        if name not in places:
+            raise ConfigError(f"--assume {name}: cannot be fitted to these bags (can be: {', '.join(places)})")
+        if where not in places[name]:
+            allowed = ", ".join(dict.fromkeys(f"where={each}" if each else "no place" for each in places[name]))
+            raise ConfigError(f"--assume {name}: at {where or 'no place'}: allowed: {allowed}")
+
+
+def with_common_streams(prepared: Sequence[Prepared]) -> list[Prepared]:
+    """The recordings without the streams that one of them lacks: all have the same parameters then."""
+    drop = {
+        name: None
+        for name in ("tau", "motor_q", "up", "plan", "moved")
+        if any(getattr(recording, name) is None for recording, _, _ in prepared)
+    }
+    less = [recording.changed(**drop) for recording, _, _ in prepared]
+    return [
+        (recording, world, with_taken_up(where, before, recording, world))
+        for recording, (before, world, where) in zip(less, prepared, strict=True)
+    ]
+
+
+def limitations(prepared: Sequence[Prepared], held_out: bool) -> list[str]:
+    """What the recordings cannot show, a sentence each."""
+    lines, recordings = [], [recording for recording, _, _ in prepared]
+    if any(recording.tau is None for recording in recordings):
+        lines.append("no joint torques: springs are judged by what the foot wrenches ask for")
+    if any(recording.motor_q is None for recording in recordings):
+        lines.append("no motor states: springs, motors and play cannot be judged")
+    if any(recording.up is None for recording in recordings):
+        lines.append("no IMU: a sloping floor and a pull look alike")
+    if any(recording.plan is None for recording in recordings):
+        lines.append("no com/reference with motor states: what the motors make of it cannot be judged")
+    if any(moving(recording.phase) and not where.slides for recording, _, where in prepared):
+        lines.append("in a bag, the other foot leaves soon after each landing: a foot that slides does not show there")
+    if not held_out:
+        lines.append("no held-out bag: every value and every choice comes from the same recordings")
+    for recording in recordings:
+        lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
+    return lines

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The effects that were found, as diagnosis.json lists them and as the configuration of a model has them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...core.config.schema import OPTIONS, Config, can_turn, nominal_effects
+from ...core.effects.base import EffectConfig
+from ...core.effects.catalogue import CATALOGUE
+from ...core.effects.unknown import PLAN
+from ..physics.hypotheses import Candidate
+from .evidence import Fit
+from .finding import Finding
+from .search import CLASSES
+
+CONFIDENCE = 1.96  # standard deviations of an interval
+_MEASURED = "the motor states show it, so the model needs no change for it"
+
+
+def effect_entries(finding: Finding, config: Config) -> list[dict[str, Any]]:
+    """The chosen effects with values, intervals and evidence [nats]; all are for the model but what it has anyway."""
+    if not finding.chosen:
+        return []
+    assert finding.fit is not None
+    out = []
+    for effect in finding.chosen:
+        option = effect.option
+        # Measured motor states already contain what the motors do to their plan.
+        measured = option.where == PLAN and config.prediction.reference == "motor"
+        out.append(
+            {
+                "name": option.effect,
+                "class": _class(finding, option),
+                "where": option.place,
+                "parameters": _parameters(finding, finding.fit, option),
+                "evidence": effect.gain,
+                "holdout_evidence": effect.confirmed,
+                "in_model": not measured,
+                "left_out": _MEASURED if measured else "",
+            }
+        )
+    return out
+
+
+def _parameters(finding: Finding, fit: Fit, option: Candidate) -> dict[str, dict[str, Any]]:
+    """Value, unit and interval by parameter; the place of a payload [m] is its fitted moment m r over its mass m."""
+    deviation = np.sqrt(np.diag(fit.covariance))
+    parameters: dict[str, dict[str, Any]] = {}
+    for i in option.figures:
+        known = finding.known[i]
+        value, half = known.nominal + fit.x[i], CONFIDENCE * deviation[i]
+        parameters[known.key] = {"value": value, "unit": known.unit, "interval": [value - half, value + half]}
+    if option.effect == "payload" and "x" in parameters:
+        mass = parameters["mass"]["value"] or np.nan
+        for key in set("xyz") & set(parameters):
+            moment = parameters[key]
+            low, high = sorted((moment["interval"][0] / mass, moment["interval"][1] / mass))
+            parameters[key] = {"value": moment["value"] / mass, "unit": "m", "interval": [low, high]}
+    return parameters
+
+
+def _class(finding: Finding, option: Candidate) -> str | None:
+    """The class if another member explains nearly as much: then only the class is sure."""
+    name = CLASSES.get(option.effect)
+    if name is None:
+        return None
+    totals = {score.option.effect: score.total for score in reversed(finding.first)}
+    rivals = [t for effect, t in totals.items() if CLASSES.get(effect) == name and effect != option.effect]
+    return name if rivals and max(rivals) > 0.5 * totals.get(option.effect, 0.0) else None
+
+
+def with_structure(config: Config) -> Config:
+    """The configuration with the model's options, without which the paper's point mass hides what is missing."""
+    if not can_turn(config) or any(config.uses(option) for option in OPTIONS):
+        return config
+    return config.replaced({f"model.{option}": "with" for option in OPTIONS})
+
+
+def with_effects(config: Config, effects: Sequence[Mapping[str, Any]]) -> Config:
+    """The configuration with those of the listed effects that are for the model, within their bounds."""
+    added = []
+    for entry in effects:
+        kind = CATALOGUE.get(entry["name"])
+        if kind is None or not entry["in_model"]:
+            continue
+        values = dict(nominal_effects([entry["name"]])[0].values)
+        bounds = {p.name: (p.low, p.high) for p in kind.parameters}
+        for key, value in entry["parameters"].items():
+            values[key] = float(np.clip(value["value"], *bounds[key]))
+        added.append(EffectConfig(entry["name"], entry["where"], values))
+    return dataclasses.replace(config, effects=(*config.effects, *added))

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gauss-Newton: the values of the released parameters, found by repeated linearisation.
+
+With the whitened residuals r and their derivatives J at x, and the prior variances V, each step goes towards
+
+    argmin over y of |r + J (y - x)|^2 + y' V^-1 y
+
+and is no longer than a reach of each parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...core.base.types import Array
+from ...core.effects.unknown import Unknown
+from .case import Case, evidence_of
+from .case_cache import CaseCache
+from .evidence import Fit
+from .finding import Finding
+
+# All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
+# then CONVERGED of it, in ROUNDS rounds at most.
+FAR_OFF, CONVERGED, ROUNDS = 0.3, 0.1, 4
+STEPS, SETTLED = 8, 0.05  # steps of one round at most; share of the reach that counts as no change
+
+
+def settle(
+    finding: Finding, cache: CaseCache, released: Sequence[int], rounds: int = ROUNDS
+) -> tuple[Array, list[Case], Fit]:
+    """Values (P,) at which the linearisation and the estimate of the released parameters agree; their cases and fit.
+
+    A step is at most one reach long, and half as long after each change of sign: a spring of a quarter of its nominal
+    stiffness is far from linear. After a long way, as with delays, all derivatives are computed again, in at most
+    `rounds` linearisations.
+    """
+    known, cases = finding.known, finding.train
+    at = np.zeros(len(known))  # dropped effects start at zero
+    at[list(released)] = finding.at[list(released)]
+    near, far_off = finding.at, FAR_OFF
+    for left in reversed(range(rounds)):
+        at, cases, fit = _gauss_newton(cache, released, at, cases)
+        if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
+            break
+        near, far_off, cases = at, CONVERGED, cache.at(at, "train")
+    return at, cases, fit
+
+
+def _gauss_newton(
+    cache: CaseCache, released: Sequence[int], at: Array, like: Sequence[Case]
+) -> tuple[Array, list[Case], Fit]:
+    """Gauss-Newton from the values `at` (P,); the derivatives by all other parameters are those of the cases `like`."""
+    known, cases = cache.known, list(like)
+    key = at.tobytes(), like[0].evidence.at.tobytes(), *released
+    if key in cache.converged:  # rivals are compared again when the best of them was refused
+        at = cache.converged[key]
+        cases = cache.near(at, like, released)
+        return at, cases, evidence_of(cases).fit(released)
+    fit = evidence_of(cases).fit(released)
+    longest = np.array([figure.reach for figure in known])
+    last = np.zeros(len(known))
+    for _ in range(STEPS):
+        step = _values(known, fit, released) - at
+        longest[step * last < 0.0] *= 0.5
+        last = np.clip(step, -longest, longest)
+        at = at + last
+        cases = cache.near(at, like, released)
+        fit = evidence_of(cases).fit(released)
+        if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
+            break
+    cache.converged[key] = at
+    return at, cases, fit
+
+
+def settled(finding: Finding, cache: CaseCache, released: Sequence[int]) -> tuple[Array, list[Case], Fit]:
+    """Like `settle`, with all derivatives computed at the end point."""
+    at = settle(finding, cache, released)[0]
+    cases = cache.at(at, "train")
+    return at, cases, evidence_of(cases).fit(released)
+
+
+def _values(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> Array:
+    """Deviations (P,) to linearise around: those of the released parameters, not below their lower bounds."""
+    at = np.zeros(len(known))
+    for i in released:
+        at[i] = max(fit.x[i], known[i].low)
+    return at

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Step 5, result: the contents of diagnosis.json."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...core.base.types import Array, Integers, Phase
+from ...core.config.schema import Config
+from ...core.evaluation.statistics import by_axis
+from ..inference.case import Case
+from ..inference.check import Checked
+from ..inference.evidence import ONE_A_STEP
+from ..inference.finding import Finding
+from ..inference.predicted_com import Errors, rms
+from ..inference.prediction import Predicted
+from ..inference.search import smallest, total
+from ..inference.verdict import Found, too_much
+from ..result import MODEL_FILE, Diagnosis
+from .words import sentence
+
+COM_FLOOR = 0.0002  # [m] noise of the measured COM with 12-bit encoders
+STEADY_SHARE = 0.7  # of a residual: where its means over whole phases make up more, it is steady
+STEADY_BAND, MOVING_BAND = [0.0, 1.5], [1.5, 9.0]  # [Hz]
+LEAST_TICKS = 10  # of a phase, from which on a residual is localised there
+
+
+def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config: Config, began: float) -> Diagnosis:
+    """The result of the steps before.
+
+    Args:
+        config: nominal model, which the diagnosis keeps where the verdict is not `effect`.
+        began: time.perf_counter() at the start [s].
+    """
+    finding, effects, named = found.finding, predicted.effects, found.verdict == "effect"
+    if not named:
+        for effect in effects:
+            effect.update(in_model=False, left_out="not enough to explain what is missing")
+    not_checked = list(checked.not_checked)
+    if any(effect["com"]["steps"] < 2 for effect in effects):
+        not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
+    result = {
+        "verdict": found.verdict,
+        "effects": effects if named else [],
+        "suspected": [] if named else effects,
+        "ranking": ranking(finding),
+        "laws": laws(finding.before[0]),
+        "localisation": localisation(finding),
+        "too_much": too_much(finding, found.leftover),
+        "leftover": {key: round(value, 2) for key, value in sorted(found.leftover.items(), key=lambda item: -item[1])},
+        "gap": {
+            "train": gap(finding.before[0], finding.train, finding, predicted.train),
+            "holdout": gap(finding.before[1], finding.hold, finding, predicted.hold) if checked.hold_paths else None,
+        },
+        "undetectable_below": undetectable(finding),
+        "refused": [{"name": option.effect, "where": option.place, "why": why} for option, why in finding.refused],
+        "not_checked": not_checked,
+        "bags": {
+            "train": [str(path) for path in checked.train_paths],
+            "holdout": [str(path) for path in checked.hold_paths],
+        },
+        "model": MODEL_FILE,
+        "seconds": time.perf_counter() - began,
+    }
+    result["sentence"] = sentence(result)
+    return Diagnosis(result, predicted.model if named else config, finding, checked.recordings, predicted.shown)
+
+
+def ranking(finding: Finding) -> list[dict[str, Any]]:
+    """What each candidate alone adds to the nominal robot [nats], by effect and place, the best first."""
+    held: dict[str, float] = {}
+    if finding.before[1]:
+        held = {s.option.name: s.gain for s in reversed(total(finding.before[1], [s.option for s in finding.first]))}
+    best: dict[tuple[str, str], dict[str, Any]] = {}
+    for score in finding.first:
+        key = score.option.effect, score.option.place
+        entry = {
+            "name": score.option.effect, "where": score.option.place, "evidence": score.gain,
+            "holdout_gain": held.get(score.option.name),
+        }  # fmt: skip
+        if key not in best or best[key]["evidence"] < score.gain:
+            best[key] = entry
+    return sorted(best.values(), key=lambda entry: -entry["evidence"])
+
+
+def laws(cases: Sequence[Case]) -> dict[str, dict[str, float]]:
+    """By channel, mean and root mean square of the residuals of the nominal robot, nothing fitted, and noise floor."""
+    values: dict[str, list[Array]] = {}
+    floors: dict[str, list[float]] = {}
+    for case in cases:
+        for key, row in case.problem.rows.items():
+            values.setdefault(key.partition("|")[0], []).append(row)
+            floors.setdefault(key.partition("|")[0], []).append(case.floor.get(key, 0.0))
+    out = {}
+    for channel, rows in values.items():
+        row, level = np.concatenate(rows), float(np.sqrt(np.mean(np.square(floors[channel]))))
+        out[channel] = {"mean": float(row.mean()), "rms": float(np.sqrt(np.mean(row**2))), "floor": level}
+    return out
+
+
+def localisation(finding: Finding) -> list[dict[str, Any]]:
+    """Where the measurement disagrees with the nominal robot beyond nominal variability, largest first."""
+    out = []
+    for case, after in zip(finding.before[0], finding.train, strict=True):
+        for key, left in finding.gaps(case, after)[0].items():
+            if case.floor.get(key, 0.0) > 0.0:
+                out += _localised(case, key, left)
+    return sorted(out, key=lambda entry: -entry["excess"])
+
+
+def _localised(case: Case, key: str, left: Array) -> list[dict[str, Any]]:
+    """By support phase, the residuals `left` (n,) of a group, in SI units and in units of its noise floor."""
+    channel = key.split("|")[0]
+    times = case.problem.times[key]
+    landings = channel in ONE_A_STEP
+    phases = np.full(len(times), Phase.DOUBLE) if landings else case.recording.phase[case.where.ticks[times]]
+    steady = _means_of_pieces(left, case.problem.pieces[key])
+    out = []
+    for phase, name in ((Phase.LEFT, "left"), (Phase.RIGHT, "right"), (Phase.DOUBLE, "double")):
+        mine = phases == phase
+        if mine.sum() < ONE_A_STEP.get(channel, LEAST_TICKS):
+            continue
+        size = float(np.sqrt(np.mean(left[mine] ** 2)))
+        slow = float(np.sqrt(np.mean(steady[mine] ** 2))) > STEADY_SHARE * size
+        out.append(
+            {"channel": channel, "phase": name, "band_hz": list(STEADY_BAND if slow else MOVING_BAND),
+             "excess": size / case.floor[key], "rms": size}
+        )  # fmt: skip
+    return out
+
+
+def _means_of_pieces(values: Array, pieces: Integers) -> Array:
+    """(n,) Mean of the contiguous piece that each of the values (n,) belongs to; pieces: their first indices."""
+    ends = np.append(pieces[1:], len(values))
+    return np.concatenate([np.full(b - a, values[a:b].mean()) for a, b in zip(pieces, ends, strict=True)])
+
+
+def undetectable(finding: Finding) -> dict[str, dict[str, float]]:
+    """By effect (at its best place) and parameter, the deviation that would just be accepted."""
+    assert finding.fit is not None
+    out: dict[str, dict[str, float]] = {}
+    for parameter, value in smallest(finding):
+        entry = out.setdefault(parameter.effect, {})
+        entry[parameter.key] = min(entry.get(parameter.key, np.inf), value)
+    return out
+
+
+def gap(
+    before: Sequence[Case], after: Sequence[Case], finding: Finding, com: Sequence[Errors]
+) -> dict[str, dict[str, float]]:
+    """Root mean square by channel: of the nominal robot, with the effects, and of the noise floor.
+
+    COM channels are errors of the free run [m]; the others are structured residuals in their own units, less nominal
+    variability.
+    """
+    squares: dict[str, dict[str, list[float]]] = {"before": {}, "after": {}, "floor": {}}
+    for old, new in zip(before, after, strict=True):
+        for which, left in zip(("before", "after"), finding.gaps(old, new), strict=True):
+            for key, value in left.items():
+                squares[which].setdefault(key.partition("|")[0], []).append(float(np.mean(value**2)))
+        for key in new.problem.rows:
+            squares["floor"].setdefault(key.partition("|")[0], []).append(new.floor.get(key, 0.0) ** 2)
+    rows = {which: {key: float(np.sqrt(np.mean(v))) for key, v in entry.items()} for which, entry in squares.items()}
+    if any(len(each.times) for each in com):
+        rows["before"] |= _com_rows(rms([each.before for each in com]))
+        rows["after"] |= _com_rows(rms([each.after for each in com]))
+        rows["floor"] |= _com_rows(np.full(3, COM_FLOOR))
+    return rows
+
+
+def _com_rows(values: Array) -> dict[str, float]:
+    return {f"com/{axis}": value for axis, value in by_axis(values).items()}
