@@ -42,7 +42,8 @@ def test_a_foot_slides_back_once_a_step_and_carries_the_robot_along():
         # Left alone, both from 0.3 s with the right foot in charge at once, right alone, both again, left alone.
         phase = [Phase.LEFT, Phase.DOUBLE, Phase.RIGHT, Phase.DOUBLE, Phase.LEFT][round(t * 1000) // 300]
         foot = Foot.LEFT if phase == Phase.LEFT or (phase == Phase.DOUBLE and t > 0.5) else Foot.RIGHT
-        slid += effect.slide(T0 + round(1e9 * t), SupportState(phase, foot, 0.5, t % 0.3))
+        effect.begin(T0 + round(1e9 * t), SupportState(phase, foot, 0.5, t % 0.3))
+        slid += effect.slide()
         felt = SimpleNamespace(force=np.zeros(3))  # in the frame of the sole, which accelerates
         effect.push(felt, None)
         speed -= felt.force[0] / robot().mass * dt
