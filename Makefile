@@ -48,8 +48,8 @@ format: setup  ## let ruff rewrite the code
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-bench: setup  ## the figures of the README: speed, memory, latency
-	@set -e; for script in bench/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+bench: setup  ## the figures of the documentation, doc/results: accuracy, speed, memory, latency; some two hours
+	@$(BIN)/python bench/results.py
 
 lock: setup  ## newest versions of everything in requirements.in into requirements.txt, for all supported Pythons
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.10 --no-annotate \
