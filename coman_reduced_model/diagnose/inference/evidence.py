@@ -346,7 +346,7 @@ def _correlations(phi: Array) -> Array:
                 b[k - 1] += phi[i - 1]
             else:
                 A[k - 1, lag - 1] -= phi[i - 1]
-    return np.asarray(np.linalg.solve(A, b), dtype=float)
+    return np.linalg.solve(A, b)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
