@@ -233,7 +233,7 @@ DEGENERATE = {
 }
 
 
-@pytest.mark.timeout(120, method="thread")  # dashes of a line that leaves the figure by 1e200 m are drawn for hours
+@pytest.mark.timeout(300, method="thread")  # dashes of a line that leaves the figure by 1e200 m are drawn for hours
 def test_a_run_that_diverged_is_drawn_in_seconds(tmp_path):
     page = write_report(write(tmp_path, diverged(walk())))
     assert "beyond physics: the figures leave it out" in page.read_text()
