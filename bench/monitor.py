@@ -138,7 +138,7 @@ def detections(bag: Path) -> tuple[float, list[tuple[float, Mismatch]]]:
         results = list(session.predictions())
         monitor, start_ns = session.pipeline.monitor, session.bag.start_ns
         assert monitor is not None
-        found = [((each.told_ns - start_ns) * 1e-9, each) for each in monitor.first.values()]
+        found = [((each.detected_ns - start_ns) * 1e-9, each) for each in monitor.first.values()]
     return (results[-1].stamp_ns - results[0].stamp_ns) * 1e-9, found
 
 

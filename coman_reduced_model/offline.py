@@ -174,11 +174,11 @@ def first_cause(summary: dict[str, Any]) -> str:
 
 
 def _mismatches(bag: Bag, pipeline: Pipeline) -> list[dict[str, Any]]:
-    """What the monitor told during the run, each channel as it was first told; times from the start of the bag."""
+    """First mismatch of each channel during the run; times from the start of the bag."""
     found = []
     for each in pipeline.monitor.first.values() if pipeline.monitor is not None else ():
-        since, told = ((stamp - bag.start_ns) * 1e-9 for stamp in (each.since_ns, each.told_ns))
+        onset, detected = ((stamp - bag.start_ns) * 1e-9 for stamp in (each.onset_ns, each.detected_ns))
         values = {key: value for key, value in asdict(each).items() if not key.endswith("_ns")}
-        text = f"mismatch: {each}, since {since:.1f} s"
-        found.append({**values, "since_s": since, "told_s": told, "text": text})
+        text = f"mismatch: {each}, since {onset:.1f} s"
+        found.append({**values, "since_s": onset, "told_s": detected, "text": text})
     return found

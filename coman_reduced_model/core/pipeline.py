@@ -51,7 +51,7 @@ class Status:
     extra_joints: tuple[str, ...]  # in messages, not in the URDF: ignored
     unlisted_joints: tuple[str, ...]  # in the URDF, not in messages: held at zero
     warnings: tuple[InputWarning, ...]  # what looks wrong and what to look at
-    mismatches: tuple[Mismatch, ...]  # what the robot does not keep to now, as in `Monitor`
+    mismatches: tuple[Mismatch, ...]  # present ones, as in `Monitor`
 
 
 class Pipeline:

@@ -111,7 +111,7 @@ def channels(machine: Robot, frame: str, R: np.ndarray) -> dict[str, np.ndarray]
         take[stream](message)
         laws = pipeline.monitor.laws
         if laws.looks > 10:
-            found.append(laws.mean(0)[0])
+            found.append(laws.mean(0).values)
     return dict(zip(laws.names, np.array(found).T, strict=True))
 
 

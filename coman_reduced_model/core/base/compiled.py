@@ -9,9 +9,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from .types import Array, Integers
 
+Records = NDArray[np.void]  # a structured array
+Record = Any  # one element of it: in compiled code, its fields are attributes
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 

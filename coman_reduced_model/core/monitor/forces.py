@@ -1,163 +1,256 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What pushes a robot that its feet do not tell of: the force balance of the whole of it over a window of time.
+"""External force on the robot, from the balance of forces over a time window.
 
-Mass times the acceleration of the COM is the sum of all forces. Weighed by a window w(t) that vanishes with its slope
-at both ends, integration by parts leaves the residual `int w F dt + m int w' dc` of feet and weight F and the way c of
-the COM: nothing measured is differentiated. (1 - s^2)^2 is the window that white noise of positions disturbs least.
+The residual force is foot forces + weight - m a; an external force is its negative. Weighted with a window w(t) that
+vanishes with its slope at both ends, integration by parts gives `int w F dt + m int w' dc` of foot forces and weight F
+and the displacement c of the COM, so no measurement is differentiated. (1 - s^2)^2 is the window that amplifies white
+position noise least.
 
-The way of the COM is that against the point of the ground under the centre of pressure, which is at rest even while the
-foot rocks on its edge; both feet count by the load they bear. The base is turned as the IMU says, while there is one
-that can be believed; else as these soles do, which then are taken to lie flat.
+The displacement of the COM is taken against the point of the ground under the centre of pressure, which is at rest even
+while the foot rocks on its edge; the two feet are weighted by their loads. The inclination of the base comes from an
+IMU that has proved reliable; otherwise the loaded soles are taken as level.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from ..base.compiled import apply, compiled
+from ..base.compiled import Record, Records, apply, compiled
 from ..base.types import Array, Foot
 
-if TYPE_CHECKING:
-    from ..robot.robot import Posture
-
-_ROWS = 256  # looks that are remembered
-WINDOW_NS = 300_000_000  # over which forces are weighed at least: below that, noise has the better of them
-_GAP_S = 0.05  # between looks, after which nothing is known of the way in between
-_BEARS, _STANDS = 0.01, 0.05  # of the weight, below which a foot has no centre of pressure, and both are in the air
-# An IMU counts once it has been there for so long at every look, until it was not for so long [ns].
-_THERE_NS, _GONE_NS = 1_000_000_000, 10_000_000_000
-_UPRIGHT = 0.9  # cosine of up to the support sole's: below, an IMU sits otherwise than told, or the robot falls
-# Rows: the middle of two looks and the time between them [s], the force [N], the way [m] then.
-_MIDDLE, _DT, _FORCE, _WAY, _COLUMNS = 0, 1, slice(2, 5), slice(5, 8), 8
-# Of a look, by foot: COM against the sole's origin (3,) and the sole's axes (3, 3), both level, the centre of pressure
-# in it (2,) and its share of the load; then the force (3,), in a row of the same length.
-_FOOT = 15
-_NOT_THERE = np.full((3, 3), np.nan)
+_CAPACITY = 256  # looks in memory
+WINDOW_NS = 300_000_000  # shortest window: noise dominates over a shorter one
+_GAP_S = 0.05  # longest time between two looks over which a displacement is known
+_MIN_LOAD = 0.01  # of the weight: smallest load in the quotient for a centre of pressure
+_MIN_TOTAL = 0.05  # of the weight: with less on both feet, the robot is in the air
+# Time that an IMU must be there at every look before it is used, and be missing before it is dropped [ns].
+_ACCEPT_NS, _DROP_NS = 1_000_000_000, 10_000_000_000
+_UPRIGHT = 0.9  # cosine of the sole's inclination by the IMU: below it, mounting is wrong or the robot falls
+_NOT_KNOWN = np.full((3, 3), np.nan)
 
 
-class Forces:
-    """The last looks at one robot.
+class Feet(NamedTuple):
+    """Both soles and the COM in the base frame, and the wrenches on the soles in sole axes, about the sole origins."""
+
+    R_left: Array  # (3, 3)
+    p_left: Array  # (3,) [m]
+    R_right: Array
+    p_right: Array
+    com: Array  # (3,) [m]
+    left: Array  # (6,) [N, Nm]
+    right: Array
+
+
+# A step from one look to the next.
+STEP = np.dtype(
+    [
+        ("middle", np.float64),  # middle of the interval [s]
+        ("dt", np.float64),  # [s]
+        ("force", np.float64, 3),  # mean foot force + weight, level axes [N]
+        ("displacement", np.float64, 3),  # of the COM against the ground, level axes [m]
+    ]
+)
+# One foot at a look, level axes.
+FOOT = np.dtype(
+    [
+        ("com", np.float64, 3),  # COM against the origin of the sole [m]
+        ("axes", np.float64, (3, 3)),  # axes of the sole, one a row
+        ("cop", np.float64, 2),  # centre of pressure in the sole frame [m]
+        ("share", np.float64),  # of the load
+    ]
+)
+
+
+class ForceBalance:
+    """Residual force of a robot over the last seconds.
 
     Attributes:
-        by_imu: an IMU tells how the base is turned.
-        heading: of the axes in which what was seen is kept, as seen in the support sole [rad].
+        uses_imu: the inclination of the base comes from an IMU.
+        heading: direction of the x axis of the stored vectors, in the support sole frame [rad].
     """
 
     def __init__(self, mass: float, gravity: float, soles: Array) -> None:
-        """`soles` (2, 4) edges of the left and the right sole [m]."""
-        self._mass, self._gravity, self._soles = mass, gravity, soles
-        self._rows, self._last = np.zeros((_ROWS, _COLUMNS)), np.zeros((3, _FOOT))
+        """Mass [kg], gravity [m/s^2], and edges (2, 4) of the left and the right sole [m]."""
+        self._mass, self._weight, self._soles = mass, mass * gravity, soles
+        self._steps = np.zeros(_CAPACITY, dtype=STEP)
+        self._feet = np.zeros(2, dtype=FOOT)  # at the last look
+        self._force = np.zeros(3)  # foot forces + weight at the last look [N]
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
-        self._n = self._stamp = self._since = self._seen = 0  # stamps of the last look, the first and last by IMU [ns]
-        self._foot, self.heading, self.by_imu = Foot.LEFT, 0.0, False
+        self._count = 0
+        self._last_ns = 0  # of the last look
+        self._imu_since_ns = self._imu_last_ns = 0  # first look of those in a row with an IMU, last look with it
+        self._foot, self.heading, self.uses_imu = Foot.LEFT, 0.0, False
 
-    def look(self, stamp: int, foot: Foot, posture: Posture, left: Array, right: Array, turned: Array) -> None:
-        """Take a look.
+    def look(self, stamp_ns: int, foot: Foot, feet: Feet, R_ground_base: Array) -> None:
+        """Take one sample.
 
         Args:
-            stamp: [ns].
-            foot: that supports.
-            posture: of the base and the soles.
-            left, right: wrenches (6,) of the soles, in their axes [N, Nm].
-            turned: (3, 3) the base's rotation against the ground by an IMU, or NaN.
+            stamp_ns: its stamp.
+            foot: the support foot.
+            feet: posture and wrenches.
+            R_ground_base: (3, 3) rotation of the base against the ground by an IMU, or NaN.
         """
-        R, p = posture.R, posture.p
-        dt, self._stamp = (stamp - self._stamp) * 1e-9, stamp
-        known = 0.0 < dt < _GAP_S
-        there = bool(turned[2] @ R[foot][:, 2] > _UPRIGHT)
-        self._since = self._since if there and known and self._since else stamp * there
-        self._seen = stamp if there else self._seen
-        by_imu = stamp - self._seen < _GONE_NS if self.by_imu else there and stamp - self._since >= _THERE_NS
-        if not known or by_imu != self.by_imu:
-            self._n, self.heading, self._foot, self.by_imu = 0, 0.0, foot, by_imu
+        dt, self._last_ns = (stamp_ns - self._last_ns) * 1e-9, stamp_ns
+        continuous = 0.0 < dt < _GAP_S
+        R = feet.R_left if foot == Foot.LEFT else feet.R_right
+        usable = bool(R_ground_base[2] @ R[:, 2] > _UPRIGHT)
+        uses_imu = self._choose_imu(stamp_ns, usable, continuous)
+        if not continuous or uses_imu != self.uses_imu:
+            self._count, self.heading, self._foot, self.uses_imu = 0, 0.0, foot, uses_imu
         if foot is not self._foot:
-            self.heading, self._foot = _carried(self.heading, R[self._foot], R[foot]), foot
-        row = self._rows[self._n % _ROWS]
-        self.heading = _look(
-            row, self._last, self.heading, R[foot], R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT],
-            posture.com, left, right, turned if there else _NOT_THERE, by_imu, self._soles, self._mass * self._gravity,
+            R_before = feet.R_left if self._foot == Foot.LEFT else feet.R_right
+            self.heading, self._foot = _heading_in(self.heading, R_before, R), foot
+        at = self._count % _CAPACITY
+        step = self._steps[at : at + 1]
+        self.heading = _add_step(
+            step, self._feet, self._force, self.heading, R, feet, R_ground_base if usable else _NOT_KNOWN, uses_imu,
+            self._soles, self._weight,
         )  # fmt: skip
-        row[_MIDDLE], row[_DT] = stamp * 1e-9 - 0.5 * dt, dt
-        if not self._n:
-            row[:] = np.nan
-        self._n += 1
+        step["middle"], step["dt"] = stamp_ns * 1e-9 - 0.5 * dt, dt
+        if not self._count:  # no look before it
+            step[:] = np.nan
+        self._count += 1
 
-    def over(self, start: int, end: int) -> Array:
-        """Force (3,) [N] of which feet and weight have too much between two stamps [ns]; level, x along that sole.
+    def _choose_imu(self, stamp_ns: int, usable: bool, continuous: bool) -> bool:
+        """Whether to use the IMU from now on."""
+        if not (usable and continuous and self._imu_since_ns):
+            self._imu_since_ns = stamp_ns * usable
+        if usable:
+            self._imu_last_ns = stamp_ns
+        if self.uses_imu:
+            return stamp_ns - self._imu_last_ns < _DROP_NS
+        return usable and stamp_ns - self._imu_since_ns >= _ACCEPT_NS
 
-        What pushes the robot beside them is the opposite. NaN where the looks do not tell.
+    def residual(self, start_ns: int, end_ns: int) -> Array:
+        """Residual force (3,) [N] between two stamps: z up, x along that of the support sole.
+
+        An external force is its negative. NaN where the looks do not cover the window.
         """
-        return _over(self._rows, min(self._n, _ROWS), start * 1e-9, end * 1e-9, self._mass, self.heading)
+        count = min(self._count, _CAPACITY)
+        return _weighted_residual(self._steps, count, start_ns * 1e-9, end_ns * 1e-9, self._mass, self.heading)
 
 
-def _carried(heading: float, R: Array, R_new: Array) -> float:
-    """The heading (by R) as seen by another foot."""
-    x = R @ [np.cos(heading), np.sin(heading), 0.0]
-    return float(np.arctan2(R_new[:, 1] @ x, R_new[:, 0] @ x))
+def _heading_in(heading: float, R_before: Array, R: Array) -> float:
+    """A heading in the frame of one sole, expressed in that of another."""
+    x = R_before @ [np.cos(heading), np.sin(heading), 0.0]
+    return float(np.arctan2(R[:, 1] @ x, R[:, 0] @ x))
 
 
 @compiled
-def _look(
-    row: Array, last: Array, heading: float, R: Array, R_l: Array, p_l: Array, R_r: Array, p_r: Array, com: Array,
-    left: Array, right: Array, turned: Array, by_imu: bool, soles: Array, weight: float,
-) -> float:  # fmt: skip
-    """Force and way since the `last` look into a row; feet as in `laws._look`, R that of the support foot.
+def _add_step(
+    step: Records,
+    feet_before: Records,
+    force_before: Array,
+    heading: float,
+    R: Array,
+    feet: Feet,
+    R_ground_base: Array,
+    uses_imu: bool,
+    soles: Array,
+    weight: float,
+) -> float:
+    """Write mean force and displacement since the last look into `step` (1,), and this look into the two after it.
 
-    Returns the heading.
+    R is that of the support sole.
+
+    Returns:
+        The heading.
     """
-    load_l, load_r = max(left[2], 0.0), max(right[2], 0.0)
-    share = load_l / (load_l + load_r) if load_l + load_r > _STANDS * weight else np.nan
-    level = turned.copy()
-    if by_imu:
+    load_left, load_right = max(feet.left[2], 0.0), max(feet.right[2], 0.0)
+    total = load_left + load_right
+    share = load_left / total if total > _MIN_TOTAL * weight else np.nan
+    if uses_imu:
+        level = R_ground_base
         heading = np.arctan2((R[:, 1] * level[0]).sum(), (R[:, 0] * level[0]).sum())
     else:
-        z = share * R_l[:, 2] + (1.0 - share) * R_r[:, 2]
-        z /= np.sqrt((z * z).sum())
-        x = np.cos(heading) * R[:, 0] + np.sin(heading) * R[:, 1]
-        x -= (x * z).sum() * z
-        x /= np.sqrt((x * x).sum())
-        for k in range(3):
-            a, b = (k + 1) % 3, (k + 2) % 3
-            level[0, k], level[1, k], level[2, k] = x[k], z[a] * x[b] - z[b] * x[a], z[k]
-    row[_WAY] = 0.0
-    force = apply(level, apply(R_l, left[:3]) + apply(R_r, right[:3]))
+        level = _level_by_soles(share * feet.R_left[:, 2] + (1.0 - share) * feet.R_right[:, 2], R, heading)
+    force = apply(level, apply(feet.R_left, feet.left[:3]) + apply(feet.R_right, feet.right[:3]))
     force[2] -= weight
-    for foot in range(2):
-        here, there = np.zeros(_FOOT), last[foot].copy()
-        wrench, axes, p, edges = (left, R_l, p_l, soles[0]) if foot == 0 else (right, R_r, p_r, soles[1])
-        here[:3] = apply(level, com - p)
-        for k in range(3):
-            here[3 + 3 * k : 6 + 3 * k] = apply(level, axes[:, k].copy())
-        load = max(wrench[2], _BEARS * weight)
-        here[12] = min(max(-wrench[4] / load, edges[0]), edges[1])
-        here[13] = min(max(wrench[3] / load, edges[2]), edges[3])
-        here[14] = share if foot == 0 else 1.0 - share
-        way = here[:3] - there[:3]
-        for k in range(2):  # less that of the sole at the centre of pressure
-            way -= (here[3 + 3 * k : 6 + 3 * k] - there[3 + 3 * k : 6 + 3 * k]) * 0.5 * (here[12 + k] + there[12 + k])
-        row[_WAY] += 0.5 * (here[14] + there[14]) * way
-        last[foot] = here
-    row[_FORCE] = 0.5 * (force + last[2, :3])
-    last[2, :3] = force
+    from_left, from_right = feet.com - feet.p_left, feet.com - feet.p_right
+    left = _foot_displacement(feet_before[0], level, from_left, feet.R_left, feet.left, soles[0], weight, share)
+    right = _foot_displacement(
+        feet_before[1], level, from_right, feet.R_right, feet.right, soles[1], weight, 1.0 - share
+    )
+    for k in range(3):
+        step[0].force[k] = 0.5 * (force[k] + force_before[k])
+        step[0].displacement[k] = left[k] + right[k]
+        force_before[k] = force[k]
     return float(heading)
 
 
 @compiled
-def _over(rows: Array, n: int, start: float, end: float, mass: float, heading: float) -> Array:
-    """`Forces.over` of n rows, times in s."""
+def _level_by_soles(up: Array, R: Array, heading: float) -> Array:
+    """Level axes (3, 3), one a row, in the base frame: z along `up`, x along the heading in the sole R."""
+    level = np.empty((3, 3))
+    z = up / np.sqrt((up * up).sum())
+    x = np.cos(heading) * R[:, 0] + np.sin(heading) * R[:, 1]
+    x -= (x * z).sum() * z
+    x /= np.sqrt((x * x).sum())
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        level[0, k], level[1, k], level[2, k] = x[k], z[a] * x[b] - z[b] * x[a], z[k]
+    return level
+
+
+@compiled
+def _foot_displacement(
+    before: Record,
+    level: Array,
+    com: Array,
+    R: Array,
+    wrench: Array,
+    edges: Array,
+    weight: float,
+    share: float,
+) -> Array:
+    """Displacement (3,) of the COM against the ground under one foot, times the share of the load; updates `before`.
+
+    Args:
+        before: `FOOT` at the last look.
+        level: (3, 3) level axes in the base frame, one a row.
+        com: (3,) against the origin of the sole, base frame [m].
+        R: (3, 3) orientation of the sole in the base frame.
+        wrench: (6,) on the sole [N, Nm].
+        edges: (4,) of the sole [m].
+        weight: of the robot [N].
+        share: of the load.
+    """
+    load = max(wrench[2], _MIN_LOAD * weight)
+    cop = np.empty(2)
+    cop[0] = min(max(-wrench[4] / load, edges[0]), edges[1])
+    cop[1] = min(max(wrench[3] / load, edges[2]), edges[3])
+    now = apply(level, com)
+    displacement = now - before.com
+    for i in range(3):
+        before.com[i] = now[i]
+    for k in range(3):
+        axis = apply(level, R[:, k].copy())
+        if k < 2:  # less the displacement of the sole at the centre of pressure
+            displacement -= (axis - before.axes[k]) * 0.5 * (cop[k] + before.cop[k])
+        for i in range(3):
+            before.axes[k, i] = axis[i]
+    displacement *= 0.5 * (share + before.share)
+    before.cop[0], before.cop[1], before.share = cop[0], cop[1], share
+    return displacement
+
+
+@compiled
+def _weighted_residual(steps: Records, count: int, start: float, end: float, mass: float, heading: float) -> Array:
+    """`ForceBalance.residual` of the first `count` steps; times in s."""
     half, covered, force = 0.5 * (end - start), 0.0, np.zeros(3)
-    for i in range(n):
-        s = (rows[i, _MIDDLE] - start) / half - 1.0
+    for i in range(count):
+        step = steps[i]
+        s = (step.middle - start) / half - 1.0
         if abs(s) < 1.0:
             w, slope = 0.9375 * (1.0 - s * s) ** 2 / half, -3.75 * s * (1.0 - s * s) / half**2
-            covered += rows[i, _DT]
+            covered += step.dt
             for k in range(3):
-                force[k] += w * rows[i, _DT] * rows[i, 2 + k] + mass * slope * rows[i, 5 + k]
+                force[k] += w * step.dt * step.force[k] + mass * slope * step.displacement[k]
     if not covered > 1.8 * half:
         return np.full(3, np.nan)
     return about_vertical(force, heading)

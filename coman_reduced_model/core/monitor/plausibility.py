@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Faults that no single message shows: wrenches of the wrong sign, feet that are swapped, forces that never end.
+"""Checks for faults that no single message shows: wrenches of wrong sign, swapped feet, bias of an unloaded foot.
 
-They are told, never corrected: what is wrong is for a person to decide.
+They are reported, never corrected: the user decides what is wrong.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from ..config.schema import Config
 if TYPE_CHECKING:
     from ..robot.robot import Robot
 
-_INTERVAL_NS = 20_000_000  # looking every 20 ms is enough, and costs nothing
-_ENOUGH = 50  # looks before a verdict: 1 s
+_INTERVAL_NS = 20_000_000  # between looks
+_MIN_LOOKS = 50  # before a warning: 1 s
 _CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
-_NEGATIVE = 0.02  # share of the weight: a mean force below minus this is no bias of a sensor
+_NEGATIVE = 0.02  # share of the weight: a mean force below minus this is more than a bias
 _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
 _CARRIES = 0.8  # share of the total force on the one foot of a single support
 
 
 class Plausibility:
-    """Watches Samples at 50 Hz."""
+    """Checks samples at 50 Hz; a *look* is one sample that is checked."""
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self._robot = robot
@@ -36,7 +36,7 @@ class Plausibility:
 
     def reconfigure(self, config: Config) -> None:
         """Take over the thresholds of the support phase."""
-        self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more never lifts
+        self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more is never in the air
 
     def reset(self) -> None:
         """Forget the past."""
@@ -67,7 +67,7 @@ class Plausibility:
         higher = Foot.RIGHT if height > 0.0 else Foot.LEFT
         self._air[higher] += 1
         self._air_force[higher] += left if higher is Foot.LEFT else right
-        # With the sign wrong as well, the foot that carries is the one with the larger magnitude.
+        # By magnitude, so that wrong signs do not matter.
         total = abs(left) + abs(right)
         if total < 0.5 * self._weight or max(abs(left), abs(right)) < _CARRIES * total:
             return
@@ -77,15 +77,15 @@ class Plausibility:
             self._lower_carries += 1
 
     def counts(self) -> dict[str, int]:
-        """Looks (50 a second) that found something odd; some do on a good robot, touching down for one."""
+        """Suspect looks (50 a second); a healthy robot has some too, such as at touchdown."""
         counts = {f"{name}/negative": self._negative[foot] for foot, name in WRENCHES.items()}
         counts["wrenches/swapped"] = self._higher_carries
         return {name: count for name, count in counts.items() if count}
 
     def warnings(self) -> list[InputWarning]:
-        """What looks wrong."""
+        """Present warnings."""
         found = []
-        if self._looks >= _ENOUGH:
+        if self._looks >= _MIN_LOOKS:
             for foot, name in WRENCHES.items():
                 mean = self._force[foot] / self._looks
                 if mean < -_NEGATIVE * self._weight:
@@ -95,7 +95,7 @@ class Plausibility:
                     )
                     found.append(InputWarning(WarningKind.SIGN, name, text))
         looks = self._lower_carries + self._higher_carries
-        if looks >= _ENOUGH // 2 and self._higher_carries > 0.8 * looks:
+        if looks >= _MIN_LOOKS // 2 and self._higher_carries > 0.8 * looks:
             text = (
                 f"wrenches: in {self._higher_carries} of {looks} looks at single support the foot in the air by "
                 "the joints carries the robot by the wrenches: left and right swapped?"
@@ -103,7 +103,7 @@ class Plausibility:
             return [*found, InputWarning(WarningKind.SWAPPED, "", text)]
         for foot, name in WRENCHES.items():
             mean = self._air_force[foot] / max(self._air[foot], 1)
-            if self._air[foot] >= _ENOUGH // 2 and self._lifts < mean < _STANDS * self._weight:
+            if self._air[foot] >= _MIN_LOOKS // 2 and self._lifts < mean < _STANDS * self._weight:
                 text = (
                     f"{name}: reads {mean:.0f} N on average while the foot is in the air by the joints: a bias? above "
                     f"{self._lifts:.0f} N (support.contact_off) lift-offs are missed"

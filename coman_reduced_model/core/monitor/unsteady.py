@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tells of pushes that come and go: the force that core/monitor/forces.py finds missing scatters more than it did.
+"""Detects intermittent external forces: the residual force (monitor/forces.py) scatters more than before.
 
-Looked at are the differences from one window to the next, by their median: a pull that begins or a foot that
-knocks against something is one difference, a push that comes and goes is in all of them.
+The scatter is the median magnitude of the differences between successive windows: a pull that begins, or a foot that
+hits an obstacle, gives one large difference; an intermittent force enters all of them.
 """
 
 from __future__ import annotations
@@ -15,73 +15,81 @@ import numpy as np
 from ..base.types import Array
 from .forces import WINDOW_NS, about_vertical
 
-EVERY_NS = 200_000_000  # from one window to the next
-_NOW, _BEFORE, _USUAL = 10, 15, 100  # differences that are held against those before, against the last of these
-_FEWEST = 10  # differences that tell what is usual
-_LEAST = 0.003  # of the weight: median difference that is usual at least
-_WILD, _BACK = 1.1, 0.75  # of the threshold: beyond that, a scatter is told of; below that, it is over
+INTERVAL_NS = 200_000_000  # from one window to the next
+_RECENT, _EARLIER, _LONG = 10, 15, 100  # differences: tested, just before those, and long before
+_MIN_DIFFERENCES = 10  # from which the earlier scatter is known
+_MIN_SCATTER = 0.003  # of the weight: lower bound of the earlier scatter
+_ONSET, _RELEASE = 1.1, 0.75  # of the threshold: ratio at which a force is detected, and at which it is over
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """Forces along an axis that come and go.
+class IntermittentForce:
+    """An intermittent force along one axis.
 
     Attributes:
         axis: 0 or 1, x or y.
         size: standard deviation [N].
-        sigma: how many times as much as before.
-        since: [s].
+        ratio: scatter relative to the one before.
+        onset: [s].
     """
 
     axis: int
     size: float
-    sigma: float
-    since: float
+    ratio: float
+    onset: float
 
 
-class Unsteady:
+class IntermittentForces:
     """Watches one robot of a weight [N].
 
     Attributes:
-        told: what there is to tell.
-        seen: when it was seen last [s].
+        forces: present ones.
+        last: time of the last window with a known difference [s].
     """
 
     def __init__(self, weight: float, threshold: float) -> None:
-        self._least, self._threshold = _LEAST * weight, threshold
+        self._min_scatter, self._threshold = _MIN_SCATTER * weight, threshold
         self.reset()
 
     def reset(self) -> None:
-        """The robot stands: what was tells nothing of what will be."""
-        self._last: tuple[Array, float] | None = None
-        self._now: deque[tuple[float, Array, Array]] = deque()  # when [s], force and difference (2,) [N]
-        self._before: deque[Array] = deque(maxlen=_USUAL)
-        self.told: list[Scatter] = []
-        self.seen = 0.0
+        """Forget the past, as when the robot stands: standing says nothing about walking."""
+        self._previous: tuple[Array, float] | None = None  # force and heading
+        self._recent: deque[tuple[float, Array, Array]] = deque()  # time [s], force and difference (2,) [N]
+        self._earlier: deque[Array] = deque(maxlen=_LONG)
+        self.forces: list[IntermittentForce] = []
+        self.last = 0.0
 
-    def take(self, when: float, force: Array, heading: float = 0.0) -> None:
-        """The force (3,) [N] over a window that ends now [s], in axes that are turned by -heading [rad]."""
-        last, self._last = self._last, (force, heading)
-        if last is None or np.isnan(force + last[0]).any():
+    def update(self, time: float, force: Array, heading: float = 0.0) -> None:
+        """Take the force (3,) [N] over a window that ends at a time [s], in axes that are turned by -heading [rad]."""
+        previous, self._previous = self._previous, (force, heading)
+        if previous is None or np.isnan(force + previous[0]).any():
             return
-        self.seen = when
-        difference = force - about_vertical(last[0], heading - last[1])
-        self._now.append((when, force[:2], np.abs(difference[:2])))
-        if len(self._now) <= _NOW:
+        self.last = time
+        difference = force - about_vertical(previous[0], heading - previous[1])
+        self._recent.append((time, force[:2], np.abs(difference[:2])))
+        if len(self._recent) <= _RECENT:
             return
-        *_, oldest = self._now.popleft()
-        if not self.told:
-            self._before.append(oldest)
-        if len(self._before) < _FEWEST:
-            return
-        before, now = np.array(self._before), np.array([each for *_, each in self._now])
-        usual = np.maximum(np.median(before, axis=0), np.median(before[-_BEFORE:], axis=0)).clip(self._least)
-        median, known = np.median(now, axis=0), {each.axis: each for each in self.told}
-        size = np.std([force for _, force, _ in self._now], axis=0)
-        self.told = []
+        *_, oldest = self._recent.popleft()
+        if not self.forces:
+            self._earlier.append(oldest)
+        if len(self._earlier) >= _MIN_DIFFERENCES:
+            self._test()
+
+    def _test(self) -> None:
+        """Compare the recent scatter with the earlier one."""
+        earlier = np.array(self._earlier)
+        usual = np.maximum(np.median(earlier, axis=0), np.median(earlier[-_EARLIER:], axis=0)).clip(self._min_scatter)
+        scatter = np.median([difference for *_, difference in self._recent], axis=0)
+        size = np.std([force for _, force, _ in self._recent], axis=0)
+        known = {each.axis: each for each in self.forces}
+        self.forces = []
         for axis in range(2):
-            sigma = float(median[axis] / usual[axis])
-            if sigma > self._threshold * (_BACK if axis in known else _WILD):
-                first = next(at for at, _, each in self._now if each[axis] > 0.5 * median[axis])
-                since = known[axis].since if axis in known else first - 1e-9 * WINDOW_NS
-                self.told.append(Scatter(axis, float(size[axis]), sigma, float(since)))
+            ratio = float(scatter[axis] / usual[axis])
+            if ratio <= self._threshold * (_RELEASE if axis in known else _ONSET):
+                continue
+            if axis in known:
+                onset = known[axis].onset
+            else:
+                first = next(time for time, _, each in self._recent if each[axis] > 0.5 * scatter[axis])
+                onset = float(first - 1e-9 * WINDOW_NS)
+            self.forces.append(IntermittentForce(axis, float(size[axis]), ratio, onset))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One status of /diagnostics as it is read back, and the values in it that programs read: written and read here."""
+"""Reads a status of /diagnostics, and defines the values in it that programs read and write."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RESTARTS = "restarts"
 
 
 class Level(IntEnum):
-    """How well something is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+    """Severity; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -37,7 +37,7 @@ class Report:
 
     @classmethod
     def of(cls, status: DiagnosticStatus) -> Report:
-        """What a message says."""
+        """Read a message."""
         return cls(Level(ord(status.level)), status.message, {each.key: each.value for each in status.values})
 
     def rates(self) -> dict[str, float]:
@@ -53,7 +53,7 @@ class Report:
         }
 
     def skill(self, horizons: tuple[str, ...]) -> dict[str, dict[str, float]]:
-        """Skill by horizon and axis, of those horizons of which it is known."""
+        """Skill by horizon and axis, of the horizons with a known skill."""
         keys = {h: {axis: _SKILL.format(h, axis) for axis in AXES} for h in horizons}
         return {
             h: {axis: float(self.values[key]) for axis, key in by.items()}
@@ -62,17 +62,17 @@ class Report:
         }
 
     def restarts(self) -> int:
-        """How often the joint states broke off or went back."""
+        """How often the joint states were interrupted or jumped back."""
         return int(self.values.get(_RESTARTS, "0"))
 
 
 def rate_value(stream: str, rate_hz: float) -> dict[str, float]:
-    """The value of which `Report.rates` is read."""
+    """The value that `Report.rates` reads."""
     return {stream + _RATE: rate_hz}
 
 
 def rejected_values(counts: Mapping[str, int], last: Mapping[str, str]) -> dict[str, int | str]:
-    """The values of which `Report.rejected` is read, and the last sentence for each reason."""
+    """The values that `Report.rejected` reads, and the last message for each reason."""
     values: dict[str, int | str] = {}
     for reason, count in counts.items():
         values[_REJECTED + reason] = count
@@ -81,10 +81,10 @@ def rejected_values(counts: Mapping[str, int], last: Mapping[str, str]) -> dict[
 
 
 def skill_values(skill: Mapping[str, Array]) -> dict[str, float]:
-    """The values of which `Report.skill` is read, from the skill (3,) by horizon."""
+    """The values that `Report.skill` reads, from the skill (3,) by horizon."""
     return {_SKILL.format(h, axis): value for h, by in skill.items() for axis, value in by_axis(by).items()}
 
 
 def restart_value(restarts: int) -> dict[str, int]:
-    """The value of which `Report.restarts` is read."""
+    """The value that `Report.restarts` reads."""
     return {_RESTARTS: restarts}

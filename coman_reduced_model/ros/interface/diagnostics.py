@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""/diagnostics of the predictor: input, prediction, mismatch, latency, each with a sentence on what to look at."""
+"""/diagnostics of the predictor: input, prediction, mismatch and latency, each with a one-line summary."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from . import qos
 from .description import Description
 from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
 
-_WINDOW = 5  # reports that errors and shares are told over
+_WINDOW = 5  # reports over which errors and shares are averaged
 _SILENT = 1.0  # [s] without joint states: stale
 _CAPACITY = 8192  # latencies kept
 
@@ -61,17 +61,17 @@ class Diagnostics:
         self._rejected: dict[str, int] = {}
         self._last_report = time.perf_counter()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.display_output())
-        # In steady time: a simulation or bag that stands still is what diagnostics have to tell about.
+        # In steady time: diagnostics also report while a simulation or a bag is paused.
         node.create_timer(
             1.0 / node.config.output.diagnostics_rate, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def on_message(self, stream: str, arrived: float) -> None:
-        """A message of a stream has been taken, which came at `arrived` (time.perf_counter) [s]."""
+        """A message of a stream was processed; it arrived at `arrived` (time.perf_counter) [s]."""
         self._arrived[stream] = arrived
 
     def on_prediction(self, prediction: Prediction, started: float) -> None:
-        """A prediction was published; the message that completed it was taken at `started` [s]."""
+        """A prediction was published; processing of its last message started at `started` [s]."""
         now = self._now
         now.samples += 1
         residual, flags = prediction.residual, prediction.flags
@@ -85,7 +85,7 @@ class Diagnostics:
         self._count += 1
 
     def on_failure(self, stream: str, error: Exception) -> None:
-        """A message was not survived as it should have been."""
+        """Exception in a message callback."""
         self._failures[type(error).__name__] += 1
         self._last_failure = f"{stream}: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
         self._node.get_logger().error(f"internal error, please report: {self._last_failure}", throttle_duration_sec=5.0)
@@ -205,17 +205,17 @@ class Diagnostics:
 
     def _mismatch(self, status: Status, monitor: Monitor | None) -> tuple[Level, str, dict[str, Any]]:
         if monitor is None:
-            return Level.OK, "not watched (monitor.enabled)", {}
+            return Level.OK, "monitor disabled (monitor.enabled)", {}
         values: dict[str, Any] = {"support phases compared": monitor.phases}
         stamp = self._node.get_clock().now().nanoseconds
-        lines = [f"{each}, for {max(0.0, (stamp - each.since_ns) * 1e-9):.1f} s" for each in status.mismatches]
+        lines = [f"{each}, for {max(0.0, (stamp - each.onset_ns) * 1e-9):.1f} s" for each in status.mismatches]
         for each, line in zip(status.mismatches, lines, strict=True):
             values[each.channel] = line
         if lines:
             return Level.WARN, lines[0] + (f"; {len(lines) - 1} more" if len(lines) > 1 else ""), values
         if not monitor.phases:
             return Level.OK, "nothing to compare yet", values
-        return Level.OK, "the robot is as it was, and as it is described", values
+        return Level.OK, "no mismatch: residuals unchanged and within tolerance", values
 
     def _latency(self, seconds: float) -> tuple[Level, str, dict[str, Any]]:
         count = min(self._count - self._counted, _CAPACITY)

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The force balance of a robot in motion: what pushes it is found, whatever it does, and nothing else."""
+"""Residual force of a robot in motion: equals the negative external force, whatever the motion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model.core.base.types import Foot
-from coman_reduced_model.core.monitor.forces import Forces
+from coman_reduced_model.core.monitor.forces import Feet, ForceBalance
 
 MASS, GRAVITY = 30.0, 9.81
 EDGES = np.array([-0.06, 0.12, -0.045, 0.045])  # [m]
@@ -51,15 +50,10 @@ class Motion:
         return R @ (np.array([0.05, -0.05, 0.5]) + 0.02 * self.sines(t)[:3]) + p
 
     def look(self, t, share):
-        """Posture in a base frame that turns and moves, wrenches of both soles, how the base is turned."""
+        """Soles, COM and wrenches in a base frame that turns and moves, and the rotation of the base."""
         sines, h = self.sines(t), 1e-4
         base, at = Rotation.from_euler("xyz", 0.1 * sines[3:6]).as_matrix(), 0.03 * sines[6:]
         soles = self.soles(t)
-        posture = SimpleNamespace(
-            R={foot: base.T @ R for foot, (R, _) in soles.items()},
-            p={foot: base.T @ (p - at) for foot, (_, p) in soles.items()},
-            com=base.T @ (self.com(t) - at),
-        )
         rate = (self.com(t + h) - 2.0 * self.com(t) + self.com(t - h)) / h**2
         force = MASS * (rate + [0.0, 0.0, GRAVITY]) - self.push
         wrenches = []
@@ -67,42 +61,43 @@ class Motion:
             f = part * soles[foot][0].T @ force
             x, y = 0.03, EDGES[3] if self.rock and foot is Foot.LEFT else 0.01
             wrenches.append(np.array([*f, y * f[2], -x * f[2], 0.0]))
-        return posture, *wrenches, base
+        poses = [each for R, p in soles.values() for each in (base.T @ R, base.T @ (p - at))]
+        return Feet(*poses, base.T @ (self.com(t) - at), *wrenches), base
 
 
 def watch(motion, start=-1.2, end=0.6, share=lambda t: 1.0, forces=None, imu=True):
     """The force balance from start to end [s]."""
-    forces = forces or Forces(MASS, GRAVITY, np.array([EDGES, EDGES]))
+    forces = forces or ForceBalance(MASS, GRAVITY, np.array([EDGES, EDGES]))
     stamps = [T0 + round(1e9 * DT * k) for k in range(round(start / DT), round(end / DT) + 1)]
     for stamp in stamps:
         t = (stamp - T0) * 1e-9
-        posture, left, right, turned = motion.look(t, share(t))
+        feet, turned = motion.look(t, share(t))
         foot = Foot.LEFT if share(t) > 0.5 else Foot.RIGHT
-        forces.look(stamp, foot, posture, left, right, turned if imu else NO_IMU)
-    return forces, lambda since, until: forces.over(T0 + round(1e9 * since), T0 + round(1e9 * until))
+        forces.look(stamp, foot, feet, turned if imu else NO_IMU)
+    return forces, lambda since, until: forces.residual(T0 + round(1e9 * since), T0 + round(1e9 * until))
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("push", [NONE, (6.0, -4.0, 3.0)])
-def test_what_pushes_is_found_whatever_the_robot_does(seed, push):
-    """To 0.2 % of the weight, while its COM is thrown about by a hundred newtons."""
+def test_external_force_is_found_in_any_motion(seed, push):
+    """To 0.2 % of the weight, while its COM accelerates by a hundred newtons."""
     forces, over = watch(Motion(seed, push))
-    assert forces.by_imu
+    assert forces.uses_imu
     for since in (0.02, 0.1, 0.2):
         np.testing.assert_allclose(over(since, since + 0.3), np.negative(push), atol=0.6)
 
 
-def test_a_foot_that_rocks_on_its_edge_is_no_push():
-    """By the IMU; who takes the sole for level sees tens of newtons."""
+def test_foot_that_rocks_on_its_edge_is_no_external_force():
+    """With an IMU; with the sole taken as level the error is tens of newtons."""
     motion = Motion(rock=0.05)
     _, over = watch(motion)
     np.testing.assert_allclose(over(0.1, 0.4), NONE, atol=0.6)
     forces, over = watch(motion, imu=False)
-    assert not forces.by_imu and np.abs(over(0.1, 0.4)[1]) > 10.0
+    assert not forces.uses_imu and np.abs(over(0.1, 0.4)[1]) > 10.0
 
 
 @pytest.mark.parametrize("imu", [True, False])
-def test_steps_are_no_push_and_axes_are_those_of_the_support_sole(imu):
+def test_step_is_no_external_force_and_axes_are_those_of_the_support_sole(imu):
     push, yaw = (6.0, -4.0, 3.0), 0.4
     _, over = watch(Motion(1, push, yaw=yaw), share=lambda t: float(np.interp(t, [0.25, 0.35], [1.0, 0.0])), imu=imu)
     along = Rotation.from_euler("z", -yaw).apply(np.negative(push))
@@ -110,25 +105,25 @@ def test_steps_are_no_push_and_axes_are_those_of_the_support_sole(imu):
         np.testing.assert_allclose(over(since, since + 0.3), along, atol=0.6)
 
 
-def test_what_was_not_seen_is_not_known():
+def test_residual_is_nan_where_looks_are_missing():
     forces, over = watch(Motion(), end=0.4)
     assert np.isfinite(over(0.0, 0.4)).all() and np.isnan(over(-1.5, 0.4)).all()
     _, over = watch(Motion(), 0.5, 0.9, forces=forces)  # 0.1 s without a look
     assert np.isnan(over(0.3, 0.6)).all() and np.isfinite(over(0.5, 0.9)).all()
-    _, over = watch(Motion(), 0.91, 6.0, forces=forces)  # as much as is remembered
+    _, over = watch(Motion(), 0.91, 6.0, forces=forces)  # longer than the memory
     assert np.isnan(over(1.0, 6.0)).all() and np.isfinite(over(4.0, 6.0)).all()
     forces.reset()
     assert np.isnan(over(4.0, 6.0)).all()
 
 
-def test_an_imu_counts_once_it_can_be_relied_upon():
+def test_imu_is_used_once_it_has_proved_reliable():
     def imu(look, motion, end, forces=None, start=0.0):
-        forces = forces or Forces(MASS, GRAVITY, np.array([EDGES, EDGES]))
+        forces = forces or ForceBalance(MASS, GRAVITY, np.array([EDGES, EDGES]))
         for k in range(round(start / DT), round(end / DT)):
-            posture, left, right, turned = motion.look(k * DT, 1.0)
+            feet, turned = motion.look(k * DT, 1.0)
             turned = look(k, turned)
-            forces.look(T0 + round(1e9 * DT * k), Foot.LEFT, posture, left, right, turned)
-        return forces, forces.over(T0 + round(1e9 * (end - 0.3)), T0 + round(1e9 * (end - DT)))
+            forces.look(T0 + round(1e9 * DT * k), Foot.LEFT, feet, turned)
+        return forces, forces.residual(T0 + round(1e9 * (end - 0.3)), T0 + round(1e9 * (end - DT)))
 
     push, upside_down = (6.0, -4.0, 3.0), np.diag([1.0, -1.0, -1.0])
     looks = {
@@ -137,25 +132,25 @@ def test_an_imu_counts_once_it_can_be_relied_upon():
     }
     for look in looks.values():  # as without one
         forces, found = imu(look, Motion(push=push), 3.0)
-        assert not forces.by_imu
+        assert not forces.uses_imu
         np.testing.assert_allclose(found, np.negative(push), atol=0.6)
     forces, _ = imu(lambda k, turned: turned, Motion(push=push), 0.9)
-    assert not forces.by_imu
+    assert not forces.uses_imu
     forces, found = imu(lambda k, turned: turned, Motion(push=push), 2.0, forces, 0.9)
-    assert forces.by_imu and np.isfinite(found).all()
+    assert forces.uses_imu and np.isfinite(found).all()
     forces, found = imu(lambda k, turned: NO_IMU, Motion(push=push), 4.0, forces, 2.0)  # it is lost
-    assert forces.by_imu and np.isnan(found).all()
+    assert forces.uses_imu and np.isnan(found).all()
     forces, found = imu(lambda k, turned: NO_IMU, Motion(push=push), 13.0, forces, 4.0)
-    assert not forces.by_imu
+    assert not forces.uses_imu
     np.testing.assert_allclose(found, np.negative(push), atol=0.6)
 
 
-def test_in_the_air_nothing_is_known():
-    """Nor with a sensor that says 3 N there."""
+def test_in_the_air_the_residual_is_nan():
+    """Also with a sensor offset of 3 N."""
     motion, (forces, over) = Motion(), watch(Motion(), end=0.3)
-    posture, left, right, turned = motion.look(0.31, 1.0)
+    feet, turned = motion.look(0.31, 1.0)
     offset = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
-    forces.look(T0 + 310_000_000, Foot.LEFT, posture, offset, 0.0 * right, turned)
+    forces.look(T0 + 310_000_000, Foot.LEFT, feet._replace(left=offset, right=np.zeros(6)), turned)
     assert np.isnan(over(0.1, 0.31)).all()
     _, over = watch(motion, 0.32, 0.7, forces=forces)
     assert np.isfinite(over(0.34, 0.7)).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Faults of wiring and zeros of sensors that no single message shows, on a synthetic walk."""
+"""Wiring faults and sensor bias that no single message shows, on a synthetic walk."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def warnings_of(change):
     return pipeline.status().warnings
 
 
-def test_wrong_sign_is_told():
+def test_wrong_sign_is_reported():
     def flipped(stream, message):
         return (stream, replace(message, force=-message.force)) if stream == LEFT else (stream, message)
 
@@ -33,7 +33,7 @@ def test_wrong_sign_is_told():
     assert str(warning).startswith(LEFT) and "sign" in warning.text
 
 
-def test_swapped_feet_are_told():
+def test_swapped_feet_are_reported():
     def swapped(stream, message):
         if stream in (LEFT, RIGHT):
             stream, frame = (RIGHT, "r_sole") if stream == LEFT else (LEFT, "l_sole")
@@ -45,8 +45,8 @@ def test_swapped_feet_are_told():
 
 
 @pytest.mark.parametrize("share", [0.03, 0.06, 0.2])
-def test_a_foot_in_the_air_that_never_reads_unloaded_is_told(share):
-    """Above contact_off, 4 % of the weight, its lift-offs are missed and the robot seems to stand on both feet."""
+def test_bias_of_a_foot_in_the_air_is_reported(share):
+    """Above contact_off, 4 % of the weight, its lift-offs are missed and the robot appears to be in double support."""
 
     def biased(stream, message):
         if stream == RIGHT:

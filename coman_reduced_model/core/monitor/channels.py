@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Channels of the monitor: names, units, nominal noise, and the kinds of support phases that show them.
+
+`spring/JOINT`    motor - link - torque / k + (d / k) d(motor - link)/dt; torque measured, else from statics [rad]
+`stiffness/JOINT`  component of that residual along the spring deflection by the measured torque in the phase [rad]
+`torque/JOINT`    measured torque minus the torque that balances ground forces and weight [Nm]
+`drag/JOINT`      mean of that residual along the displacement of the joint: friction, or a one-sided error [Nm]
+`late/FOOT`       delay of the foot sensor against the joint torques, shrunk towards zero at low excitation [s]
+`force/AXIS`      residual force: foot forces + weight - m a (monitor/forces.py), level axes, x of the support sole [N]
+`moment/AXIS`     moment of the foot forces about the COM, in the support sole frame [Nm]
+`feet/z, roll, pitch`  right sole in the frame of the left one in double support; zero on level ground [m, rad]
+`feet/slide_x, slide_y`  displacement of the right sole against the left one during a double support [m]
+`tilt/roll, pitch`  inclination of the support sole by IMU and kinematics; zero on level ground [rad]
+`landing/z`       impulse of a landing beyond that of the load that the foot carries afterwards [Ns]
+`unloaded/FOOT/AXIS`  reading of the sensor of the swing foot [N, Nm]
+`plan/x, y`       COM by the motor positions minus the COM of com/reference (`reference: motor`) [m]
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.types import Array
+
+KINDS = ("left", "right", "double support after left", "double support after right", "standing")
+LEFT, RIGHT, AFTER_LEFT, AFTER_RIGHT, STANDING = range(5)  # their indices
+FLAT_SOLE_LAWS = ("torque", "drag", "force", "moment", "feet", "tilt")  # hold while the support sole lies flat
+SPRING_LAWS = ("spring", "stiffness")  # hold for each spring alone, in any gait
+# Channels that do not depend on the joints, in this order after `spring` and `torque` of all joints.
+COMMON = (
+    *(f"{law}/{axis}" for law in ("force", "moment") for axis in "xyz"),
+    *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
+    *(f"unloaded/{foot}/{kind}{axis}" for foot in ("left", "right") for kind in "ft" for axis in "xyz"),
+    *("plan/x", "plan/y", "landing/z"),
+)
+
+
+class Nominal(NamedTuple):
+    """Nominal variability of a channel. Units: weights for N, weight times COM height for Nm, mass times m/s for Ns."""
+
+    unit: str
+    single: float  # standard deviation of a phase mean from phase to phase, in single support
+    double: float  # the same in double support
+    robots: float  # standard deviation from one healthy robot to the next; 0: not known
+    drift: float  # standard deviation of the drift from one phase of a kind to the next, as a share of the noise
+
+
+_NOMINAL = {
+    "spring": Nominal("rad", 0.00015, 0.0003, 0.001, 0.0),
+    "stiffness": Nominal("rad", 0.0001, 0.0001, 0.0, 0.0),
+    "torque": Nominal("Nm", 0.0015, 0.0025, 0.0, 1.0),
+    "force/x": Nominal("N", 0.002, 0.01, 0.0, 1.0),
+    "force/y": Nominal("N", 0.002, 0.01, 0.0, 1.0),
+    "force/z": Nominal("N", 0.003, 0.006, 0.03, 1.0),
+    "moment": Nominal("Nm", 0.002, 0.0035, 0.0, 0.5),
+    "feet/z": Nominal("m", 0.0003, 0.0003, 0.0015, 2.0),
+    "feet/roll": Nominal("rad", 0.0007, 0.0007, 0.003, 2.0),
+    "feet/pitch": Nominal("rad", 0.0007, 0.0007, 0.003, 2.0),
+    "feet": Nominal("m", 0.0007, 0.0007, 0.0, 0.0),
+    "tilt": Nominal("rad", 0.001, 0.001, 0.0, 0.5),
+    "landing": Nominal("Ns", 0.0025, 0.0025, 0.006, 0.0),
+    "unloaded/f": Nominal("N", 0.003, 0.003, 0.015, 0.0),
+    "unloaded/t": Nominal("Nm", 0.0005, 0.0005, 0.002, 0.0),
+    "plan": Nominal("m", 0.0001, 0.0002, 0.0, 0.0),
+    "drag": Nominal("Nm", 0.0025, 0.005, 0.0, 0.0),
+    "late": Nominal("s", 0.001, 0.0015, 0.003, 0.0),
+}
+# Channels that not all kinds of phases show, by law or by law and foot.
+_SHOWN_IN = {
+    "force": (LEFT, RIGHT, STANDING),
+    "feet": (AFTER_LEFT, AFTER_RIGHT, STANDING),
+    "unloaded/left": (RIGHT,),
+    "unloaded/right": (LEFT,),
+    "landing": (AFTER_LEFT, AFTER_RIGHT),
+    "stiffness": (LEFT, RIGHT, AFTER_LEFT, AFTER_RIGHT),
+    "late/left": (LEFT, AFTER_LEFT, AFTER_RIGHT),
+    "late/right": (RIGHT, AFTER_LEFT, AFTER_RIGHT),
+}
+
+
+def channel_names(joints: list[str]) -> tuple[str, ...]:
+    """Names of the channels of a robot with these leg joints, those of the left leg first."""
+    return (
+        *(f"{law}/{joint}" for law in ("spring", "torque") for joint in joints),
+        *COMMON,
+        *(f"{law}/{joint}" for law in ("drag", "stiffness") for joint in joints),
+        *("late/left", "late/right"),
+    )
+
+
+def law_of(name: str) -> str:
+    """The law of a channel: the first part of its name."""
+    return name.partition("/")[0]
+
+
+def nominal(name: str) -> Nominal:
+    """Nominal variability of a channel."""
+    law = law_of(name)
+    return _NOMINAL.get(name) or _NOMINAL[f"unloaded/{name[-2]}" if law == "unloaded" else law]
+
+
+def nominal_deviations(names: tuple[str, ...], scale: dict[str, float]) -> Array:
+    """Rows `single`, `double`, `robots` of `Nominal` (3, n), times a scale by unit."""
+    return np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in map(nominal, names)]).T
+
+
+def shown(names: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Whether a kind of phase shows a channel (kinds, n)."""
+    out = np.ones((len(KINDS), len(names)), dtype=bool)
+    for i, name in enumerate(names):
+        kinds = _SHOWN_IN.get(law_of(name)) or _SHOWN_IN.get("/".join(name.split("/")[:2]))
+        if kinds is not None:
+            out[:, i] = np.isin(range(len(KINDS)), kinds)
+    return out
+
+
+def of_laws(names: tuple[str, ...], laws: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Which channels (n,) belong to these laws."""
+    return np.array([law_of(name) in laws for name in names])
