@@ -64,7 +64,7 @@ CASES = (
 COMMANDED = ("motor_lag", "transport_delay", "motor_compliance")
 MODELS = {
     "trunk": Config(),
-    "paper": Config().replaced({"effects.active": ["none"]}),
+    "paper": Config().replaced({"model.trunk_rotation": "without"}),
 }
 
 

@@ -30,7 +30,7 @@ from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 from coman_reduced_model.tuning.recording import Recording, read_recording
 
-MODELS = {"the paper's model": ("none",), "with the four effects": ("standard",)}
+MODELS = {"the paper's model": "without", "the turning trunk": "with"}
 
 
 class Replay:
@@ -53,7 +53,7 @@ def main() -> None:
     gait = sys.argv[1] if len(sys.argv) > 1 else "test1"
     plain = Config().replaced({"prediction.horizons": []})
     recording = read_recording(bag_path(gait), plain)
-    models = {n: Predictor(recording.robot, plain.replaced({"effects.active": e})) for n, e in MODELS.items()}
+    models = {n: Predictor(recording.robot, plain.replaced({"model.trunk_rotation": e})) for n, e in MODELS.items()}
     for model in models.values():  # compiled, caches warm
         for sample in list(recording.copies())[:400]:
             model.update(sample)

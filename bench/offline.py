@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Predicting a bag against only decoding it, and the memory that a long bag takes against a short one.
 
-    python bench/offline.py [--minutes 10] [--effects none]    # none: the paper's model
+    python bench/offline.py [--minutes 10] [--trunk without]    # without: the paper's model
 
 The bags are the shipped test1 over and over, its stamps moved on. Each figure comes from a process of its own.
 `prediction alone` leaves out start-up (loading compiled code, opening the bag), which a long bag does not feel; it is
@@ -37,7 +37,7 @@ import json, resource, sys, tempfile
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.offline import predict_bag
-config = Config().replaced({"effects.active": [sys.argv[2]]})
+config = Config().replaced({"model.trunk_rotation": sys.argv[2]})
 with tempfile.TemporaryDirectory() as folder, Session(sys.argv[1], config) as session:
     summary = predict_bag(session, folder + "/out")
 used = resource.getrusage(resource.RUSAGE_SELF)
@@ -66,24 +66,22 @@ def repeat(source: Path, target: Path, seconds: float) -> None:
                     writer.write_raw(topic, log_time + shift, bytes(data))
 
 
-def measure(script: str, bag: Path, effects: str = "") -> dict[str, float]:
-    run = subprocess.run(
-        [sys.executable, "-c", script, str(bag), effects], stdout=subprocess.PIPE, text=True, check=True
-    )
+def measure(script: str, bag: Path, trunk: str = "") -> dict[str, float]:
+    run = subprocess.run([sys.executable, "-c", script, str(bag), trunk], stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(run.stdout.splitlines()[-1])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=10.0, help="length of the long bag")
-    parser.add_argument("--effects", choices=("standard", "none"), default="standard", help="none: the paper's model")
+    parser.add_argument("--trunk", choices=("with", "without"), default="with", help="without: the paper's model")
     arguments = parser.parse_args()
-    minutes, effects = arguments.minutes, arguments.effects
+    minutes, trunk = arguments.minutes, arguments.trunk
     with tempfile.TemporaryDirectory() as folder:
         short, long = Path(folder) / "short", Path(folder) / "long"
         repeat(bag_path("test1"), short, 60.0)
         repeat(bag_path("test1"), long, 60.0 * minutes)
-        decoded, (one, many) = measure(DECODE, short), (measure(PREDICT, bag, effects) for bag in (short, long))
+        decoded, (one, many) = measure(DECODE, short), (measure(PREDICT, bag, trunk) for bag in (short, long))
     alone = (many["duration"] - one["duration"]) / (many["seconds"] - one["seconds"])
     print(f"200 Hz, {one['duration']:.0f} s: {one['duration'] / one['seconds']:.1f} x real time, start-up included")
     cpu = (many["cpu"] - one["cpu"]) / (many["samples"] - one["samples"])

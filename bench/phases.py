@@ -25,7 +25,7 @@ from coman_reduced_model.bag.session import find_robot
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects.catalogue import stream_delays
+from coman_reduced_model.core.effects.catalogue import build_effects, stream_delays
 from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.core.gait.parameters import gait
 from coman_reduced_model.core.measured.odometry import FootOdometry, base_in_odom
@@ -98,7 +98,7 @@ def virtual(name: str, seed: int, config: Config, sensors: SensorOptions) -> dic
     virtual_robot = VirtualRobot(COMAN, sensors, seed=seed)
     virtual_robot.reset(motion)
     robot = Robot(urdf(COMAN), config.robot)
-    joiner, samples, truth = Joiner(robot, config, stream_delays(config.effects, robot)), [], []
+    joiner, samples, truth = Joiner(robot, config, stream_delays(build_effects(config.effects, robot)[0])), [], []
     while virtual_robot.t < motion.end:
         readings = virtual_robot.step()
         if readings.joint_states:
@@ -153,7 +153,7 @@ def recorded(path: Path, config: Config) -> dict[str, float]:
     """Judges a recording by the motion of its feet and, where there is one, by its base pose."""
     with Bag(path) as bag:
         robot = find_robot(config, bag, TopicNames())
-        joiner, samples, poses = Joiner(robot, config, stream_delays(config.effects, robot)), [], []
+        joiner, samples, poses = Joiner(robot, config, stream_delays(build_effects(config.effects, robot)[0])), [], []
         for topic, _, message in bag.messages([JOINTS, LEFT, RIGHT, TRUE_BASE]):
             if topic == JOINTS:
                 samples += joiner.add_joint(joint_from(message))

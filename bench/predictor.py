@@ -29,20 +29,22 @@ from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path
 
-PAPER = {"effects.active": ["none"]}
+PAPER = {"model.trunk_rotation": "without"}
 VARIANTS = {
     "the paper's model, no horizons": PAPER | {"prediction.horizons": []},
     "the paper's model, horizons": PAPER,
     "condensed, both legs, gravity, lateral; horizons": {
         "model.stiffness": "condensed",
         "model.double_support": "both_legs",
-        "effects.active": ["gravity_stiffness", "lateral_compliance"],
+        "model.trunk_rotation": "without",
+        "model.gravity_stiffness": "with",
+        "model.lateral_compliance": "with",
     },
     "no motor side (LIPM), horizons": {"prediction.reference": "none"},
-    "the standard effects, no horizons": {"prediction.horizons": []},
-    "the standard effects, horizons": {},
+    "the turning trunk, no horizons": {"prediction.horizons": []},
+    "the turning trunk, horizons": {},
 }
-PARTS = ("the paper's model, horizons", "the standard effects, horizons")
+PARTS = ("the paper's model, horizons", "the turning trunk, horizons")
 
 
 def read_samples(path: Path) -> tuple[Robot, list[Sample]]:

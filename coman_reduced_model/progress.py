@@ -8,6 +8,6 @@ from collections.abc import Callable
 Progress = Callable[[float, str], None]  # fraction done (0..1), what is being done
 
 
-def part_of(whole: Progress, index: int, count: int, title: str) -> Progress:
-    """The progress of one of `count` equal parts of some work, for what does that part."""
-    return lambda fraction, what: whole((index + fraction) / count, f"{title}: {what}")
+def between(whole: Progress, start: float, end: float, title: str = "") -> Progress:
+    """The progress of a part of some work, for what does that part, which goes from one fraction to another."""
+    return lambda fraction, what: whole(start + (end - start) * fraction, f"{title}: {what}" if title else what)

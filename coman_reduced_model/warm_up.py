@@ -14,7 +14,7 @@ import numpy as np
 
 from .core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
 from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
-from .core.config.schema import NOTHING, Config
+from .core.config.schema import Config
 from .core.pipeline import Pipeline
 from .core.robot.robot import Robot
 from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
@@ -85,5 +85,6 @@ if __name__ == "__main__":  # `make setup`: the default robot's model, and all t
 
     default = Config()
     coman = Robot(config_path("coman.urdf").read_text(encoding="utf-8"), default.robot)
-    for effects in ((NOTHING,), tuple(name for name, effect in CATALOGUE.items() if effect.place == "robot")):
-        warm_up(coman, default.replaced({"effects.active": effects}), bag_types())
+    of_the_robot = tuple(name for name, effect in CATALOGUE.items() if effect.place == "robot")
+    for changes in ({"model.trunk_rotation": "without"}, {"effects.active": of_the_robot}):
+        warm_up(coman, default.replaced(changes), bag_types())

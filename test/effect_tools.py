@@ -15,7 +15,7 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
 
-PAPER = Config().replaced({"effects.active": ["none"]})
+PAPER = Config().replaced({"model.trunk_rotation": "without"})
 
 
 def config(effect: str, where: str = "", base: Config | None = None, **values: float) -> Config:

@@ -57,6 +57,7 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
     from ..core.config.files import load_config
 
     config = load_config(path, node)
+    warn(config.notes)
     values: dict[str, Any] = {}
     for change in changes or ():
         key, separator, text = change.partition("=")

@@ -12,8 +12,7 @@ from .base.input_warning import InputWarning, WarningKind
 from .base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config
-from .config.sections import ModelConfig
-from .effects.catalogue import stream_delays
+from .effects.catalogue import build_effects, stream_delays
 from .monitor.monitor import Mismatch, Monitor
 from .monitor.plausibility import Plausibility
 from .predictor import Predictor
@@ -82,9 +81,9 @@ class Pipeline:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.config = config
-        self.joiner = Joiner(robot, config, stream_delays(config.effects, robot))
-        self.predictor = Predictor(robot, config)
-        self.robot = self.predictor.robot  # with what effects load it with
+        effects, self.robot = build_effects(config.effects, robot)
+        self.joiner = Joiner(robot, config, stream_delays(effects))
+        self.predictor = Predictor(self.robot, config, effects)
         self.plausibility = Plausibility(self.robot, config)
         self.monitor = Monitor(self.robot, config) if config.monitor.enabled else None
         self.samples = 0
@@ -207,7 +206,7 @@ class Pipeline:
         else:
             others = [self._stream_warning(each) for each in streams.values() if each.expected and each.name != JOINTS]
             found = [each for each in others if each is not None]
-        given = [name for name, value in vars(self.config.model).items() if value != getattr(ModelConfig, name)]
+        given = self.config.model.of_the_point_mass
         if given and self.predictor.model.turning:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))

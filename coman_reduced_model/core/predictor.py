@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
 
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config.schema import Config
-from .effects.catalogue import Effect, loaded
+from .effects.catalogue import Effect, build_effects
 from .effects.hooks import Now
 from .evaluation.baselines import predict_baselines
 from .evaluation.horizons import HorizonJudge
@@ -52,10 +53,23 @@ class Predictor:
 
     DIVERGED = 0.5
 
-    def __init__(self, robot: Robot, config: Config) -> None:
-        self.robot = robot = loaded(robot, config.effects)
+    def __init__(self, robot: Robot, config: Config, effects: Sequence[Effect] | None = None) -> None:
+        """Build the model.
+
+        Args:
+            robot: as its URDF says; with `effects`, as `build_effects` has loaded it.
+            config: of robot and model.
+            effects: from `build_effects`; default: those of the configuration.
+
+        Raises:
+            ConfigError: an effect does not fit the robot.
+        """
+        if effects is None:
+            effects, robot = build_effects(config.effects, robot)
+        self.robot = robot
         self.config = config
-        self.model = Model(robot, config)
+        self.effects = effects
+        self.model = Model(robot, config, effects)
         self.dynamics = self._dynamics()
         self.link = robot.posture()
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
@@ -64,7 +78,7 @@ class Predictor:
         self._horizons = np.array(self.judge.horizons)
         self._nothing = np.full((len(self._horizons), 3), np.nan)
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
-        self._sliding = [e for e in self.model.effects if type(e).slide is not Effect.slide]
+        self._sliding = [e for e in effects if type(e).slide is not Effect.slide]
         self._needs_zmp = config.prediction.reference == "none" or len(self._horizons) > 0
         self.reset()
 
@@ -78,6 +92,8 @@ class Predictor:
         """Forget the past: as if the next sample were the first (odom starts anew). The judged errors are kept."""
         self.support.reset()
         self.odometry.reset()
+        for effect in self.effects:
+            effect.reset()
         self.judge.restart()
         self.dynamics.reset()
         self._stamp_ns = 0
@@ -101,21 +117,23 @@ class Predictor:
         Returns:
             The prediction at its stamp; NaN with a flag where something is missing, never zeros.
         """
-        for effect in self.model.effects:
-            effect.correct(sample)
         dt = (sample.stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and not 0.0 < dt <= self.config.streams.restart_gap:
             self.reset()
+        for effect in self.effects:
+            effect.correct(sample)
         left, right = sample.left_wrench, sample.right_wrench
         flags = Flags.STALE_WRENCH if left is None or right is None else Flags.OK
         support = self.support.update(
             sample.stamp_ns, None if left is None else float(left[2]), None if right is None else float(right[2])
         )
+        for effect in self.effects:
+            effect.begin(sample.stamp_ns, support)
         self.link.update(sample.q, sample.qd)
         foot, R, p = support.support_foot, self.link.R, self.link.p
         T_odom_sole = self.odometry.update(foot, R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT])
         for effect in self._sliding:
-            T_odom_sole = self.odometry.slide(effect.slide(sample.stamp_ns, support))
+            T_odom_sole = self.odometry.slide(effect.slide())
         if foot == Foot.NONE:
             return self._finish(sample, support, T_odom_sole, flags | Flags.NO_SUPPORT | Flags.NOT_INITIALISED)
         com, com_vel = self.link.com_in_sole(foot)

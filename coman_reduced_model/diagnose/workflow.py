@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from ..core.base.types import Array, Phase
-from ..core.config.schema import STANDARD_EFFECTS, Config, nominal_effects, takes_standard
+from ..core.config.schema import OPTIONS, Config, can_turn, nominal_effects
 from ..core.effects.base import EffectConfig
 from ..core.effects.catalogue import CATALOGUE
 from ..core.evaluation.statistics import by_axis
 from ..core.robot.robot import Robot
 from ..errors import BagError, ConfigError
-from ..progress import Progress
+from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.masks import taken_up_anew
 from .data.recording import Recording, load, moving
@@ -74,13 +74,15 @@ def diagnose(
     for i, path in enumerate(paths):
         if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
             raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
-    prepared, left_out = [], {}
+    prepared: list[Prepared] = []
+    left_out: dict[str | Path, str] = {}
     helper = ProcessPoolExecutor(1, get_context("spawn"))
     free_runs = FreeRuns(helper, urdf, names)
     free_runs.start(paths, config)
     try:
         for i, path in enumerate(paths):
-            recording, robot = load(path, config, urdf, names, lambda f, w, i=i: report(0.15 * (i + f) / len(paths), w))
+            part = between(report, 0.15 * i / len(paths), 0.15 * (i + 1) / len(paths))
+            recording, robot = load(path, config, urdf, names, part)
             if i:
                 _same_robot(path, robot, paths[0], prepared[0][1].robot)
             try:
@@ -301,10 +303,10 @@ def _class(finding: Finding, option: Candidate) -> str | None:
 
 
 def with_structure(config: Config) -> Config:
-    """The configuration with the structural effects, without which the paper's point mass hides what is missing."""
-    if not takes_standard(config) or any(effect.name in STANDARD_EFFECTS for effect in config.effects):
+    """The configuration with the model's options, without which the paper's point mass hides what is missing."""
+    if not can_turn(config) or any(config.uses(option) for option in OPTIONS):
         return config
-    return dataclasses.replace(config, effects=(*nominal_effects(STANDARD_EFFECTS), *config.effects))
+    return config.replaced({f"model.{option}": "with" for option in OPTIONS})
 
 
 def with_effects(config: Config, effects: Sequence[Mapping[str, Any]]) -> Config:

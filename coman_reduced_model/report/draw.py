@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 
-from ..core.base.types import Array, Phase
-from ..core.evaluation.run import Booleans, Run
+from ..core.base.types import Array, Booleans, Phase
+from ..core.evaluation.run import Run
 
 # Okabe and Ito's palette, safe for colour-blind readers; every series differs in its dashes or markers as well.
 INK, FAINT, GRID = "#1a1c21", "#5b606b", "#d9dce3"

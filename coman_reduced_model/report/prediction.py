@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..core.config.schema import parameter_table
+from ..core.config.schema import OPTIONS, config_from_flat, parameter_table
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
@@ -112,10 +112,12 @@ def _facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if summary.get("duration_s") is not None:
         facts.append(("length", f"{summary['duration_s']:.1f} s, {summary['samples']} samples"))
     if config:
-        effects = config.get("effects.active") or []
+        settings = config_from_flat(config, "summary.json")
         facts.append(("reference", str(config.get("prediction.reference", "?"))))
         choice = f"stiffness {config.get('model.stiffness')}, double support {config.get('model.double_support')}"
-        facts.append(("model", ", ".join(effects if "trunk_rotation" in effects else [choice, *effects])))
+        options = [option for option in OPTIONS if settings.uses(option)]
+        kind = [] if settings.turning else [choice]
+        facts.append(("model", ", ".join([*kind, *options, *settings.active])))
     if summary.get("realtime_factor"):
         facts.append(("speed", f"{summary['realtime_factor']:.2g} x real time"))
     return facts
@@ -149,10 +151,10 @@ def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
         )
     )
     config = summary.get("config") or {}
-    sideways = "lateral_compliance" in (config.get("effects.active") or [])
+    sideways = config_from_flat(config, "summary.json").uses("lateral_compliance")
     if config and not sideways and config.get("prediction.reference") != "none":
         parts.append(
-            Text("y is not modelled here: sideways, the predicted COM is the reference (effect lateral_compliance).")
+            Text("y is not modelled here: sideways, the predicted COM is the reference (model.lateral_compliance).")
         )
     return Section("Errors", parts, "errors")
 

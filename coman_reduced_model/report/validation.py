@@ -19,7 +19,7 @@ from . import figures
 from .draw import SERIES, legend, new_figure, title
 from .page import Part, Section, Table, Text, page, picture
 
-_SHOWN = ("rigid robot", "paper", "paper, tuned", "all effects", "all effects, tuned")
+_SHOWN = ("rigid robot", "paper", "paper, tuned", "all options", "all effects, tuned")
 PICTURE = "validation"
 
 
@@ -140,15 +140,15 @@ def _tuned(done: Validation) -> list[Part]:
         for name, config in configs.items():
             flat = config.flat()
             keys = [f"model.{n}" for n in ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")]
-            if config.effects:
-                keys = ["robot.left.stiffness", "robot.right.stiffness", "effects.trunk_rotation.friction"]
+            if config.turning:
+                keys = ["robot.left.stiffness", "robot.right.stiffness", "model.friction"]
             told = [[key, str(flat[key])] for key in keys if key in flat]
             parts.append(Table(["parameter", "value"], told, words=2, folded=f"{robot}, {name} on {gait}"))
     return parts
 
 
 def _lead(summary: Mapping[str, Any]) -> str:
-    best, paper = summary.get("all effects"), summary["paper"]
+    best, paper = summary.get("all options"), summary["paper"]
     told = f"On walks not tuned on, x and z of the COM are off by {_mm(paper['rigid_m'])} mm for a rigid robot, "
     told += f"{_mm(paper['rmse_m'])} mm by the paper's model"
     if best:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.base.compiled import compiled
-from ..core.base.types import Array, Flags, Phase, Sample, SupportState
+from ..core.base.types import Array, Booleans, Flags, Integers, Phase, Sample, SupportState
 from ..core.config.schema import Config
 from ..core.model.cartesian import Model, Terms
 from ..core.model.integrator import Forcing, extrapolate, free_run_step, free_run_switch
@@ -32,10 +32,10 @@ _STOP, _GO, _RESTART = 0, 1, 2
 class FreeRun:
     """One bag, n samples; vectors in the frame of the support sole."""
 
-    stamp: Array  # (n,) [ns] since the first sample
-    event: Array  # (n,) what the predictor did: _STOP, _GO, _RESTART
-    switched: Array  # (n,) whether the support changed at this sample
-    began: Array  # (n,) [ns] when it did
+    stamp: Integers  # (n,) [ns] since the first sample
+    event: Integers  # (n,) what the predictor did: _STOP, _GO, _RESTART
+    switched: Booleans  # (n,) whether the support changed at this sample
+    began: Integers  # (n,) [ns] when it did
     R: Array  # (n, 3, 3) old sole to new sole
     moved: Array  # (n, 3)
     K: Array  # (n, 3, 3) with coefficients of 1
@@ -44,8 +44,8 @@ class FreeRun:
     pull: Array  # (n, 8) force of each coefficient, in its row
     reference: Array  # (n, 6) COM and velocity
     measured: Array  # (n, 6)
-    phase: Array  # (n,)
-    axes: Array  # integrated coordinates
+    phase: Integers  # (n,)
+    axes: Integers  # integrated coordinates
     mass: float
     diverged: float  # [m] distance from the measured COM at which it restarts, as `Predictor.DIVERGED`
 
@@ -88,8 +88,8 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
     predictor = Predictor(robot, config)  # type: ignore[arg-type]
     if predictor.model.turning:
         raise ConfigError(
-            "effects.active: trunk_rotation does not use the coefficients a1 to e2, the paper's model does "
-            "(effects.active: [none])"
+            "model.trunk_rotation: the turning trunk does not use the coefficients a1 to e2, the paper's model does "
+            "(model.trunk_rotation: without)"
         )
     probes = [_probe(predictor, config, pair) for pair in ((), *_PAIRS)]
     taken: list[tuple[Terms, Array, list[Terms]]] = []
@@ -143,14 +143,14 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
 
 def _probe(predictor: Predictor, config: Config, ones: tuple[str, ...]) -> Model:
     values = {f"model.{name}": 1.0 if name in ones else 0.0 for name in COEFFICIENTS}
-    return Model(predictor.robot, config.replaced(values))
+    return Model(predictor.robot, config.replaced(values), predictor.effects)
 
 
 @compiled
 def _run(
-    c: Array, given: int, axes: Array, mass: float, diverged: float, stamp: Array, event: Array, switched: Array,
-    began: Array, R: Array, moved: Array, K_all: Array, D_all: Array, force: Array, pull: Array, reference: Array,
-    measured: Array, data: Array,
+    c: Array, given: int, axes: Integers, mass: float, diverged: float, stamp: Integers, event: Integers,
+    switched: Booleans, began: Integers, R: Array, moved: Array, K_all: Array, D_all: Array, force: Array, pull: Array,
+    reference: Array, measured: Array, data: Array,
 ) -> Array:  # fmt: skip
     n = stamp.shape[0]
     M = np.eye(3) * mass

@@ -147,7 +147,7 @@ def tune_parameters(
     config = config.replaced({"prediction.horizons": ()})
     chosen = knobs(config, names)
     windows = judged(recordings, steps_only)
-    lateral = any(effect.name == "lateral_compliance" for effect in config.effects)
+    lateral = config.uses("lateral_compliance")
     axes = (0, 1, 2) if lateral else (0, 2)
     low, high = np.array([k.low for k in chosen]), np.array([k.high for k in chosen])
     start = np.clip([k.start for k in chosen], low, high)

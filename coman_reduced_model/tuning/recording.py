@@ -13,11 +13,11 @@ import numpy as np
 
 from ..bag.session import Session
 from ..core.base.types import Prediction, Sample
-from ..core.config.schema import NOTHING, Config
+from ..core.config.schema import OPTIONS, Config
 from ..core.predictor import Predictor
 from ..core.robot.robot import Robot
 from ..errors import ConfigError
-from ..progress import Progress, part_of
+from ..progress import Progress, between
 from ..topics import TopicNames
 
 
@@ -72,7 +72,8 @@ def read_all(
     """Several bags, one after the other."""
     found = []
     for number, path in enumerate(paths):
-        part = None if progress is None else part_of(progress, number, len(paths), f"reading {path.name}")
+        start, end, title = number / len(paths), (number + 1) / len(paths), f"reading {path.name}"
+        part = None if progress is None else between(progress, start, end, title)
         found.append(read_recording(path, config, names, urdf, part))
     return found
 
@@ -85,4 +86,5 @@ def motor_side(config: Config) -> Config:
     """
     if config.prediction.reference == "none":
         raise ConfigError("prediction.reference: none: a robot without motor-side encoders shows no spring deflection")
-    return config.replaced({"effects.active": (NOTHING,), "prediction.horizons": (), "prediction.reference": "motor"})
+    paper = {"effects.active": (), **{f"model.{option}": "without" for option in OPTIONS}}
+    return config.replaced({**paper, "prediction.horizons": (), "prediction.reference": "motor"})

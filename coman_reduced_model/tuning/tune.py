@@ -169,9 +169,9 @@ def chosen(config: Config, names: str) -> list[str]:
     used = [name for name in wanted if name in ("coefficients", *COEFFICIENTS) or name.startswith("share_")]
     if config.turning and used:
         raise ConfigError(
-            f"--parameters: {used[0]}: the turning trunk (effects.active: trunk_rotation) does not use the paper's "
+            f"--parameters: {used[0]}: the turning trunk (model.trunk_rotation) does not use the paper's "
             "coefficients (allowed: joint_stiffness, joint_damping, parameters of effects); with --set "
-            "effects.active=[none] it is the paper's model"
+            "model.trunk_rotation=without it is the paper's model"
         )
     if "coefficients" in wanted and len(wanted) > 1:
         raise ConfigError(

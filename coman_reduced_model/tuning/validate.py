@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.config.schema import NOTHING, STANDARD_EFFECTS, Config
+from ..core.config.schema import OPTIONS, Config
 from ..core.evaluation.statistics import RunStatistics, by_axis
 from ..core.predictor import Predictor
 from ..errors import BagError, ConfigError
@@ -32,12 +32,13 @@ PAPER: dict[str, Any] = {
     "model.stiffness": "full",
     "model.double_support": "scaled",
     "model.shares": "constant",
-    "effects.active": (NOTHING,),
+    "effects.active": (),
+    **{f"model.{option}": "without" for option in OPTIONS},
 }
 
 
-def _with(*effects: str) -> dict[str, Any]:
-    return PAPER | {"effects.active": effects}
+def _with(*options: str) -> dict[str, Any]:
+    return PAPER | {f"model.{option}": "with" for option in options}
 
 
 # The ablation: what each changes in the configuration. None: the configuration as it is given.
@@ -49,13 +50,13 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "gravity_stiffness alone": _with("gravity_stiffness"),
     "lateral_compliance alone": _with("lateral_compliance"),
     "trunk_rotation alone": _with("trunk_rotation"),
-    "all effects": _with(*STANDARD_EFFECTS),
-    "all but gravity_stiffness": _with(*STANDARD_EFFECTS[1:]),
+    "all options": _with(*OPTIONS),
+    "all but gravity_stiffness": _with(*OPTIONS[1:]),
     "all but trunk_rotation": _with("gravity_stiffness", "lateral_compliance"),  # swing_momentum acts with it alone
     "all but swing_momentum": _with("gravity_stiffness", "trunk_rotation", "lateral_compliance"),
-    "all but lateral_compliance": _with(*STANDARD_EFFECTS[:3]),
+    "all but lateral_compliance": _with(*OPTIONS[:3]),
 }
-QUICK = ("paper", "all effects")  # of these the tuned ones as well
+QUICK = ("paper", "all options")  # of these the tuned ones as well
 GAITS: dict[str, dict[str, Any]] = {  # name: of a gait in core/gait/parameters.py, and what is changed in it
     "test1": {},
     "test2": {},

@@ -379,7 +379,7 @@ def test_bags_of_messages_that_are_spoiled(predict, tmp_path, mutations, source,
     """No traceback (the fixture looks for it), and what is counted adds up."""
     shutil.rmtree(tmp_path / "bag", ignore_errors=True)
     bag = write_bag(tmp_path / "bag", spoil(walk(0.5, 100.0, reference=True), mutations))
-    model = ["--set", "effects.active=[none]"] if paper or source == "topic" else []
+    model = ["--set", "model.trunk_rotation=without"] if paper or source == "topic" else []
     code, summary, _ = predict(bag, "--set", f"prediction.reference={source}", *model)
     if code == 0:
         assert summary["samples"] == summary["streams"][JOINTS]["accepted"]

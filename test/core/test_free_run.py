@@ -71,12 +71,14 @@ def perturbed(samples: list[Sample], predictions: list[Prediction], robot) -> li
     "config",
     [
         Config(),
-        Config().replaced({"effects.active": ["trunk_rotation"]}),
+        Config().replaced(
+            {f"model.{o}": "without" for o in ("gravity_stiffness", "swing_momentum", "lateral_compliance")}
+        ),
         with_effect("ground_compliance", "", Config(), vertical=2e-6, rotational=1e-4),
         with_effect("external_force", "", Config(), x=4.0),
         with_effect("backlash", "LKneeSag", Config(), width=0.01),
         PAPER,
-        PAPER.replaced({"model.double_support": "both_legs", "effects.active": ["gravity_stiffness"]}),
+        PAPER.replaced({"model.double_support": "both_legs", "model.gravity_stiffness": "with"}),
         with_effect("joint_friction", "LKneeSag", PAPER, coulomb=1.0),
         TOPIC,
     ],

@@ -17,7 +17,7 @@ ROBOT = robot_of("coman")
 WEIGHT = 9.81 * ROBOT.mass
 PERIOD = 1.4  # [s] double, left, double, right
 # Phases change between two samples of 100 Hz, whatever the rate: no dwell.
-CONFIG = Config().replaced({"effects.active": ["none"], "support.dwell_on": 0.0, "support.dwell_off": 0.0})
+CONFIG = Config().replaced({"model.trunk_rotation": "without", "support.dwell_on": 0.0, "support.dwell_off": 0.0})
 T0 = 10**12
 
 
@@ -68,7 +68,7 @@ def in_odom(prediction, name="predicted_com"):
     [
         {},
         {"support.dwell_on": 0.012, "support.dwell_off": 0.012},
-        {"effects.active": ["lateral_compliance"], "model.shares": "measured"},
+        {"model.lateral_compliance": "with", "model.shares": "measured"},
         {"model.double_support": "both_legs", "model.stiffness": "condensed"},
     ],
 )
@@ -87,7 +87,7 @@ def test_the_rate_of_the_samples_does_not_matter(changes):
         ]
         assert np.mean(same) > 0.95
         error = (column(coarse, "predicted_com") - column(fine, "predicted_com"))[same]
-        axes = [0, 1, 2] if "effects.active" in changes else [0, 2]
+        axes = [0, 1, 2] if "model.lateral_compliance" in changes else [0, 2]
         assert (np.sqrt((error**2).mean(axis=0)) < 0.02 * size)[axes].all()
         assert (np.abs(error).max(axis=0) < 0.1 * size)[axes].all()
 
@@ -122,7 +122,7 @@ def test_free_run_is_the_dense_integration_of_its_terms():
 def test_predicted_com_is_continuous_in_odom(source):
     """Without restarts nothing jumps when the support foot changes, whatever the feet do."""
     config = CONFIG.replaced({"prediction.reset_every_steps": 0, "prediction.reference": source,
-                              "effects.active": ["lateral_compliance"]})  # fmt: skip
+                              "model.lateral_compliance": "with"})  # fmt: skip
     predictions = run(config, rate=1000.0)
     changes = [i for i in range(2, len(predictions)) if predictions[i].frame_id != predictions[i - 1].frame_id]
     assert len(changes) > 3
@@ -175,7 +175,7 @@ def test_lateral_follows_the_reference_unless_integrated():
     for p in plain:
         if not p.flags:
             assert p.predicted_com[1] == p.reference_com[1] and p.predicted_com_vel[1] == p.reference_com_vel[1]
-    lateral = run(CONFIG.replaced({"effects.active": ["lateral_compliance"]}), end=1.0)[5:]
+    lateral = run(CONFIG.replaced({"model.lateral_compliance": "with"}), end=1.0)[5:]
     assert np.abs(column(lateral, "predicted_com") - column(lateral, "reference_com"))[:, 1].max() > 1e-5
 
 

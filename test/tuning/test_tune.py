@@ -23,7 +23,7 @@ from coman_reduced_model.tuning.tune import chosen, describe, tune_coefficients
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 CONFIG = load_config(config_path("coman_paper")).replaced({"prediction.horizons": ()})
-WHOLE = ["gravity_stiffness", "trunk_rotation", "swing_momentum"]
+WHOLE = {f"model.{option}": "with" for option in ("gravity_stiffness", "trunk_rotation", "swing_momentum")}
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,9 @@ def imagined(walk, config, noise=0.0, seed=0):
         {
             "model.shares": "measured",
             "model.stiffness": "condensed",
-            "effects.active": ["gravity_stiffness", "lateral_compliance", "external_force"],
+            "model.gravity_stiffness": "with",
+            "model.lateral_compliance": "with",
+            "effects.active": ["external_force"],
             "effects.external_force.x": [3.0],
         },
         {"prediction.reset_every_steps": 3},
@@ -151,7 +153,7 @@ def test_shares_add_up_and_are_those_of_the_wrenches(walk):
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_joint_springs_are_found_again_through_the_whole_model(walk):
-    config = CONFIG.replaced({"effects.active": WHOLE})
+    config = CONFIG.replaced(WHOLE)
     chosen_knobs = knobs(config, ["joint_stiffness"])
     assert [k.name for k in chosen_knobs] == [f"joint_stiffness({s}{j})" for s in "LR" for j in ("KneeSag", "AnkSag")]
     true = (1.15, 0.9, 1.05, 1.1)
@@ -174,14 +176,14 @@ def test_joint_springs_are_found_again_through_the_whole_model(walk):
 
 
 def test_names_that_mean_nothing_are_refused():
-    turning = CONFIG.replaced({"effects.active": WHOLE})
+    turning = CONFIG.replaced(WHOLE)
     assert chosen(CONFIG, "") == [] == chosen(CONFIG, "coefficients")
     assert "joint_stiffness" in chosen(turning, "")
     with pytest.raises(ConfigError, match="does not use the paper's coefficients"):
         chosen(turning, "a1")
     with pytest.raises(ConfigError, match="'nothing' is no number"):
         knobs(CONFIG, ["nothing"])
-    assert [k.key for k in knobs(turning, ["friction"])] == ["effects.trunk_rotation.friction"]
+    assert [k.key for k in knobs(turning, ["friction"])] == ["model.friction"]
 
 
 @pytest.mark.slow

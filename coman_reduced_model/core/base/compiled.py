@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import njit
 
-from .types import Array
+from .types import Array, Integers
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -79,7 +79,7 @@ def apply(A: Array, x: Array) -> Array:
 
 
 @compiled
-def pick(x: Array, axes: Array) -> Array:
+def pick(x: Array, axes: Integers) -> Array:
     """The entries `axes` (n,) of x (d,)."""
     y = np.empty(axes.shape[0])
     for i in range(axes.shape[0]):

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]  # indices, counts, stamps [ns], phases and feet by number
+Booleans = NDArray[np.bool_]
 _NAN2 = np.full(2, np.nan)
 
 

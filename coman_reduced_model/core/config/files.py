@@ -13,7 +13,7 @@ import yaml
 from ...errors import ConfigError, OutputError
 from ...output import check_file
 from ...resources import config_path
-from .schema import NOTHING, Config, config_from_flat, parameter_table
+from .schema import Config, config_from_flat, parameter_table
 
 
 def load_config(path: str | Path | None = None, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
@@ -30,8 +30,8 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
     Example:
         >>> import coman_reduced_model as coman
         >>> config = coman.load_config(coman.config_path("coman_paper")).replaced({"prediction.horizons": [0.2]})
-        >>> config.prediction.horizons, config.active
-        ((0.2,), ())
+        >>> config.prediction.horizons, config.model.trunk_rotation
+        ((0.2,), 'without')
         >>> path = coman.save_config(config, "mine.yaml")
         >>> coman.load_config(path).flat() == config.flat()
         True
@@ -85,8 +85,6 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += ["/**:", "  ros__parameters:"]
     for key, value in config.flat().items():
-        if key == "effects.active":
-            value = config.active or (NOTHING,)
         if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
             continue
         parameter = table[key]

@@ -33,8 +33,8 @@ from .sections import (
 )
 
 # What the paper's point mass lacks on any robot with springs, by the ablation of `coman validate`.
-STANDARD_EFFECTS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
-STANDARD, NOTHING = "standard", "none"  # as entries of effects.active
+OPTIONS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+STANDARD, NOTHING = "standard", "none"  # in effects.active of version 0.1, beside the names of the options
 
 
 def nominal_effects(names: Sequence[str]) -> tuple[EffectConfig, ...]:
@@ -58,25 +58,26 @@ class Config:
     monitor: MonitorConfig = field(default_factory=MonitorConfig)
     gait: GaitConfig = field(default_factory=GaitConfig)
     virtual_robot: VirtualRobotConfig = field(default_factory=VirtualRobotConfig)
-    effects: tuple[EffectConfig, ...] = field(default_factory=lambda: nominal_effects(STANDARD_EFFECTS))
-    standard: bool = True  # the standard effects are among them if they can act: nobody named them one by one
+    effects: tuple[EffectConfig, ...] = ()
     directory: Path = Path()  # of the file it came from: relative paths in it start there
+    notes: tuple[str, ...] = field(default=(), compare=False)  # what was read of an older version, a line each
 
     @property
     def active(self) -> tuple[str, ...]:
-        """`effects.active` as it was given, not what it means."""
-        names = tuple(dict.fromkeys(effect.name for effect in self.effects))
-        if not self.standard:
-            return names
-        if not takes_standard(self):
-            return (STANDARD, *names)
-        others = tuple(name for name in names if name not in STANDARD_EFFECTS)
-        return (STANDARD, *others) if len(names) - len(others) == len(STANDARD_EFFECTS) else names
+        """`effects.active`: the names of the effects, each once."""
+        return tuple(dict.fromkeys(effect.name for effect in self.effects))
+
+    def uses(self, option: str) -> bool:
+        """Whether the model has an option of `OPTIONS`; `auto` follows from the reference and the legs."""
+        choice = getattr(self.model, option)
+        if choice != "auto":
+            return bool(choice == "with")
+        return can_turn(self) if option == "trunk_rotation" else self.turning
 
     @property
     def turning(self) -> bool:
-        """Whether `trunk_rotation` replaces the paper's model."""
-        return any(effect.name == "trunk_rotation" for effect in self.effects)
+        """Whether the turning trunk replaces the paper's point mass."""
+        return self.uses("trunk_rotation")
 
     def flat(self) -> dict[str, Value]:
         """All values by dotted name, effects included."""
@@ -97,8 +98,8 @@ class Config:
         Raises:
             ConfigError: unknown key, wrong type, out of range, or inconsistent with the rest.
         """
-        flat = {**self.flat(), "effects.active": self.active}  # what `standard` means is decided anew
-        return config_from_flat({**flat, **changes}, source, self.directory)
+        changed = config_from_flat({**self.flat(), **changes}, source, self.directory)
+        return dataclasses.replace(changed, notes=(*self.notes, *changed.notes))
 
 
 def _flatten(section: Any, prefix: str = "") -> list[tuple[str, Value]]:
@@ -130,11 +131,10 @@ def parameter_table() -> dict[str, Parameter]:
     table["effects.active"] = Parameter(
         "effects.active",
         "strs",
-        (STANDARD,),
+        (),
         "",
-        f"effects added to the paper's model, in any order; {STANDARD}: {', '.join(STANDARD_EFFECTS)} if the reference "
-        f"is the motor side; {NOTHING}: no effect",
-        choices=(STANDARD, NOTHING, *CATALOGUE),
+        "what the robot or its sensors have beside the model, in any order",
+        choices=tuple(CATALOGUE),
     )
     for name, effect in CATALOGUE.items():
         where = f"effects.{name}.where"
@@ -153,6 +153,7 @@ def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = P
         ConfigError: says the source, the key, the value and what is allowed.
     """
     table = parameter_table()
+    values, notes = without_old_keys(values)
     checked: dict[str, Value] = {}
     for key, value in values.items():
         if key not in table:
@@ -171,20 +172,44 @@ def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = P
                 changes[entry.name] = build(current, name + ".")
         return dataclasses.replace(section, **changes)
 
-    config: Config = dataclasses.replace(build(Config(), ""), directory=directory)
-    named: tuple[str, ...] = checked.get("effects.active", (STANDARD,))  # type: ignore[assignment]
-    if NOTHING in named and len(named) > 1:
-        raise ConfigError(f"{source}: effects.active: {NOTHING!r} stands alone, not with {', '.join(named)}")
-    standard = STANDARD in named
-    names = STANDARD_EFFECTS if standard and takes_standard(config) else ()
-    active = dict.fromkeys((*names, *(name for name in named if name in CATALOGUE)))
-    config = dataclasses.replace(config, standard=standard, effects=_effects(checked, active, source))
+    config: Config = dataclasses.replace(build(Config(), ""), directory=directory, notes=notes)
+    named: tuple[str, ...] = checked.get("effects.active", ())  # type: ignore[assignment]
+    config = dataclasses.replace(config, effects=_effects(checked, dict.fromkeys(named), source))
     _check_consistency(config, source)
     return config
 
 
-def takes_standard(config: Config) -> bool:
-    """Whether the standard effects can act: they need motor positions, and legs that are built alike."""
+def without_old_keys(values: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Keys of version 0.1 as those of today, and a line for each that was changed.
+
+    Then the options of the model were entries of `effects.active`, `standard` was all of them where they can act, and
+    `none` was the paper's model.
+    """
+    values, notes = dict(values), []
+    named = values.get("effects.active")
+    if isinstance(named, (list, tuple)):  # "" is how ROS dumps an empty list
+        values["effects.active"] = named = [name for name in named if name != ""]
+    else:
+        named = []
+    old = [name for name in named if name in (*OPTIONS, STANDARD, NOTHING)]
+    if old:
+        values["effects.active"] = [name for name in named if name not in old]
+        for option in OPTIONS:
+            chosen = "auto" if STANDARD in old else "with" if option in old else "without"
+            values[f"model.{option}"] = chosen
+        now = ", ".join(f"model.{option}: {values['model.' + option]}" for option in OPTIONS)
+        notes.append(f"effects.active: {', '.join(old)}: options of the model have keys of their own now ({now})")
+    for option in OPTIONS:
+        values.pop(f"effects.{option}.where", None)
+    friction = values.pop("effects.trunk_rotation.friction", None)
+    if friction is not None:
+        values["model.friction"] = friction[0] if isinstance(friction, (list, tuple)) and friction else friction
+        notes.append("effects.trunk_rotation.friction: now model.friction")
+    return values, tuple(notes)
+
+
+def can_turn(config: Config) -> bool:
+    """Whether the trunk can turn: it needs motor positions, and legs that are built alike."""
     legs = len(config.robot.left.joints), len(config.robot.right.joints)
     return config.prediction.reference == "motor" and legs[0] == legs[1]
 
@@ -218,19 +243,16 @@ def _check_consistency(config: Config, source: str) -> None:
                 )
         if len(set(leg.joints)) != len(leg.joints):
             raise ConfigError(f"{source}: robot.{side}.joints: a joint is named twice: {', '.join(leg.joints)}")
-    active = {effect.name for effect in config.effects}
-    for name in sorted(active):
-        for needed in CATALOGUE[name].needs:
-            if needed not in active:
-                raise ConfigError(f"{source}: effects.active: {name} acts with {needed} alone, which is not active")
+    if config.model.swing_momentum == "with" and not config.turning:
+        raise ConfigError(f"{source}: model.swing_momentum: acts with model.trunk_rotation alone, which is off")
     if config.turning and config.prediction.reference != "motor":
         raise ConfigError(
-            f"{source}: effects.active: trunk_rotation needs the motor side (prediction.reference: motor), "
+            f"{source}: model.trunk_rotation: needs the motor side (prediction.reference: motor), "
             f"not {config.prediction.reference!r}"
         )
     if config.turning and len(config.robot.left.joints) != len(config.robot.right.joints):
         raise ConfigError(
-            f"{source}: effects.active: trunk_rotation needs legs of equally many joints, "
+            f"{source}: model.trunk_rotation: needs legs of equally many joints, "
             f"not {len(config.robot.left.joints)} and {len(config.robot.right.joints)} (robot.left.joints)"
         )
     if config.support.contact_off >= config.support.contact_on:

@@ -46,13 +46,31 @@ class SupportConfig:
     weight: float = par(0.0, "N", "weight for the thresholds; 0: mass of the URDF times gravity", 0.0, 1e5)
 
 
+CHOICES = ("auto", "with", "without")  # of an option of the model
+
+
 @dataclass(frozen=True)
 class ModelConfig:
     """The paper's model and the choices in it (model.md; numbers in brackets are the paper's equations).
 
-    None of it counts where `trunk_rotation` replaces that model.
+    Below `friction`, none of it counts where `trunk_rotation` replaces that model.
     """
 
+    trunk_rotation: str = par(
+        "auto",
+        "",
+        "the trunk turns, on the springs of both legs, instead of the paper's point mass; auto: with it if the "
+        "reference is the motor side and both legs have as many joints",
+        choices=CHOICES,
+    )
+    gravity_stiffness: str = par(
+        "auto", "", "gravity follows the deflection of the legs; auto: as trunk_rotation", choices=CHOICES
+    )
+    swing_momentum: str = par(
+        "auto", "", "moving legs react on the trunk, with trunk_rotation; auto: as that", choices=CHOICES
+    )
+    lateral_compliance: str = par("auto", "", "deflection in y as well; auto: as trunk_rotation", choices=CHOICES)
+    friction: float = par(0.7, "1", "between soles and ground, with trunk_rotation", 0.05, 2.0)
     stiffness: str = par(
         "full", "", "linear block of K_c (full) or trunk free to turn (condensed)", choices=("full", "condensed")
     )
@@ -84,6 +102,12 @@ class ModelConfig:
     singular_limit: float = par(
         0.02, "1", "smallest singular value of the leg Jacobian (scaled by leg length) taken as it is", 1e-6, 0.5
     )
+
+    @property
+    def of_the_point_mass(self) -> tuple[str, ...]:
+        """What was chosen for the paper's model alone, and has no use with `trunk_rotation`."""
+        for_both = ("trunk_rotation", "gravity_stiffness", "swing_momentum", "lateral_compliance", "friction")
+        return tuple(k for k, value in vars(self).items() if k not in for_both and value != getattr(ModelConfig, k))
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,6 @@ class Effect:
         parameters: nominal, bounds, unit, description of each of its figures.
         place: what `where` may name: a key of `PLACES`, or "joint": a leg's joint, all of one leg ("left", "right")
             or all ("").
-        needs: other effects without which it does nothing.
-        axes: coordinates of the COM (0, 1, 2) that it adds to the integrated ones, x and z.
         feet: the legs that `where` names or that its joints belong to.
         joints: the leg joints that `where` names, as indices in `Robot.joint_names`.
         leg_joints: the same by leg, as indices in the leg.
@@ -47,8 +45,6 @@ class Effect:
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     place: ClassVar[str] = "robot"
-    needs: ClassVar[tuple[str, ...]] = ()
-    axes: ClassVar[tuple[int, ...]] = ()
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         self.where = where
@@ -86,6 +82,12 @@ class Effect:
             )
         self.joints = np.concatenate([robot.legs[foot][self.leg_joints[foot]] for foot in self.feet])
 
+    def reset(self) -> None:
+        """Forget the past: the next sample is the first one."""
+
+    def begin(self, stamp_ns: int, support: SupportState) -> None:
+        """Take the stamp and the support state of a sample, before any hook but `correct` is called for it."""
+
     def late(self, stream: str) -> float:
         """By how much the stamps of an input stream (`core/streams/stream.py`) are later than the truth [s]."""
         return 0.0
@@ -101,7 +103,7 @@ class Effect:
         sides = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         return [wrench for foot in self.feet if (wrench := sides[foot]) is not None]
 
-    def slide(self, stamp_ns: int, support: SupportState) -> float:
+    def slide(self) -> float:
         """How far the support foot has slid along its x axis since the last sample [m]."""
         return 0.0
 

@@ -19,21 +19,17 @@ from .encoder_bias import EncoderBias
 from .encoder_delay import EncoderDelay
 from .external_force import ExternalForce
 from .foot_slip import FootSlip
-from .gravity_stiffness import GravityStiffness
 from .ground_compliance import GroundCompliance
 from .ground_slope import GroundSlope
 from .joint_damping import JointDamping
 from .joint_friction import JointFriction
 from .joint_stiffness import JointStiffness
-from .lateral_compliance import LateralCompliance
 from .motor_compliance import MotorCompliance
 from .motor_lag import MotorLag
 from .payload import Payload
 from .spring_nonlinearity import SpringNonlinearity
-from .swing_momentum import SwingMomentum
 from .touchdown_impact import TouchdownImpact
 from .transport_delay import TransportDelay
-from .trunk_rotation import TrunkRotation
 from .wrench_bias import WrenchBias
 from .wrench_delay import WrenchDelay
 from .wrench_scale import WrenchScale
@@ -64,10 +60,6 @@ CATALOGUE: dict[str, type[Effect]] = {
         MotorCompliance,
         JointFriction,
         GroundCompliance,
-        GravityStiffness,
-        TrunkRotation,
-        SwingMomentum,
-        LateralCompliance,
         GroundSlope,
         ExternalForce,
         TouchdownImpact,
@@ -75,46 +67,34 @@ CATALOGUE: dict[str, type[Effect]] = {
 }
 
 
-def active_effects(configured: Sequence[EffectConfig], robot: Robot) -> list[Effect]:
-    """The effects of a configuration, each at its place in the robot, in the order of the catalogue.
+def build_effects(configured: Sequence[EffectConfig], robot: Robot) -> tuple[list[Effect], Robot]:
+    """The effects of a configuration, in the order of the catalogue, and the robot with the loads that they give it.
+
+    Each is built once, at its place in the loaded robot; the robot is the same object if there are no loads.
 
     Raises:
-        ConfigError: one names a joint that the legs do not have.
+        ConfigError: one names a joint that the legs do not have, or takes more mass away than there is.
     """
     effects = [CATALOGUE[each.name](each.where, each.values) for each in configured]
     effects.sort(key=lambda effect: list(CATALOGUE).index(effect.name))
+    loads = [effect for effect in effects if type(effect).load is not Effect.load]
+    if loads:
+        robot = robot.copy()
+        for effect in loads:
+            effect.bind(robot)
+            effect.load(robot)
+        trunk = robot.model.inertias[robot.model.frames[robot.base_id].parentJoint].mass
+        if not trunk > 0.0:
+            raise ConfigError(f"effects.payload.mass: leaves the trunk a mass of {trunk:g} kg")
     for effect in effects:
         effect.bind(robot)
-    return effects
+    return effects, robot
 
 
-def stream_delays(configured: Sequence[EffectConfig], robot: Robot) -> dict[str, float]:
-    """By input stream, by how much its stamps are later than the truth by the effects of a configuration [s].
-
-    Raises:
-        ConfigError: an effect names a joint that the legs do not have.
-    """
-    effects = active_effects(configured, robot)
+def stream_delays(effects: Sequence[Effect]) -> dict[str, float]:
+    """By input stream, by how much its stamps are later than the truth by these effects [s]."""
     streams = (JOINTS, MOTORS, REFERENCE, IMU, *WRENCHES.values())
     return {stream: sum(effect.late(stream) for effect in effects) for stream in streams}
 
 
-def loaded(robot: Robot, configured: Sequence[EffectConfig]) -> Robot:
-    """The robot with the loads that the effects of a configuration give it; the same object if they give none.
-
-    Raises:
-        ConfigError: an effect names a joint that the legs do not have, or takes more mass away than there is.
-    """
-    effects = [effect for effect in active_effects(configured, robot) if type(effect).load is not Effect.load]
-    if not effects:
-        return robot
-    result = robot.copy()
-    for effect in effects:
-        effect.load(result)
-    trunk = result.model.inertias[result.model.frames[result.base_id].parentJoint].mass
-    if not trunk > 0.0:
-        raise ConfigError(f"effects.payload.mass: leaves the trunk a mass of {trunk:g} kg")
-    return result
-
-
-__all__ = ["CATALOGUE", "Effect", "active_effects", "loaded", "stream_delays"]
+__all__ = ["CATALOGUE", "Effect", "build_effects", "stream_delays"]

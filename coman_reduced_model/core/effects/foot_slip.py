@@ -32,29 +32,36 @@ class FootSlip(Effect):
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
+        self.reset()
+
+    def reset(self) -> None:
         self._phase = Phase.FLIGHT
         self._landed_ns = {Foot.LEFT: 0, Foot.RIGHT: 0}  # 0: not yet
         self._stamp_ns = 0
+        self._slid = 0.0  # [m] of the support sole along its x axis since the last sample
         self._acceleration = 0.0  # [m/s^2] of the support sole along its x axis
 
     def bind(self, robot: Robot) -> None:
         super().bind(robot)
         self._mass = robot.mass
 
-    def slide(self, stamp_ns: int, support: SupportState) -> float:
+    def begin(self, stamp_ns: int, support: SupportState) -> None:
         before, self._phase = self._phase, support.phase
         if support.phase == Phase.DOUBLE and before in (Phase.LEFT, Phase.RIGHT):
             landed = Foot.RIGHT if before == Phase.LEFT else Foot.LEFT
             self._landed_ns[landed] = stamp_ns - round(support.phase_time * 1e9)
         last, self._stamp_ns = self._stamp_ns, stamp_ns
-        self._acceleration = 0.0
+        self._slid = self._acceleration = 0.0
         foot = support.support_foot
         if foot not in self.feet or not self._landed_ns[foot]:
-            return 0.0
+            return
         since = (stamp_ns - self._landed_ns[foot]) * 1e-9
-        slid, second = glide(since)
+        share, second = glide(since)
         self._acceleration = -self.values["distance"] * second
-        return -self.values["distance"] * (slid - glide(since - (stamp_ns - last) * 1e-9)[0])
+        self._slid = -self.values["distance"] * (share - glide(since - (stamp_ns - last) * 1e-9)[0])
+
+    def slide(self) -> float:
+        return self._slid
 
     def push(self, push: Push, now: Now) -> None:
         push.force[0] -= self._mass * self._acceleration

@@ -33,8 +33,11 @@ class MotorLag(Effect):
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
-        self._motors = _Lag(values["time_constant"])
-        self._plan = _Lag(values["time_constant"])
+        self.reset()
+
+    def reset(self) -> None:
+        self._motors = _Lag(self.values["time_constant"])
+        self._plan = _Lag(self.values["time_constant"])
 
     def correct(self, sample: Sample) -> None:
         if not self.values["time_constant"] > 0.0:

@@ -14,6 +14,7 @@ from ..base.types import Foot, Phase
 from .base import Effect
 
 if TYPE_CHECKING:
+    from ..base.types import SupportState
     from ..robot.robot import Robot
     from .hooks import Now, Push
 
@@ -34,8 +35,12 @@ class TouchdownImpact(Effect):
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
+        self.reset()
+
+    def reset(self) -> None:
         self._phase = Phase.FLIGHT
         self._landed = Foot.NONE
+        self._stamp_ns = 0
         self._since = 0.0  # [s] time since the landing
         self._duration = _DURATION
 
@@ -44,12 +49,15 @@ class TouchdownImpact(Effect):
         first = {foot: robot.joint_names[legs[0]] for foot, legs in robot.legs.items()}
         self._hips = {foot: robot.model.getJointId(name) for foot, name in first.items()}
 
-    def push(self, push: Push, now: Now) -> None:
-        before, self._phase = self._phase, now.support.phase
-        self._since += now.dt
+    def begin(self, stamp_ns: int, support: SupportState) -> None:
+        dt = (stamp_ns - self._stamp_ns) * 1e-9 if self._stamp_ns else 0.0
+        before, self._phase, self._stamp_ns = self._phase, support.phase, stamp_ns
+        self._since += dt
         if before in (Phase.LEFT, Phase.RIGHT) and self._phase == Phase.DOUBLE:
             self._landed = Foot.RIGHT if before == Phase.LEFT else Foot.LEFT
-            self._since, self._duration = 0.0, max(_DURATION, 4.0 * now.dt)
+            self._since, self._duration = 0.0, max(_DURATION, 4.0 * dt)
+
+    def push(self, push: Push, now: Now) -> None:
         if self._landed == Foot.NONE or not self._since < self._duration:
             return
         hip = push.posture.data.oMi[self._hips[self._landed]].translation

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..base.types import Array, Flags, Foot, Phase, Prediction
+from ..base.types import Array, Booleans, Flags, Foot, Integers, Phase, Prediction
 
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 _GAP = 0.25  # [s] where samples are farther apart, lines are broken: nothing is known in between
 
 

@@ -7,14 +7,15 @@ Effects from the configuration change the joint springs, or push.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..base.compiled import compiled
-from ..base.types import Array, Foot, Phase, SupportState
+from ..base.types import Array, Foot, Integers, Phase, SupportState
 from ..config.schema import Config
-from ..effects.catalogue import active_effects
+from ..effects.catalogue import Effect
 from ..robot.leg import add_gravity_stiffness
 from ..robot.robot import Posture, Robot
 from .springs import Springs
@@ -36,26 +37,22 @@ class Terms:
     K: Array
     D: Array
     force: Array
-    axes: Array  # (n,) indices of the integrated coordinates; the others follow the reference and are not felt
+    axes: Integers  # (n,) indices of the integrated coordinates; the others follow the reference and are not felt
     near_singular: bool = False
 
 
 class Model:
     """Assembles the terms of the paper's model plus the configured effects."""
 
-    def __init__(self, robot: Robot, config: Config) -> None:
-        """Take what does not change from sample to sample.
-
-        Raises:
-            ConfigError: an effect names a joint that the legs do not have.
-        """
+    def __init__(self, robot: Robot, config: Config, effects: Sequence[Effect] = ()) -> None:
+        """Take what does not change from sample to sample; effects and robot come from `build_effects`."""
         self.robot = robot
         self.config = config
         self.mass = robot.mass
         self.gravity = config.robot.gravity
         self._M = self.mass * np.eye(3)
-        self.effects = active_effects(config.effects, robot)
-        self.springs = Springs(config.robot, self.effects)
+        self.effects = effects
+        self.springs = Springs(config.robot, self.effects, config.uses("gravity_stiffness"))
         c = config.model
         # (20), (21): rows are the forces in x, y, z, columns the deflections that cause them.
         self._tuning_K = np.array([[c.a1, 1.0, c.c1], [1.0, 1.0, 1.0], [c.c2, 1.0, c.a2]])
@@ -63,7 +60,7 @@ class Model:
         self.turning = config.turning
         self._limit = c.singular_limit
         self._rows = 3 if c.stiffness == "condensed" else 6
-        self.axes = np.array(sorted({0, 2}.union(*(effect.axes for effect in self.effects))))
+        self.axes = np.array([0, 1, 2] if config.uses("lateral_compliance") else [0, 2])
         # A deflection that is not integrated is not felt either: without its column K p_r would pull all the same.
         ignored = [axis for axis in range(3) if axis not in self.axes]
         self._tuning_K[:, ignored] = self._tuning_D[:, ignored] = 0.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.compiled import compiled, inverse, pick
-from ..base.types import Array
+from ..base.types import Array, Integers
 from .integrator import advance_into, select, transition
 from .reference import look
 
@@ -15,7 +15,7 @@ _STEP = 0.02  # [s] longest step of a prediction; the steps are exact, this only
 
 @compiled
 def predict_horizons(
-    com: Array, com_vel: Array, horizons: Array, M: Array, K: Array, D: Array, axes: Array, force: Array,
+    com: Array, com_vel: Array, horizons: Array, M: Array, K: Array, D: Array, axes: Integers, force: Array,
     reference: Array, reference_vel: Array, plan: Array, plan_vel: Array, plan_dt: float,
 ) -> Array:  # fmt: skip
     """COM at each horizon ahead of the measured state, posture and phase staying as they are.

@@ -11,10 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.compiled import apply, compiled, inverse, mul, mul_into
-from ..base.types import Array
+from ..base.types import Array, Integers
 
 
 @compiled
@@ -121,7 +120,7 @@ def advance_into(out: Array, z: Array, E: Array, G_0: Array, G_1: Array, u_0: Ar
 
 
 @compiled
-def select(A: Array, axes: Array) -> Array:
+def select(A: Array, axes: Integers) -> Array:
     """Rows and columns `axes` (n,) of A (d, d): (n, n)."""
     n = axes.shape[0]
     B = np.empty((n, n))
@@ -142,7 +141,7 @@ class Forcing(NamedTuple):
 
 
 @compiled
-def step(state: Array, M: Array, axes: Array, start: Forcing, end: Forcing, dt: float) -> Array:
+def step(state: Array, M: Array, axes: Integers, start: Forcing, end: Forcing, dt: float) -> Array:
     """One step over dt [s] of M x'' = f + K (p - x) + D (p' - x'), where f, K, D, p and p' go from start to end.
 
     Exact where K and D stay and p' is constant. Changing K and D count with their mean, which is of second order in dt.
@@ -201,7 +200,7 @@ def extrapolate(forcing: Forcing, dt: float) -> Forcing:
 
 @compiled
 def free_run_step(
-    state: Array, M: Array, axes: Array, following: NDArray[np.int64], start: Forcing, end: Forcing, dt: float
+    state: Array, M: Array, axes: Integers, following: Integers, start: Forcing, end: Forcing, dt: float
 ) -> Array:
     """One step of the free run of the point mass.
 
@@ -217,8 +216,8 @@ def free_run_step(
 def free_run_switch(
     state: Array,
     M: Array,
-    axes: Array,
-    following: NDArray[np.int64],
+    axes: Integers,
+    following: Integers,
     forcing: Forcing,
     dt: float,
     R: Array,

@@ -26,13 +26,13 @@ class Springs:
         gravity_stiffness: whether gravity changes the stiffness; each model adds that to its own springs.
     """
 
-    def __init__(self, config: RobotConfig, effects: Sequence[Effect]) -> None:
+    def __init__(self, config: RobotConfig, effects: Sequence[Effect], gravity_stiffness: bool) -> None:
         # Most effects leave the springs alone: calling them for nothing would cost time at the rate of the sensors.
         self._effects = [e for e in effects if type(e).springs is not Effect.springs]
         self.stiffness = {Foot.LEFT: np.array(config.left.stiffness), Foot.RIGHT: np.array(config.right.stiffness)}
         self.damping = {Foot.LEFT: np.array(config.left.damping), Foot.RIGHT: np.array(config.right.damping)}
         self.nominal = not self._effects
-        self.gravity_stiffness = any(effect.name == "gravity_stiffness" for effect in effects)
+        self.gravity_stiffness = gravity_stiffness
         self._joints = {Foot.LEFT: config.left.joints, Foot.RIGHT: config.right.joints}
         self.matrices = {
             foot: (np.diag(self.stiffness[foot]), np.diag(self.damping[foot])) for foot in (Foot.LEFT, Foot.RIGHT)

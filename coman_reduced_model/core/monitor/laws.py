@@ -30,7 +30,7 @@ import pinocchio as pin
 from ..base.compiled import apply, compiled
 from ..base.types import Array, Foot, Prediction, Sample
 from ..config.schema import Config
-from ..effects.catalogue import Effect, active_effects
+from ..effects.catalogue import CATALOGUE, Effect
 from .forces import WINDOW_NS, Forces
 
 if TYPE_CHECKING:
@@ -124,14 +124,14 @@ class Laws:
         self.noise = figures[[0, 0, 1, 1, 1]]
         self.drift = self.noise * [wander for *_, wander in laws]
         self._healthy = figures[2] ** 2
-        bent = [e for e in active_effects(config.effects, robot) if type(e).springs is not Effect.springs]
+        bent = [e for e in config.effects if CATALOGUE[e.name].springs is not Effect.springs]
         at = {name: i for i, name in enumerate(self.names)}
         self._blow = at["landing/z"]
         self._force = slice(at["force/x"], at["moment/x"])
         self._local = np.array([name.split("/")[0] in _LOCAL for name in self.names])
         self.any_gait = np.zeros(len(laws), dtype=bool)
         # What an effect describes is watched for changes alone.
-        if any(e.parameters for e in bent):
+        if bent:
             self._healthy[:nl] = 0.0
         if any(effect.name == "touchdown_impact" for effect in config.effects):
             self._healthy[self._blow] = 0.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ...core.base.types import Array, Foot, Phase
+from ...core.base.types import Array, Booleans, Foot, Integers, Phase
 from ...core.effects.foot_slip import SLIPS_TO, glide
 from .recording import FEET, RATE, Recording
 from .world import World
@@ -37,7 +37,7 @@ class Slide:
     share: float  # of a slide that is gone by between the two
 
 
-def usual_slides(recording: Recording, ticks: Array, world: World) -> tuple[Slide, ...]:
+def usual_slides(recording: Recording, ticks: Integers, world: World) -> tuple[Slide, ...]:
     """Landings whose slides are much like most of the same foot: when a robot stumbles, it does so now and then."""
     slides = _slides(recording, ticks)
     whole = slide_lengths(world, recording.q, slides) / np.array([slide.share for slide in slides])
@@ -52,7 +52,7 @@ def usual_slides(recording: Recording, ticks: Array, world: World) -> tuple[Slid
     return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
 
 
-def _slides(recording: Recording, ticks: Array) -> tuple[Slide, ...]:
+def _slides(recording: Recording, ticks: Integers) -> tuple[Slide, ...]:
     """Landings at which a slide would show."""
     out = []
     for landed, tick, _, i, leaves in _landings(recording.phase, ticks):
@@ -81,7 +81,7 @@ def slide_lengths(world: World, q: Array, slides: Sequence[Slide]) -> Array:
     return out
 
 
-def blows(recording: Recording, ticks: Array, mass: float) -> Array:
+def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
     """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
     out = np.full(len(ticks), np.nan)
     if recording.period > _SELDOM_S:
@@ -112,7 +112,7 @@ def blow(force: Array) -> float:
     return max(0.0, float((felt - borne[:, None]).sum(axis=1).max()) / RATE)
 
 
-def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int, int]]:
+def _landings(phase: Integers, ticks: Integers) -> Iterator[tuple[Foot, int, int, int, int]]:
     """Each foot that lands, the tick before it, and on the grid when it left the ground, lands, and what is next."""
     changes = np.concatenate([[0], np.flatnonzero(np.diff(phase)) + 1, [len(phase)]])
     for left, i, leaves in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
@@ -121,7 +121,7 @@ def _landings(phase: Array, ticks: Array) -> Iterator[tuple[Foot, int, int, int,
             yield Foot(phase[i - 1]).other, tick, left, i, leaves
 
 
-def _alike(values: Array, least: float) -> Array:
+def _alike(values: Array, least: float) -> Booleans:
     """(k,) those of values (k,) that are much like their median: within `least`, or a share of it."""
     middle = float(np.median(values))
-    return np.abs(values - middle) < max(least, STUMBLE_SHARE * abs(middle))
+    return np.asarray(np.abs(values - middle) < max(least, STUMBLE_SHARE * abs(middle)))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from ...core.base.types import Array, Foot, Phase
+from ...core.base.types import Array, Booleans, Foot, Integers, Phase
 from .landings import CONTACT_S, Slide, blows, usual_slides
 from .recording import RATE, Recording
 from .signals import SMOOTHING, lagged, smooth
@@ -30,13 +30,13 @@ SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 class Masks:
     """Where each residual means something; fixed by the measurement, the same for every hypothesis but `taken_up`."""
 
-    ticks: Array  # (m,) indices into the grid
-    steady: Array  # (m,) no change of contact near, on the ground
-    air: dict[Foot, Array]  # (m,) the foot is unloaded
-    double: Array  # (m,) both feet stand
-    touchdown: Array  # (m,) index of the tick at which this double support was first steady
+    ticks: Integers  # (m,) indices into the grid
+    steady: Booleans  # (m,) no change of contact near, on the ground
+    air: dict[Foot, Booleans]  # (m,) the foot is unloaded
+    double: Booleans  # (m,) both feet stand
+    touchdown: Integers  # (m,) index of the tick at which this double support was first steady
     share: Array  # (m,) smooth share of the left foot
-    segment: Array  # (m,) number of the phase: what belongs together
+    segment: Integers  # (m,) number of the phase: what belongs together
     slides: tuple[Slide, ...]  # landings that show whether the foot slides
     blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
@@ -75,13 +75,13 @@ def masks(recording: Recording, world: World) -> Masks:
     return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
 
 
-def _scuffs(force: Array, air: Array, world: World) -> Array:
+def _scuffs(force: Array, air: Booleans, world: World) -> Booleans:
     """(m,) where a foot in the air touches the ground: its force (m,) is far from what it usually is there."""
     if not air.any():
         return air
     off = np.abs(force - np.median(force[air]))
     far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), SCUFF_SHARE * world.robot.mass * world.gravity)
-    return np.convolve(far, np.ones(3), "same") > 0
+    return np.asarray(np.convolve(far, np.ones(3), "same") > 0)
 
 
 def taken_up_anew(where: Masks, before: Recording, recording: Recording, world: World) -> Masks:

@@ -16,9 +16,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ...bag.session import Session
 from ...core.base.stream_names import IMU
-from ...core.base.types import Array, Foot, Phase, Sample
+from ...core.base.types import Array, Booleans, Foot, Integers, Phase, Sample
 from ...core.config.schema import Config
-from ...core.effects.catalogue import active_effects
 from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
 from ...core.robot.robot import Robot
@@ -64,9 +63,9 @@ class Recording:
     up: Array | None
     plan: Array | None
     moved: Array | None
-    phase: Array
+    phase: Integers
     left_share: Array
-    valid: Array
+    valid: Booleans
     count: Array
     yaw: dict[Foot, Array]
     warnings: tuple[str, ...] = ()
@@ -114,7 +113,7 @@ def load(
             if progress and count % 2000 == 0:
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
-        for effect in active_effects(config.effects, pipeline.robot):
+        for effect in pipeline.predictor.effects:
             for sample in samples:
                 effect.correct(sample)
     robot = pipeline.robot
@@ -170,14 +169,14 @@ def _grid(
     )  # fmt: skip
 
 
-def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Array, Array, Array, list[str]]:
+def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers, list[str]]:
     """Phase, load share, support foot (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed.
 
     A sensor that is off by more than the thresholds never tells that its foot is in the air. Where there are no steps
     because of that, the least that it reads is taken for its zero: while the other foot bears all of the weight.
     """
 
-    def detected(zeros: Array) -> tuple[Array, Array, Array]:
+    def detected(zeros: Array) -> tuple[Integers, Array, Integers]:
         detector = SupportDetector(config.support, weight)
         pairs = zip(stamps.tolist(), (forces - zeros).tolist(), strict=True)
         states = [detector.update(stamp, left, right) for stamp, (left, right) in pairs]
@@ -203,7 +202,7 @@ def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tupl
 
 
 def _plan(
-    samples: list[Sample], phases: Array, shares: Array, robot: Robot, at: Array, t: Array
+    samples: list[Sample], phases: Integers, shares: Array, robot: Robot, at: Array, t: Array
 ) -> tuple[Array | None, Array | None]:
     """Planned and motor-side COM (n, 2) in the stance sole, at the grid's times."""
     if sum(s.reference is not None and s.motor_q is not None for s in samples) < 0.9 * len(samples):
@@ -294,6 +293,6 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
     return np.asarray(np.einsum("nij,nj->ni", R, up))
 
 
-def moving(phase: Array) -> bool:
+def moving(phase: Integers) -> bool:
     """Whether it walks: both feet are in the air some time."""
     return bool((phase == Phase.LEFT).any() and (phase == Phase.RIGHT).any())

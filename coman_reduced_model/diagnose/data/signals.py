@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from ...core.base.compiled import compiled
-from ...core.base.types import Array
+from ...core.base.types import Array, Booleans
 from .recording import RATE, Recording
 from .world import World
 
@@ -24,25 +24,29 @@ class Smoothed:
     """Smoothed arrays, and what is made of them, remembered: most hypotheses leave most arrays as they are."""
 
     def __init__(self, before: Smoothed | None = None) -> None:
-        self._known: dict[tuple[Any, ...], tuple[Array, Array]] = {} if before is None else dict(before._known)
+        self._known: dict[tuple[Any, ...], tuple[Array, Any]] = {} if before is None else dict(before._known)
 
     def __call__(self, values: Array) -> Array:
         return self._made(("smooth", id(values)), values, smooth)
 
-    def complete(self, values: Array) -> Array:
+    def complete(self, values: Array) -> Booleans:
         """(k,) which columns of smoothed values (n, k) have no gap."""
-        return self._made(("complete", id(values)), values, lambda each: np.isfinite(each).all(axis=0))
+        return self._made(("complete", id(values)), values, _complete)
 
     def stretch(self, world: World, j: int, torques: Array) -> Array:
         """(n,) [rad] of the spring of joint j under smoothed torques (n, nj) at RATE."""
         law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
         return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j], 1.0 / RATE))
 
-    def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Array]) -> Array:
+    def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Any]) -> Any:
         found = self._known.get(key)
         if found is None or found[0] is not of:
             found = self._known[key] = (of, make(of))
         return found[1]
+
+
+def _complete(values: Array) -> Booleans:
+    return np.asarray(np.isfinite(values).all(axis=0))
 
 
 def smooth(values: Array) -> Array:
@@ -126,7 +130,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
             tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
             q[:, j] = recording.motor_q[:, j] - x
         else:
-            bent = spring_stretch(world, j, recording.tau[:, j], 1.0 / RATE)
+            bent = spring_stretch(world, int(j), recording.tau[:, j], 1.0 / RATE)
             q[:, j] = recording.motor_q[:, j] - bent - _slow(stretch[:, j] - bent)  # what is slow is the encoder's
     return recording.changed(q=q, tau=tau)
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ...core.base.compiled import compiled
-from ...core.base.types import Array
+from ...core.base.types import Array, Integers
 from ..data.masks import TICKS, Masks
 from ..data.signals import SMOOTHING, without_noise
 from ..physics.balance import State, evaluate
@@ -44,8 +44,8 @@ class Problem:
     figures: list[Figure]
     rows: dict[str, Array]
     columns: dict[str, Array]
-    pieces: dict[str, Array]
-    times: dict[str, Array]
+    pieces: dict[str, Integers]
+    times: dict[str, Integers]
     resolution: dict[str, float]  # by channel, what one count of an encoder is
 
 
@@ -76,7 +76,10 @@ def assemble(
     ]
     steps = np.array([known[i].step for i in fresh])[:, None]
     gains = [known[i].effect == "wrench_scale" for i in fresh]
-    rows, columns, pieces, times = {}, {}, {}, {}
+    rows: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
+    pieces: dict[str, Integers] = {}
+    times: dict[str, Integers] = {}
     for name, value in base.items():
         slope = (quiet.residuals[name] - np.reshape([each[name] for each in moved], (len(fresh), len(value)))) / steps
         if name.startswith("unloaded/"):
@@ -238,12 +241,12 @@ def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Nois
     return {key: min(value, second[key], key=lambda noise: noise.autoregression[0]) for key, value in first.items()}
 
 
-def _offset(remainder: Array, pieces: Array) -> float:
+def _offset(remainder: Array, pieces: Integers) -> float:
     means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))
     return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
 
 
-def _free_of_offsets(white: Array, pieces: Array, noise: Noise) -> Array:
+def _free_of_offsets(white: Array, pieces: Integers, noise: Noise) -> Array:
     """Whitened rows (n, k) when every contiguous piece has an offset of its own as well.
 
     No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
@@ -253,7 +256,7 @@ def _free_of_offsets(white: Array, pieces: Array, noise: Noise) -> Array:
 
 
 @compiled
-def _without_offsets(white: Array, one: Array, pieces: Array, offset: float) -> Array:
+def _without_offsets(white: Array, one: Array, pieces: Integers, offset: float) -> Array:
     """`_free_of_offsets`, with what becomes of a constant: one (n,)."""
     out = np.empty(white.shape)
     for p in range(len(pieces)):
@@ -271,7 +274,7 @@ def _without_offsets(white: Array, one: Array, pieces: Array, offset: float) -> 
     return out
 
 
-def _first_guess(values: Array, pieces: Array) -> Array:
+def _first_guess(values: Array, pieces: Integers) -> Array:
     """Noise of a row before anything is explained: from its second differences' median, which steps and trends pass by.
 
     White noise that went through the smoothing has a known autocorrelation.
@@ -288,7 +291,7 @@ def _first_guess(values: Array, pieces: Array) -> Array:
     return np.concatenate([[np.sqrt(max(variance * (1.0 - phi @ correlation[1:]), 1e-18))], phi])
 
 
-def _autoregression(values: Array, pieces: Array) -> Array:
+def _autoregression(values: Array, pieces: Integers) -> Array:
     """Innovations' standard deviation and AR coefficients (1 + ORDER,), by Yule-Walker over contiguous pieces."""
     covariance = _autocovariance(values, pieces)
     covariance[0] = covariance[0] * (1.0 + 1e-6) + 1e-30
@@ -298,7 +301,7 @@ def _autoregression(values: Array, pieces: Array) -> Array:
 
 
 @compiled
-def _autocovariance(values: Array, pieces: Array) -> Array:
+def _autocovariance(values: Array, pieces: Integers) -> Array:
     """(1 + ORDER,) of values (n,) at lags from 0 on, of pairs in the same piece."""
     out = np.zeros(ORDER + 1)
     for p in range(len(pieces)):
@@ -310,7 +313,7 @@ def _autocovariance(values: Array, pieces: Array) -> Array:
 
 
 @compiled
-def whiten(values: Array, pieces: Array, noise: Array) -> Array:
+def whiten(values: Array, pieces: Integers, noise: Array) -> Array:
     """Innovations (n, k) of columns (n, k) in units of their standard deviation; a piece begins in its steady state."""
     sigma, phi = noise[0], noise[1:]
     # The first values of a piece have no predecessors: weighed as what they are, of the marginal variance.
@@ -342,7 +345,7 @@ def _correlations(phi: Array) -> Array:
                 b[k - 1] += phi[i - 1]
             else:
                 A[k - 1, lag - 1] -= phi[i - 1]
-    return np.linalg.solve(A, b)
+    return np.asarray(np.linalg.solve(A, b), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,6 +384,6 @@ def _reweighed(x: Array, C: Array, before: Array, after: Array) -> tuple[float, 
     """
     change = 1.0 / after - 1.0 / before
     M = np.eye(len(x)) + C * change[None, :]
-    mean = np.linalg.solve(M, x)
+    mean: Array = np.asarray(np.linalg.solve(M, x), dtype=float)
     log = 0.5 * float(np.log(before / after).sum()) - 0.5 * np.linalg.slogdet(M)[1] - 0.5 * float(x @ (change * mean))
-    return log, mean
+    return float(log), mean

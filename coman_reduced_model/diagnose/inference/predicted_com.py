@@ -15,10 +15,10 @@ import numpy as np
 from scipy import stats
 
 from ...bag.session import Session
-from ...core.base.types import Array, Flags, Foot, Phase
+from ...core.base.types import Array, Flags, Foot, Integers, Phase
 from ...core.config.schema import Config
 from ...core.effects.base import EffectConfig
-from ...core.effects.catalogue import CATALOGUE, Effect, loaded
+from ...core.effects.catalogue import CATALOGUE, Effect, build_effects
 from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot
 from ...topics import TopicNames
@@ -39,10 +39,10 @@ class FreeRun:
         robot, loads: as the URDF has it, and the effects that change its masses.
     """
 
-    stamps: Array
-    foot: Array
-    phase: Array
-    run: Array
+    stamps: Integers
+    foot: Integers
+    phase: Integers
+    run: Integers
     measured: Array
     predicted: Array
     q: Array
@@ -60,7 +60,7 @@ class Errors:
     """
 
     times: Array
-    step: Array
+    step: Integers
     before: Array
     after: Array
 
@@ -116,11 +116,11 @@ def free_run(
     with Session(path, quick, urdf=urdf, names=names) as session:
         robot, pipeline = session.robot, session.pipeline
         for batch in session.batches():
-            positions += [sample.q.copy() for sample in batch]  # effects correct them in place
             for p in pipeline.predict(batch):
                 support = p.support
                 row = (p.stamp_ns, support.support_foot, support.phase, p.flags, *p.measured_com, *p.predicted_com)
                 rows.append(row)
+            positions += [sample.q for sample in batch]  # as effects have corrected them while predicting
     stamps = np.array([row[0] for row in rows], dtype=np.int64)
     rising = np.diff(np.maximum.accumulate(stamps), prepend=-1) > 0
     values = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 9)[rising]
@@ -152,13 +152,13 @@ def errors(before: FreeRun, after: FreeRun) -> Errors:
     same = (before.run[i] == before.run[j]) & (foot == before.foot[j]) & (foot == after.foot[inside])
     good = np.flatnonzero(same & np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1))
     stamps = after.stamps[inside][good]
-    since = (stamps - stamps[:1]) * 1e-9 if len(stamps) else np.zeros(0)
+    since = np.asarray((stamps - stamps[:1]) * 1e-9 if len(stamps) else np.zeros(0), dtype=float)
     return Errors(since, _steps(after.phase)[inside][good], old[good], new[good])
 
 
 def _measured(run: FreeRun, loads: tuple[EffectConfig, ...]) -> Array:
     """(n, 3) The COM of a run as it is measured of a robot with other loads."""
-    posture, still = loaded(run.robot, loads).posture(), np.zeros(run.q.shape[1])
+    posture, still = build_effects(loads, run.robot)[1].posture(), np.zeros(run.q.shape[1])
     out = np.full_like(run.measured, np.nan)
     for k in np.flatnonzero(run.foot != Foot.NONE):
         posture.update(run.q[k], still)
@@ -166,7 +166,7 @@ def _measured(run: FreeRun, loads: tuple[EffectConfig, ...]) -> Array:
     return out
 
 
-def _steps(phase: Array) -> Array:
+def _steps(phase: Integers) -> Integers:
     """(n,) number of the step: one ends where a single support does."""
     single = np.isin(phase[:-1], (Phase.LEFT, Phase.RIGHT))
     return np.cumsum(np.append(0, single & (np.diff(phase) != 0))[: len(phase)])
@@ -220,7 +220,8 @@ def admitted(
     def compared(without: tuple[int, ...], with_them: tuple[int, ...]) -> Change:
         return change([errors(*both) for both in zip(runs(without), runs(with_them), strict=True)])
 
-    kept, changes = tuple(range(count)), {}
+    kept = tuple(range(count))
+    changes: dict[int, Change] = {}
     while kept:
         changes |= {i: compared(tuple(k for k in kept if k != i), kept) for i in kept}
         worse = [i for i in kept if changes[i].worse] or (list(kept) if compared((), kept).worse else [])

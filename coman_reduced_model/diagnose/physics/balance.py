@@ -32,7 +32,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ...core.base.types import Array, Foot
+from ...core.base.types import Array, Foot, Integers
 from ...core.robot.robot import Robot
 from ..data.landings import slide_lengths
 from ..data.masks import TAKEN_UP, TICKS, Masks
@@ -198,7 +198,7 @@ def _blend(by_foot: dict[Foot, Array], share: Array) -> Array:
     return blended
 
 
-def _motion(robot: Robot, smoothed: Array, ticks: Array) -> Motion:
+def _motion(robot: Robot, smoothed: Array, ticks: Integers) -> Motion:
     """From smoothed positions (n, nj)."""
     rate = rate_of(smoothed)
     q, qd, qdd = smoothed[ticks], rate[ticks], rate_of(rate)[ticks]
@@ -244,13 +244,14 @@ def _normal(world: World, R: Array, wrench: Array, yaw: Array) -> Array:
 
 
 def _yield(
-    world: World, recording: Recording, motion: Motion, ticks: Array
+    world: World, recording: Recording, motion: Motion, ticks: Integers
 ) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
     """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground."""
     if not (world.tilting or world.sinking):
         return None
     flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
-    twist, twist_rate = {}, {}
+    twist: dict[Foot, Array] = {}
+    twist_rate: dict[Foot, Array] = {}
     for foot in FEET:
         first = rate_of(smooth(recording.wrench[foot]))
         for out, value in ((twist, first), (twist_rate, rate_of(first))):
@@ -294,7 +295,7 @@ def _inertial(model: pin.Model, motion: Sequence[tuple[Array, Array, Array]]) ->
     return np.array([pin.rnea(model, data, *each) for each in motion])
 
 
-def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smoothed) -> Array:
+def _torques(recording: Recording, ticks: Integers, needed: Array, smoothed: Smoothed) -> Array:
     """(m, nj) [Nm] that the springs bear: measured, or else what motion and ground ask for."""
     if recording.tau is None:
         return needed
@@ -303,7 +304,7 @@ def _torques(recording: Recording, ticks: Array, needed: Array, smoothed: Smooth
 
 
 def _yielded(
-    compliance: float, world: World, recording: Recording, ticks: Array, torque: Array, smoothed: Smoothed
+    compliance: float, world: World, recording: Recording, ticks: Integers, torque: Array, smoothed: Smoothed
 ) -> Array:
     """(m, nj) [rad] by which position loops yield to torques (m, nj) and to their rotors, a lag later."""
     load = torque - world.settling * np.gradient(torque, 1.0 / TICKS, axis=0)

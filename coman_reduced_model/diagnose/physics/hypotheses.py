@@ -381,7 +381,7 @@ def _lead(foot: Foot, k: int) -> Apply:
 
     def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
         stance = (r.left_share >= 0.5) == (foot == Foot.LEFT)
-        return r.changed(plan=r.plan + x * stance[:, None] * np.eye(2)[k]), w  # type: ignore[operator]
+        return r.changed(plan=r.plan + x * stance[:, None] * np.eye(2)[k]), w
 
     return apply
 
@@ -460,7 +460,7 @@ def _slope(k: int) -> Apply:
 
 def _imu_zero(k: int) -> Apply:
     axis = np.eye(3)[k]
-    return lambda r, w, x: (r.changed(up=r.up - x * np.cross(axis, r.up)), w)  # type: ignore[operator]
+    return lambda r, w, x: (r.changed(up=r.up - x * np.cross(axis, r.up)), w)  # type: ignore[operator, arg-type]
 
 
 def _pull(k: int) -> Apply:

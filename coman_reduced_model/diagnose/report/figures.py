@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ...core.base.types import Array, Phase
+from ...core.base.types import Array, Integers, Phase
 from ...report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
 from ...report.figures import NoData
 from ..data.recording import RATE
@@ -181,19 +181,19 @@ def _span(times: Array) -> tuple[float, float]:
     return float(middle - half), float(middle + half)
 
 
-def _runs(phase: Array) -> Iterator[tuple[int, int]]:
+def _runs(phase: Integers) -> Iterator[tuple[int, int]]:
     edges = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist(), len(phase)]
     yield from zip(edges, edges[1:], strict=False)
 
 
-def _shade(ax: Axes, t: Array, phase: Array, span: tuple[float, float]) -> None:
+def _shade(ax: Axes, t: Array, phase: Integers, span: tuple[float, float]) -> None:
     for first, last in _runs(phase):
         shade = SHADES.get(Phase(int(phase[first])))
         if shade and t[last - 1] > span[0] and t[first] < span[1]:
             ax.axvspan(t[first], t[min(last, len(t) - 1)], facecolor=shade, edgecolor="none", zorder=0)
 
 
-def _patches(phase: Array) -> list[Patch]:
+def _patches(phase: Integers) -> list[Patch]:
     return [
         Patch(facecolor=SHADES[each], edgecolor=GRID, label=PHASE_NAMES[each])
         for each in (Phase.DOUBLE, Phase.LEFT, Phase.RIGHT)

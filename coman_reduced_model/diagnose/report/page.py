@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -174,7 +175,7 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
                 parts.append(
                     picture(
                         f"law{number}",
-                        lambda n=name, j=joint: law([*train, *hold], n, j),
+                        partial(law, [*train, *hold], name, joint),
                         f"Residual of {joint} before and after {spaced(name)}",
                         f"{place(joint)}, all recordings: what its nominal law does not explain. Healthy "
                         f"scatter is taken off; "
@@ -184,7 +185,7 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
         parts.append(
             picture(
                 f"residual{number}",
-                lambda m=most: residuals(pair, m[:3], True),
+                partial(residuals, pair, most[:3], True),
                 f"Residuals over time before and after {spaced(name)}",
                 f"Where {spaced(name)} shows most, in {pair.name} ({seen}): measured minus what the robot should do, "
                 "before and after. No values at changes of contact, where rigid bodies explain nothing.",

@@ -77,6 +77,8 @@ def declare(node: Node, on_change: Callable[[Config], None] | None = None) -> Co
         name: parameter.value for name, parameter in all_given.items() if name != DESCRIPTION and not is_ros_own(name)
     }
     config = config_from_flat(given, "parameters", _directory(given.get("robot.urdf")))
+    for note in config.notes:
+        node.get_logger().warning(note)
     for name in given:
         node.undeclare_parameter(name)
     values = config.flat()

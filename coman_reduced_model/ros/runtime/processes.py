@@ -35,7 +35,15 @@ class Nodes:
 
     def start(self, name: str, parameters: Mapping[str, object] | None = None) -> None:
         """Start predictor, trajectory or virtual_robot, with parameters beside those of the file."""
-        command = [sys.executable, "-m", __package__, name, "--ros-args", "--params-file", str(self._config)]
+        command = [
+            sys.executable,
+            "-m",
+            "coman_reduced_model.ros",
+            name,
+            "--ros-args",
+            "--params-file",
+            str(self._config),
+        ]
         for key, value in (parameters or {}).items():
             command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
         with self._log(name).open("wb") as log:

@@ -16,7 +16,7 @@ from coman_reduced_model.core.config.files import (
     load_config,
 )
 from coman_reduced_model.core.config.schema import (
-    STANDARD_EFFECTS,
+    OPTIONS,
     Config,
     config_from_flat,
     parameter_table,
@@ -114,14 +114,14 @@ def test_lists_must_fit_each_other():
 
 def test_effects_are_checked():
     refused(
-        {"effects.active": ["gravity_stifness"]},
+        {"effects.active": ["paylod"]},
         "effects.active",
-        "'gravity_stifness'",
-        "did you mean 'gravity_stiffness'?",
+        "'paylod'",
+        "did you mean 'payload'?",
     )
     refused(
-        {"effects.active": ["gravity_stiffness"], "effects.gravity_stiffness.where": ["left"]},
-        "effects.gravity_stiffness.where", "'left'", "not allowed",
+        {"effects.active": ["payload"], "effects.payload.where": ["left"]},
+        "effects.payload.where", "'left'", "not allowed",
     )  # fmt: skip
 
 
@@ -305,44 +305,49 @@ def test_legs_of_unequal_length_cannot_carry_a_turning_trunk():
         ("damping", Config().robot.left.damping),
     )}  # fmt: skip
     uneven = Config().replaced(flat)
-    assert len(uneven.robot.left.joints) == 5 and uneven.effects == ()
+    assert len(uneven.robot.left.joints) == 5 and not uneven.turning
     with pytest.raises(ConfigError, match="equally many joints, not 5 and 6"):
-        Config().replaced({**flat, "effects.active": ["trunk_rotation"]})
+        Config().replaced({**flat, "model.trunk_rotation": "with"})
 
 
-def test_standard_effects_act_on_the_motor_side_alone(tmp_path):
-    names = [effect.name for effect in Config().effects]
-    assert names == list(STANDARD_EFFECTS)
+def used(config: Config) -> list[str]:
+    return [option for option in OPTIONS if config.uses(option)]
+
+
+def test_options_of_the_model_act_on_the_motor_side_alone_unless_they_are_chosen():
+    assert used(Config()) == list(OPTIONS)
     for reference in ("topic", "none"):
-        other = Config().replaced({"prediction.reference": reference})
-        assert other.effects == () and config_from_flat({"prediction.reference": reference}, "here").effects == ()
-        with pytest.raises(ConfigError, match=f"trunk_rotation needs the motor side .* not '{reference}'"):
-            Config().replaced({"prediction.reference": reference, "effects.active": ["trunk_rotation"]})
-    loaded = Config().replaced({"effects.active": ["standard", "payload"], "effects.payload.mass": [1.0]})
-    assert [effect.name for effect in loaded.effects] == [*names, "payload"]
-    kept = loaded.replaced({"prediction.reference": "topic"})
-    assert [effect.name for effect in kept.effects] == ["payload"] and kept.effects[0].values["mass"] == 1.0
-    again = kept.replaced({"prediction.reference": "motor"})
-    assert again == loaded, "what standard means is decided anew by what has changed"
-    for each in (Config(), loaded, kept, Config().replaced({"effects.active": ["payload", "standard"]})):
-        path = write(tmp_path, config_to_yaml(each))
-        assert each.replaced({}) == each and load_config(path) == dataclasses.replace(each, directory=path.parent)
-    named = Config().replaced({"effects.active": [*STANDARD_EFFECTS]})
-    assert named.effects == Config().effects and named.active == STANDARD_EFFECTS
-    with pytest.raises(ConfigError, match="trunk_rotation needs the motor side"):
-        named.replaced({"prediction.reference": "topic"})
-    slippery = Config().replaced({"effects.trunk_rotation.friction": [0.2]}).replaced({"support.contact_on": 0.1})
-    assert slippery.effects[1].values["friction"] == 0.2
+        assert used(Config().replaced({"prediction.reference": reference})) == []
+        with pytest.raises(ConfigError, match=f"trunk_rotation: needs the motor side .* not '{reference}'"):
+            Config().replaced({"prediction.reference": reference, "model.trunk_rotation": "with"})
+    topic = Config().replaced({"prediction.reference": "topic", "model.lateral_compliance": "with"})
+    assert used(topic) == ["lateral_compliance"]
+    assert used(topic.replaced({"prediction.reference": "motor"})) == list(OPTIONS)
+    assert used(Config().replaced({"model.trunk_rotation": "without"})) == [], "the others follow it"
+    with pytest.raises(ConfigError, match="swing_momentum: acts with model.trunk_rotation alone"):
+        Config().replaced({"model.trunk_rotation": "without", "model.swing_momentum": "with"})
 
 
-@pytest.mark.parametrize("nothing", [["none"], []])
-def test_no_effects_stay_none_through_a_file(tmp_path, nothing):
-    plain = Config().replaced({"effects.active": nothing})
-    assert plain.effects == () and plain.replaced({"model.a1": 2.0}).effects == ()
-    path = write(tmp_path, config_to_yaml(plain))
-    assert "effects.active: [none]" in path.read_text() and load_config(path).effects == ()
+@pytest.mark.parametrize(
+    ("old", "options", "effects"),
+    [
+        (["standard"], OPTIONS, []),
+        (["none"], (), []),
+        (["standard", "payload"], OPTIONS, ["payload"]),
+        (["gravity_stiffness", "trunk_rotation"], OPTIONS[:2], []),
+        (["lateral_compliance", "payload"], ("lateral_compliance",), ["payload"]),
+    ],
+)
+def test_keys_of_version_0_1_are_read_with_a_note(tmp_path, old, options, effects):
+    path = write(tmp_path, "/**:\n  ros__parameters:\n"
+                           f"    effects.active: {old}\n    effects.trunk_rotation.friction: [0.2]\n")  # fmt: skip
+    config = load_config(path)
+    assert used(config) == list(options) and list(config.active) == effects and config.model.friction == 0.2
+    assert len(config.notes) == 2 and old[0] in config.notes[0] and "model.friction" in config.notes[1]
+    again = load_config(write(tmp_path, config_to_yaml(config)))
+    assert again == dataclasses.replace(config, directory=again.directory) and not again.notes
+    assert config.replaced({"model.a1": 2.0}).notes == config.notes
 
 
-def test_none_stands_alone_and_a_plain_name_is_no_list():
-    refused({"effects.active": ["none", "payload"]}, "effects.active", "'none' stands alone")
-    refused({"effects.active": "none"}, "effects.active", "wanted [none]?")
+def test_a_plain_name_is_no_list():
+    refused({"effects.active": "payload"}, "effects.active", "wanted [payload]?")

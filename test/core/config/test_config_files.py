@@ -10,7 +10,7 @@ import yaml
 from conftest import recording
 
 from coman_reduced_model.core.config.files import load_config
-from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config, parameter_table
+from coman_reduced_model.core.config.schema import OPTIONS, Config, parameter_table
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.describe import urdf
@@ -43,10 +43,10 @@ def test_coman_yaml_lists_every_default_in_the_order_of_the_table() -> None:
     assert keys(yaml.safe_load(path.read_text())["/**"]["ros__parameters"]) == listed
 
 
-def test_the_default_has_the_standard_effects_and_coman_paper_none() -> None:
-    assert tuple(effect.name for effect in load_config(config_path("coman")).effects) == STANDARD_EFFECTS
-    assert load_config(config_path("coman_paper")).effects == ()
-    assert load_config(config_path("icub")).effects == (), "no motor side: nothing that they could act on"
+def test_the_default_has_all_options_of_the_model_and_coman_paper_none() -> None:
+    assert all(load_config(config_path("coman")).uses(option) for option in OPTIONS)
+    for name in ("coman_paper", "icub"):  # of the latter the motor side is not known
+        assert not any(load_config(config_path(name)).uses(option) for option in OPTIONS)
 
 
 def test_coman_yaml_fits_the_virtual_robot() -> None:

@@ -14,20 +14,17 @@ from coman_reduced_model import open_robot
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.files import config_to_yaml, load_config
-from coman_reduced_model.core.config.schema import STANDARD_EFFECTS, Config
-from coman_reduced_model.core.effects.catalogue import CATALOGUE, active_effects
+from coman_reduced_model.core.config.schema import OPTIONS, Config
+from coman_reduced_model.core.effects.catalogue import CATALOGUE, build_effects
 from coman_reduced_model.resources import bag_path
 
 # Names of discrepancy.md: configurations, results and verdicts use them.
-VOCABULARY = """gravity_stiffness trunk_rotation swing_momentum lateral_compliance spring_nonlinearity backlash
-    joint_friction joint_stiffness joint_damping motor_lag transport_delay motor_compliance payload com_offset
-    ground_compliance ground_slope external_force foot_slip touchdown_impact encoder_bias encoder_delay wrench_delay
-    wrench_scale wrench_bias""".split()
+VOCABULARY = """spring_nonlinearity backlash joint_friction joint_stiffness joint_damping motor_lag transport_delay
+    motor_compliance payload com_offset ground_compliance ground_slope external_force foot_slip
+    touchdown_impact encoder_bias encoder_delay wrench_delay wrench_scale wrench_bias""".split()
 PLACES = {"robot": [""], "foot": ["left", "right", ""], "joint": ["LKneeSag", "right", ""]}
 BASES = {"point mass": PAPER, "both legs": PAPER.replaced({"model.double_support": "both_legs"}),
          "trunk": trunk_config()}  # fmt: skip
-# What replaces the model by a better one changes it whatever its figures; all others must vanish.
-OPTIONS = STANDARD_EFFECTS
 
 
 def walked(config: Config, seconds: float = 2.0):
@@ -47,7 +44,7 @@ def without():
 
 
 @pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in OPTIONS])
+@pytest.mark.parametrize("name", CATALOGUE)
 def test_with_nominal_figures_an_effect_changes_nothing(without, name, base):
     where = PLACES[CATALOGUE[name].place][-1]
     same(walked(config(name, where, BASES[base])), without[base], 1e-12)
@@ -63,11 +60,10 @@ def test_with_nominal_figures_an_effect_changes_nothing(without, name, base):
     ],
 )
 def test_with_nominal_figures_all_effects_change_nothing_whatever_the_options(options):
-    base = Config().replaced({"effects.active": options or ["none"]})
+    base = Config().replaced({f"model.{name}": "with" if name in options else "without" for name in OPTIONS})
     settings = base
     for name in CATALOGUE:
-        if name not in OPTIONS:
-            settings = config(name, PLACES[CATALOGUE[name].place][-1], settings)
+        settings = config(name, PLACES[CATALOGUE[name].place][-1], settings)
     same(walked(settings), walked(base), 1e-12)
 
 
@@ -95,7 +91,7 @@ def test_each_effect_at_each_place_goes_through_a_file(tmp_path, name):
     for parameter in effect.parameters:
         step = 0.1 * (min(parameter.high, parameter.nominal + 1.0) - parameter.nominal)
         changes[f"effects.{name}.{parameter.name}"] = [parameter.nominal + k * step for k in range(len(places))]
-    written = PAPER.replaced({"effects.active": [name, *effect.needs], **changes})
+    written = PAPER.replaced({"effects.active": [name], **changes})
     path = tmp_path / "model.yaml"
     path.write_text(config_to_yaml(written), encoding="utf-8")
     assert load_config(path) == dataclasses.replace(written, directory=tmp_path)
@@ -110,7 +106,7 @@ def test_each_effect_at_each_place_goes_through_a_file(tmp_path, name):
 ])  # fmt: skip
 def test_a_place_names_a_joint_a_leg_or_all(where, joints, feet):
     robot = open_robot(bag_path("test1"), PAPER)
-    (effect,) = active_effects(config("encoder_bias", where).effects, robot)
+    (effect,), _ = build_effects(config("encoder_bias", where).effects, robot)
     assert len(effect.joints) == joints and effect.feet == feet
     assert list(effect.joints) == [i for foot in feet for i in robot.legs[foot][effect.leg_joints[foot]]]
     if joints == 1:

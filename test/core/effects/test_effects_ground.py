@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from effect_tools import PAPER, config, predicted, values
 from synthetic import T0, robot, walk
 
 from coman_reduced_model.core.base.types import Foot, Phase, SupportState
-from coman_reduced_model.core.effects.catalogue import active_effects
+from coman_reduced_model.core.effects.catalogue import build_effects
 
 LIMP = {f"robot.{side}.{key}": [value] * 6 for side in ("left", "right")
         for key, value in (("stiffness", 1e-3), ("damping", 0.0))}  # fmt: skip
@@ -33,15 +35,18 @@ def test_a_landing_changes_the_momentum_by_its_impulse(rate):
 
 
 def test_a_foot_slides_back_once_a_step_and_carries_the_robot_along():
-    (effect,) = active_effects(config("foot_slip", "right", distance=0.02).effects, robot())
+    (effect,), _ = build_effects(config("foot_slip", "right", distance=0.02).effects, robot())
     dt, slid, speed, push = 0.001, 0.0, 0.0, 0.0
     for k in range(1500):
         t = k * dt
         # Left alone, both from 0.3 s with the right foot in charge at once, right alone, both again, left alone.
         phase = [Phase.LEFT, Phase.DOUBLE, Phase.RIGHT, Phase.DOUBLE, Phase.LEFT][round(t * 1000) // 300]
         foot = Foot.LEFT if phase == Phase.LEFT or (phase == Phase.DOUBLE and t > 0.5) else Foot.RIGHT
-        slid += effect.slide(T0 + round(1e9 * t), SupportState(phase, foot, 0.5, t % 0.3))
-        speed += effect._acceleration * dt
+        effect.begin(T0 + round(1e9 * t), SupportState(phase, foot, 0.5, t % 0.3))
+        slid += effect.slide()
+        felt = SimpleNamespace(force=np.zeros(3))  # in the frame of the sole, which accelerates
+        effect.push(felt, None)
+        speed -= felt.force[0] / robot().mass * dt
         push += speed * dt
     assert slid == pytest.approx(-0.02, rel=1e-6)  # the left foot holds
     assert push == pytest.approx(-0.02, rel=0.02) and speed == pytest.approx(0.0, abs=2e-3)

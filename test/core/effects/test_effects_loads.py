@@ -14,7 +14,7 @@ from synthetic import T0, description, posture, robot, velocity, walk
 from coman_reduced_model.core.base.stream_names import MOTORS
 from coman_reduced_model.core.base.types import Phase, Reference, Sample
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects.catalogue import active_effects
+from coman_reduced_model.core.effects.catalogue import build_effects
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import ConfigError
@@ -104,7 +104,7 @@ def test_the_plan_lags_with_its_preview():
     """A plan that moves steadily is followed a time constant behind, now and ahead, at any sample time."""
     T, v = 0.05, np.array([0.2, -0.1, 0.05])
     machine, still = robot(), np.zeros(12)
-    (effect,) = active_effects(config("motor_lag", time_constant=T).effects, machine)
+    (effect,), _ = build_effects(config("motor_lag", time_constant=T).effects, machine)
     for t in (0.0, 0.005, 0.02, 0.1):
         ahead = v * (t + 0.02 * np.arange(1, 6)[:, None])
         zero, eye = np.zeros(3), np.eye(4)

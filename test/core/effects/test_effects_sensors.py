@@ -14,7 +14,7 @@ from synthetic import LEFT, RIGHT, T0, names, robot, walk
 
 from coman_reduced_model.core.base.stream_names import JOINTS
 from coman_reduced_model.core.base.types import Flags, Foot
-from coman_reduced_model.core.effects.catalogue import stream_delays
+from coman_reduced_model.core.effects.catalogue import build_effects, stream_delays
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.streams.joiner import Joiner
 from coman_reduced_model.errors import ConfigError
@@ -89,7 +89,7 @@ def test_late_streams_are_joined_at_their_true_time(delay, effect):
 
 def test_one_late_foot_and_a_stamp_that_is_not_filled_in():
     settings = config("wrench_delay", "left", delay=-0.03)
-    joiner = Joiner(robot(), settings, stream_delays(settings.effects, robot()))
+    joiner = Joiner(robot(), settings, stream_delays(build_effects(settings.effects, robot())[0]))
     messages = dict(walk(0.01))
     joiner.add_wrench(Foot.LEFT, replace(messages[LEFT], stamp_ns=0))
     assert joiner.rejections.counts == {f"{LEFT}/zero_stamp": 1}

@@ -14,7 +14,7 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects.catalogue import active_effects
+from coman_reduced_model.core.effects.catalogue import build_effects
 from coman_reduced_model.core.effects.hooks import LegSprings
 from coman_reduced_model.core.model.cartesian import Model
 from coman_reduced_model.core.model.springs import Springs
@@ -35,7 +35,7 @@ def leg(settings: Config, deflection, rate=0.0, motor_rate=0.0, foot=Foot.LEFT) 
     def full(x):
         return np.broadcast_to(np.asarray(x, float), 6).copy()
 
-    springs = Springs(settings.robot, active_effects(settings.effects, robot()))
+    springs = Springs(settings.robot, build_effects(settings.effects, robot())[0], False)
     return springs.leg(foot, np.eye(6), np.zeros(3), 170.0, full(deflection), full(rate), full(motor_rate))
 
 
@@ -236,7 +236,7 @@ def test_a_robot_on_one_leg_rests_where_its_energy_is_least(case):
 def test_the_point_mass_gives_way_to_forces_by_its_stiffness(case, stiffness):
     values, _, outside = CASES[case]
     base = PAPER.replaced(
-        {"effects.active": ["lateral_compliance"], "model.stiffness": stiffness, "prediction.horizons": [], **STIFF}
+        {"model.lateral_compliance": "with", "model.stiffness": stiffness, "prediction.horizons": [], **STIFF}
     )
     weight = robot().mass * GRAVITY
     force = weight * (np.array(outside.get("down", (0, 0, -1.0))) + [0, 0, 1]) + outside.get("force", np.zeros(3))
@@ -269,7 +269,7 @@ def test_the_point_mass_feels_springs_that_are_not_linear(stiffness):
 
 
 # A foot that rolls moves the COM sideways and down: without y the point mass feels little of it.
-POINT_MASS = PAPER.replaced({"model.stiffness": "condensed", "effects.active": ["lateral_compliance"]})
+POINT_MASS = PAPER.replaced({"model.stiffness": "condensed", "model.lateral_compliance": "with"})
 
 
 @pytest.mark.parametrize("base", [trunk_config(), POINT_MASS], ids=["trunk", "point mass"])

@@ -16,8 +16,8 @@ from coman_reduced_model.errors import ConfigError
 
 WEIGHT = 9.81 * robot_of("coman").mass
 LEFT = SupportState(Phase.LEFT, Foot.LEFT, 1.0)
-PAPER = Config().replaced({"effects.active": ["none"]})
-LATERAL = {"effects.active": ["lateral_compliance"]}
+PAPER = Config().replaced({"model.trunk_rotation": "without"})
+LATERAL = {"model.lateral_compliance": "with"}
 
 
 def double(share=0.5, foot=Foot.LEFT):
@@ -208,7 +208,7 @@ def test_gravity_softens_horizontally_like_a_toppling_pendulum():
     """(k - m g h) / h^2 instead of k / h^2: m g / h less, h the COM above the ankle."""
     posture = standing(knee=0.6, lean=0.0)
     without, p_r = terms(soft_ankle(500.0), posture=posture)
-    with_gravity, _ = terms(soft_ankle(500.0, **{"effects.active": ["gravity_stiffness"]}), posture=posture)
+    with_gravity, _ = terms(soft_ankle(500.0, **{"model.gravity_stiffness": "with"}), posture=posture)
     J = posture.leg_jacobian(Foot.LEFT)
     h = abs(J[0, 4])
     assert 0.2 < h < p_r[2]
@@ -221,7 +221,7 @@ def test_gravity_softens_horizontally_like_a_toppling_pendulum():
 def test_gravity_counts_with_the_weight_on_the_leg():
     """In `both_legs` each leg carries its share: half the softening each, the same altogether."""
     posture = standing(lean=0.0)
-    gravity = {"effects.active": ["gravity_stiffness"], "model.double_support": "both_legs"}
+    gravity = {"model.gravity_stiffness": "with", "model.double_support": "both_legs"}
     softening = []
     for share in (0.5, 0.8):
         plain, _ = terms(soft_ankle(2000.0, **{"model.double_support": "both_legs"}), double(share), posture=posture)
@@ -249,7 +249,7 @@ def test_pendulum_is_the_lipm():
 def test_assembling_changes_nothing_that_stays():
     """Effects work on copies: a second call finds what the first one found."""
     posture = standing()
-    active = {"effects.active": ["gravity_stiffness", "lateral_compliance"]}
+    active = {"model.gravity_stiffness": "with", "model.lateral_compliance": "with"}
     model = Model(robot_of("coman"), PAPER.replaced(active))
     references = {Foot.LEFT: posture.com_in_sole(Foot.LEFT)}
     first, second = (model.terms(posture, LEFT, references, False) for _ in range(2))
@@ -259,7 +259,7 @@ def test_assembling_changes_nothing_that_stays():
 
 def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
     from coman_reduced_model.core.effects.base import EffectConfig
-    from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
+    from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect, build_effects
 
     class AtJoint(Effect):
         name, place = "at_joint", "joint"
@@ -268,17 +268,17 @@ def test_an_effect_at_a_joint_that_the_legs_lack_is_refused(monkeypatch):
     for where, fits in (("LKneeSag", True), ("Knee", False)):
         config = Config(effects=(EffectConfig("at_joint", where),))
         if fits:
-            Model(robot_of("coman"), config)
+            build_effects(config.effects, robot_of("coman"))
             continue
         with pytest.raises(ConfigError, match=r"effects.at_joint.where: no leg joint 'Knee'.*LKneeSag"):
-            Model(robot_of("coman"), config)
+            build_effects(config.effects, robot_of("coman"))
 
 
 @pytest.mark.parametrize("stiffness", ["full", "condensed"])
 def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffness):
     """A hardening knee: the force of all springs at the COM that belongs to a deflection of the joints, as J^-T tau."""
     from coman_reduced_model.core.effects.base import EffectConfig
-    from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect
+    from coman_reduced_model.core.effects.catalogue import CATALOGUE, Effect, build_effects
     from coman_reduced_model.core.effects.hooks import LegSprings
 
     deflection = np.array([1e-3, 1e-3, 1e-3, 0.08, 0.05, 1e-3])
@@ -295,7 +295,7 @@ def test_springs_told_by_their_tangent_hold_as_the_law_does(monkeypatch, stiffne
     monkeypatch.setitem(CATALOGUE, "hardening", Hardening)
     config = replace(PAPER.replaced({"model.stiffness": stiffness}), effects=(EffectConfig("hardening"),))
     robot, posture = robot_of("coman"), standing()
-    model, J = Model(robot, config), posture.leg_jacobian(Foot.LEFT)
+    model, J = Model(robot, config, build_effects(config.effects, robot)[0]), posture.leg_jacobian(Foot.LEFT)
     stiff = np.array(config.robot.left.stiffness)
     tau = stiff * deflection
     tau[3] *= 1.0 + cubic * deflection[3] ** 2

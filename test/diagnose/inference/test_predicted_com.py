@@ -10,8 +10,11 @@ from hypothesis import strategies as st
 from robots import bent, robot_of
 
 from coman_reduced_model.core.base.types import Foot, Phase
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.base import EffectConfig
+from coman_reduced_model.diagnose.inference import predicted_com
 from coman_reduced_model.diagnose.inference.predicted_com import Errors, FreeRun, admitted, change, errors, interval
+from coman_reduced_model.resources import bag_path
 
 STEP, N = 40, 400  # samples of a step, of a run; 5 ms apart
 VALUES = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12)
@@ -202,3 +205,19 @@ def test_effects_that_only_together_are_worse_than_none_do_not_all_stay():
 
 def test_without_effects_nothing_is_predicted():
     assert admitted(0, lambda which: pytest.fail("a model was run")) == ((), {})
+
+
+def test_positions_are_those_that_effects_have_corrected():
+    """The masses of another model are placed by the joints as this model believes they are."""
+    plain = Config().replaced({"effects.active": ["none"]})
+    biased = plain.replaced(
+        {
+            "effects.active": ["encoder_bias"],
+            "effects.encoder_bias.where": ["LKneeSag"],
+            "effects.encoder_bias.bias": [0.02],
+        }
+    )
+    before, after = (predicted_com.free_run(bag_path("test1"), config) for config in (plain, biased))
+    bias = np.zeros(before.q.shape[1])
+    bias[before.robot.joint_names.index("LKneeSag")] = 0.02
+    np.testing.assert_allclose(before.q - after.q, np.tile(bias, (len(before.q), 1)), atol=1e-12)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The trunk on its legs with all six freedoms: what the point mass of the paper leaves out (effect `trunk_rotation`).
+"""The trunk on its legs with all six freedoms: what the point mass of the paper leaves out (option `trunk_rotation`).
 
 Coordinates are the joints x (m,) of both legs at the link side, the support leg's first, and a small displacement of
 the support sole from level ground (6,); together they are the pose of the trunk and of both soles. Under (A1) the
@@ -62,9 +62,9 @@ class TrunkModel(Dynamics):
         self.robot = robot
         self.model = model
         self.motor, self._posture = robot.posture(), robot.posture()
-        friction = next(e.values["friction"] for e in model.effects if e.name == "trunk_rotation")
+        friction = config.model.friction
         self._options = Options(friction, _LONGEST, _FILTER)
-        self._swing = any(e.name == "swing_momentum" for e in model.effects)
+        self._swing = config.uses("swing_momentum")
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         self._following = [axis for axis in range(3) if axis not in model.axes]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]

@@ -60,7 +60,7 @@ def test_the_stride_is_found_within_a_millisecond(period):
 
 @pytest.mark.parametrize(("name", "plan"), [("test1", True), ("test2", True), ("test2", False)])
 def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_known(name, plan):
-    settings = Config().replaced({"effects.active": ["standard"], "prediction.horizons": [0.1, 0.2, 0.4]})
+    settings = Config().replaced({"prediction.horizons": [0.1, 0.2, 0.4]})
     with Session(bag_path(name), settings) as session:
         for stream, _, raw in session.messages():
             if plan or stream != REFERENCE:

@@ -7,7 +7,7 @@ import pytest
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Flags, Sample
-from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.config.schema import OPTIONS, Config
 from coman_reduced_model.core.model.trunk.contact import Linear, Sole, State, contacts, impulses, switch_support
 from coman_reduced_model.core.model.trunk.kinematics import trunk_twist
 from coman_reduced_model.core.predictor import Predictor
@@ -19,8 +19,9 @@ WHOLE = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compl
 BENT = [-0.4, 0.0, 0.0, 0.8, -0.4, 0.0] * 2
 
 
-def config(*effects: str) -> Config:
-    return Config().replaced({"effects.active": effects, "prediction.horizons": [0.1, 0.2]})
+def config(*options: str) -> Config:
+    chosen = {f"model.{option}": "with" if option in options else "without" for option in OPTIONS}
+    return Config().replaced({**chosen, "prediction.horizons": [0.1, 0.2]})
 
 
 def robot() -> Robot:
@@ -179,9 +180,9 @@ def test_swing_momentum_is_needed_for_the_fore_aft_motion():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"effects.active": ["swing_momentum"]}, "trunk_rotation"),
-        ({"effects.active": ["trunk_rotation"], "prediction.reference": "topic"}, "motor"),
-        ({"effects.active": ["trunk_rotation"], "effects.trunk_rotation.friction": [3.0]}, "0.05 to 2"),
+        ({"model.trunk_rotation": "without", "model.swing_momentum": "with"}, "trunk_rotation"),
+        ({"model.trunk_rotation": "with", "prediction.reference": "topic"}, "motor"),
+        ({"model.friction": 3.0}, "0.05 to 2"),
     ],
 )
 def test_what_does_not_go_together_is_refused(changes, words):
