@@ -132,7 +132,7 @@ def free_run(shared: Path) -> tuple[str, str]:
             ahead.append([recording.title, *(", ".join(each) for each in horizons)])
             if recording is PENDULUM:
                 continue
-            paper = predict(root / recording.path, config, out / "paper", "effects.active=[none]")
+            paper = predict(root / recording.path, config, out / "paper", "model.trunk_rotation=without")
             errors = (default["rmse_rigid_m"], paper["rmse_m"], default["rmse_m"])
             rows.append([recording.title, bag, *(millimetres(each) for each in errors)])
             for phase, by in default["by_phase"].items():
@@ -274,7 +274,7 @@ def options_page(found: Mapping[str, Any], command: Sequence[str]) -> str:
     walks = [
         [score["robot"], score["gait"], millimetres(score["rigid_m"]), millimetres(score["rmse_m"])]
         for score in found["scores"]
-        if score["variant"] == "all effects"
+        if score["variant"] == "all options"
     ]
     return "\n\n".join([
         f"`coman {' '.join(command)} --out v`: three virtual robots (`coman`, `tall`, `small`) with the constants of "
@@ -283,8 +283,8 @@ def options_page(found: Mapping[str, Any], command: Sequence[str]) -> str:
         "RMS error of the free run over all walks, x, y, z [mm]; the worst walk; RMS error of the trunk's pitch "
         "[degrees]; skill 0.2 s ahead:",
         table(["model", "x, y, z", "worst walk", "pitch", "skill"], rows),
-        "By walk, all effects:",
-        table(["robot", "gait", "rigid robot", "all effects"], walks),
+        "By walk, all options:",
+        table(["robot", "gait", "rigid robot", "all options"], walks),
     ])  # fmt: skip
 
 
@@ -339,7 +339,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("phases", "{shared}/real/icub_walk", "--config", "config/icub.yaml"),
         needs="real/icub_walk",
     ),
-    "offline": script("Speed and memory offline", ("offline",), ("offline", "--effects", "none")),
+    "offline": script("Speed and memory offline", ("offline",), ("offline", "--trunk", "without")),
     "node": script("The node under load", ("node",), ("node", "--reference", "motor")),
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),

@@ -194,6 +194,19 @@ def test_links_lead_somewhere(page):
     assert not broken
 
 
+@pytest.mark.parametrize("page", [*PAGES, *RESULTS], ids=lambda page: page.name)
+def test_tables_are_whole(page):
+    """Every row of a table has as many cells as its head: else it is cut off, or no table at all, where it is shown."""
+    lines = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S).splitlines()
+    cells = [len(re.sub(r"`[^`]*`", "", line).split("|")) if line.startswith("|") else 0 for line in lines]
+    for i, line in enumerate(lines):
+        if cells[i] and cells[i - 1]:
+            assert cells[i] == cells[i - 1], line
+        elif cells[i]:
+            assert lines[i - 1] == "" or lines[i - 1].startswith("<!--"), line
+            assert re.fullmatch(r"\|( --- \|)+", lines[i + 1]), line
+
+
 def test_every_page_is_in_the_index():
     linked = set(re.findall(r"\]\((\w+\.md)\)", TEXTS["index.md"]))
     assert linked == {page.name for page in (ROOT / "doc").glob("*.md")} - {"index.md"}
