@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ..core.config.schema import Config
 from ..core.evaluation.run import run_of
 from ..tuning.recording import read_recording
-from ..tuning.validate import PAPER, QUICK, VARIANTS, Case, Score, Validation, rows
+from ..tuning.validate import PAPER, QUICK, VARIANTS, RobotCase, Score, Validation, rows
 from . import figures
 from .draw import SERIES, legend, new_figure, title
 from .page import Part, Section, Table, Text, page, picture
@@ -23,7 +23,7 @@ _SHOWN = ("rigid robot", "paper", "paper, tuned", "all options", "all effects, t
 PICTURE = "validation"
 
 
-def validation_page(done: Validation, cases: Sequence[Case], result: Mapping[str, Any], folder: Path) -> str:
+def validation_page(done: Validation, cases: Sequence[RobotCase], result: Mapping[str, Any], folder: Path) -> str:
     """The HTML; the figures also as PNG files in `folder`."""
     summary = result["summary"]
     head = ["model", "walks", "x [mm]", "y [mm]", "z [mm]", "worst x", "worst z", "pitch [deg]", "skill x", "skill z"]
@@ -88,7 +88,7 @@ def overview_figure(scores: Sequence[Score]) -> Figure:
     return figure
 
 
-def _paper_figures(done: Validation, case: Case, folder: Path) -> list[Part]:
+def _paper_figures(done: Validation, case: RobotCase, folder: Path) -> list[Part]:
     """Figs. 10 to 12 on the first robot: before and after tuning, another gait; and the whole model on it."""
     trained = next((gait for robot, gait in done.trained if robot == case.robot), None)
     judged = [gait for robot, gait in done.bags if robot == case.robot and gait != trained]
