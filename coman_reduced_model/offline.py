@@ -25,6 +25,7 @@ from .core.config.files import config_to_yaml
 from .core.config.schema import Config
 from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
+from .errors import BagError
 from .output import OutputFolder, to_json
 from .progress import Progress
 from .resources import version
@@ -52,7 +53,7 @@ def predict_bag(
         What `summary.json` holds, with NaN for what is not known (null in the file).
 
     Raises:
-        ComanError: the bag, the configuration or the output cannot be used.
+        ComanError: the bag, the configuration or the output cannot be used, or nothing could be predicted.
     """
     bag, config, robot, names = session.bag, session.config, session.robot, session.names
     with OutputFolder(out, force) as folder:
@@ -71,6 +72,8 @@ def predict_bag(
                 output.write(prediction)
         elapsed = time.perf_counter() - began
         summary = _summary(session, statistics, elapsed)
+        if not summary["judged_samples"]:
+            raise BagError(f"{bag.path}: nothing could be predicted: {first_cause(summary)}")
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
         (folder / CONFIG_FILE).write_text(config_to_yaml(config, f"used for {bag.path.name}"), encoding="utf-8")
     return summary
@@ -122,6 +125,12 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
     status, judge = pipeline.status(), pipeline.judge
     run = statistics.summary()
     mismatches = _mismatches(bag, pipeline)
+    warnings = list(session.warnings)
+    if diverged := run["flags"].get("REJECTED_STATE"):
+        warnings.append(
+            f"predictions diverged in {diverged} of {run['samples']} samples: check stiffness, damping, URDF and units "
+            "(joint positions in rad)"
+        )
     return {
         "bag": str(bag.path),
         "version": version(),
@@ -137,7 +146,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "incomplete": {name: stream.incomplete for name, stream in status.streams.items() if stream.incomplete},
         "streams": {name: asdict(stream) for name, stream in status.streams.items()},
         "restarts": status.restarts,
-        "warnings": [*session.warnings, *(each["text"] for each in mismatches)],
+        "warnings": [*warnings, *(each["text"] for each in mismatches)],
         "mismatches": mismatches,
         "extra_joints": list(status.extra_joints),
         "unlisted_joints": list(status.unlisted_joints),
@@ -145,6 +154,23 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "realtime_factor": run["duration_s"] / elapsed,
         "config": config.flat(),
     }
+
+
+_WHY = {  # by flag of the samples
+    "NO_SUPPORT": "by the wrenches neither foot carries the robot (support.contact_on, support.weight)",
+    "NO_REFERENCE": "there is no reference (prediction.reference)",
+    "STALE_WRENCH": "the wrench of a foot is missing or too old (streams.max_wrench_age)",
+    "REJECTED_STATE": "the predictions diverged",
+}
+
+
+def first_cause(summary: dict[str, Any]) -> str:
+    """Why a bag could not be predicted: what was rejected most often, else the first warning or flag."""
+    if summary["rejected"]:
+        return str(summary["last_rejection"][max(summary["rejected"], key=summary["rejected"].__getitem__)])
+    if summary["warnings"]:
+        return str(summary["warnings"][0])
+    return next((why for flag, why in _WHY.items() if summary["flags"].get(flag)), "there is no joint state")
 
 
 def _mismatches(bag: Bag, pipeline: Pipeline) -> list[dict[str, Any]]:

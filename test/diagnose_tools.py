@@ -10,12 +10,13 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
 from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.data.world import World
 from coman_reduced_model.diagnose.physics.balance import evaluate
-from coman_reduced_model.diagnose.physics.hypotheses import Figure, figures
+from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 
 SECONDS = 4.0
 t = np.arange(0.0, SECONDS, 1.0 / RATE)
@@ -67,7 +68,7 @@ def residuals(recording: Recording, world: World | None = None) -> dict[str, np.
 
 
 def figure(name: str):
-    return next(f for f in figures(*standing()) if f.name == name)
+    return next(f for f in unknowns(*standing()) if f.name == name)
 
 
 def rms(values: np.ndarray) -> float:
@@ -79,8 +80,9 @@ def index(name: str = JOINT) -> int:
     return robot().joint_names.index(name)
 
 
-def made_up(effect: str, spread: float, reach: float, **more) -> Figure:
-    return Figure(effect, more.pop("where", ""), "x", 0.0, spread, reach, 0.1, "1", lambda r, w, x: (r, w), **more)
+def made_up(effect: str, spread: float, reach: float, **more) -> Unknown:
+    where = more.pop("where", "")
+    return Unknown(effect, where, "x", "1", lambda r, w, x: (r, w), reach, spread, step=0.1, **more)
 
 
 FIGURES = [

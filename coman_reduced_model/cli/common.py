@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -137,4 +138,4 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 
 def by_axis_text(values: Mapping[str, float], scale: float, digits: int) -> list[str]:
     """x, y, z as text; a dash where nothing is known."""
-    return [f"{scale * value:.{digits}f}" if value == value else "-" for value in values.values()]
+    return [f"{scale * value:.{digits}f}" if math.isfinite(value) else "-" for value in values.values()]

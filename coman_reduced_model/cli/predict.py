@@ -49,6 +49,8 @@ def predict(
     with Session(bag, settings, urdf=urdf, names=names) as session, progress("predicting") as report:
         summary = predict_bag(session, out, force=force, progress=report)
     warn(summary["warnings"])
+    counts = summary["rejected"]
+    warn([f"rejected {counts[reason]}: {sentence}" for reason, sentence in summary["last_rejection"].items()])
     if json:
         print_json(summary)
     else:

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import hypot, isfinite
 
 import numpy as np
 
+from .base.limits import DIVERGED, TOPPLED
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config.schema import Config
 from .effects.catalogue import Effect, build_effects
@@ -19,6 +20,7 @@ from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
 from .model.cartesian import Model
 from .model.dynamics import Dynamics
+from .model.horizon import drop_impossible
 from .model.point_mass import Pendulum, PointMass
 from .model.trunk.model import TrunkModel
 from .robot.robot import Robot
@@ -36,6 +38,7 @@ class Predictor:
 
     Attributes:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.
+        TOPPLED: [rad] and so has one whose trunk leans this much more or less than the measured one.
         dynamics: the equation of motion that does both.
         judge: the errors of the horizons so far.
 
@@ -51,7 +54,8 @@ class Predictor:
         [0.1, 0.2, 0.4]
     """
 
-    DIVERGED = 0.5
+    DIVERGED = DIVERGED
+    TOPPLED = TOPPLED
 
     def __init__(self, robot: Robot, config: Config, effects: Sequence[Effect] | None = None) -> None:
         """Build the model.
@@ -159,6 +163,8 @@ class Predictor:
         if len(self._horizons):
             if ready:
                 horizons = dynamics.ahead(now, self._horizons)
+                if drop_impossible(horizons, com, com_vel, self._horizons, self.model.gravity, self.DIVERGED):
+                    flags |= Flags.REJECTED_STATE
             baselines = predict_baselines(
                 com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons
             )
@@ -180,12 +186,26 @@ class Predictor:
         event, touchdown = Flags.RESET, self._touchdown(support)
         if dynamics.state is not None and not touchdown:
             dynamics.advance(now)
-            assert dynamics.state is not None
-            if hypot(*(dynamics.state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
+            if self._near(now):
                 return Flags.OK
             event |= Flags.REJECTED_STATE
         dynamics.restart(now)
+        if not self._near(now):  # what it began from, a filter of the measurement, has diverged as well
+            event |= Flags.REJECTED_STATE
+            dynamics.reset()
+            dynamics.prepare(now)
+            dynamics.restart(now)
         return event
+
+    def _near(self, now: Now) -> bool:
+        """Whether the free run is where the robot can be by the measurement."""
+        state = self.dynamics.state
+        assert state is not None
+        if not hypot(*(state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
+            return False
+        if self.model.turning and not np.abs(self.dynamics.tilt - now.link.tilt(now.foot)).max() < self.TOPPLED:
+            return False
+        return isfinite(state[3] + state[4] + state[5])
 
     def _finish(
         self,

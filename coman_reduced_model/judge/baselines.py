@@ -62,13 +62,13 @@ def features(bag: Path, config: Path | None) -> Features:
     from ..diagnose.data.world import World
     from ..diagnose.inference.evidence import assemble
     from ..diagnose.physics.balance import evaluate
-    from ..diagnose.physics.hypotheses import candidates, figures
+    from ..diagnose.physics.hypotheses import candidates, unknowns
 
     settings = load_config(config or config_path())
     recording, robot = load(bag, settings)
     world = World.nominal(robot, settings)
     where = masks(recording, world)
-    known = figures(recording, world)
+    known = unknowns(recording, world)
     problem = assemble(evaluate(recording, world, where), where, known)
     scale = {key: max(float(np.std(row)), 1e-12) for key, row in problem.rows.items()}
     y = np.concatenate([row / scale[key] for key, row in problem.rows.items()])

@@ -6,9 +6,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..core.base.limits import DIVERGED, TOPPLED
 from ..core.config.schema import OPTIONS, config_from_flat, parameter_table
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
@@ -30,7 +34,7 @@ _FLAGS = {
     "NO_SUPPORT": "in the air, or the phase is not known yet",
     "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
     "RESET": "the free run was initialised from the measurement",
-    "REJECTED_STATE": "the prediction diverged and was restarted",
+    "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
 }
 
 
@@ -89,17 +93,64 @@ def read_summary(directory: Path) -> dict[str, Any]:
 def prediction_page(
     summary: Mapping[str, Any], run: Run, plots: Path | None = None, progress: Progress | None = None
 ) -> str:
-    """The HTML of the report; PNG files into the folder `plots` if one is given."""
+    """The HTML of the report; PNG files into the folder `plots` if one is given.
+
+    Figures show what is possible for the robot; the page says what is left out.
+    """
     tell = progress or (lambda fraction, text: None)
+    shown = run.possible()
+    left_out = _left_out(summary, run, shown)
     robot = (summary.get("robot") or {}).get("name") or "robot"
     recording = Path(summary.get("bag") or "?").name
     sections: list[Section] = []
     parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, _configuration
     for number, make in enumerate(parts):
         tell(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
-        sections.append(make(summary, run, plots))
+        sections.append(make(summary, shown, plots))
+    sections[0] = replace(sections[0], parts=[*left_out, *sections[0].parts])
     title = f"COM of {robot}, predicted and measured: {recording}"
     return page(title, sentence(summary), sections, _facts(summary))
+
+
+def _left_out(summary: Mapping[str, Any], run: Run, shown: Run) -> list[Part]:
+    """What is beyond physics, and so neither drawn nor judged."""
+    parts: list[Part] = []
+    diverged, limit = int(run.diverged.sum()), f"{DIVERGED:g} m"
+    if diverged:
+        parts.append(
+            Notice(
+                f"In {diverged} samples ({percent(diverged / len(run))}) the free run diverged: it came more than "
+                f"{limit} or {TOPPLED:g} rad from the measured robot, which is beyond physics. It was "
+                "restarted from the measurement. Neither the errors nor the figures hold these samples.",
+                "warn",
+            )
+        )
+    far = {
+        name: int(np.isnan(after[~run.diverged]).any(axis=1).sum() - np.isnan(before[~run.diverged]).any(axis=1).sum())
+        for name, before, after in (
+            ("predicted", run.predicted, shown.predicted),
+            ("reference", run.reference, shown.reference),
+        )
+    }
+    for name, count in far.items():
+        if count:
+            parts.append(
+                Notice(
+                    f"In {count} samples ({percent(count / len(run))}) the {name} COM is more than {limit} from the "
+                    "measured one, which is beyond physics: the figures leave it out.",
+                    "warn",
+                )
+            )
+    ahead = ((summary.get("flags") or {}).get("REJECTED_STATE") or 0) - diverged
+    if ahead > 0:
+        parts.append(
+            Notice(
+                f"In {ahead} samples ({percent(ahead / len(run))}) a prediction ahead was beyond physics: its errors "
+                "do not hold it.",
+                "warn",
+            )
+        )
+    return parts
 
 
 def _facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -25,6 +25,8 @@ def millimetres(metres: float | None) -> str:
     if metres is None or not math.isfinite(metres):
         return "–"
     value = 1e3 * metres
+    if abs(value) >= 1e6:
+        return f"{value:.2e} mm"
     return f"{value:.0f} mm" if abs(value) >= 99.5 else f"{value:.1f} mm" if abs(value) >= 9.95 else f"{value:.2f} mm"
 
 
@@ -48,6 +50,8 @@ def sentence(summary: Mapping[str, Any]) -> str:
     text += "."
     if judged < samples:
         text += f" This covers {percent(judged / samples)} of the samples."
+    if diverged := (summary.get("flags") or {}).get("REJECTED_STATE"):
+        text += f" A prediction diverged in {percent(diverged / samples)} of the samples."
     return text
 
 

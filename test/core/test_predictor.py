@@ -11,6 +11,7 @@ from robots import bent, robot_of
 
 from coman_reduced_model.core.base.types import Flags, Foot, Phase, Reference, Sample
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.evaluation.statistics import RunStatistics
 from coman_reduced_model.core.predictor import Predictor
 
 ROBOT = robot_of("coman")
@@ -279,6 +280,33 @@ def test_a_free_run_that_diverges_is_restarted_and_told():
     predictions = run(config, end=4.0, make=make)
     assert any(p.flags == Flags.RESET | Flags.REJECTED_STATE for p in predictions)
     assert np.abs(column(predictions, "residual")).max() < 0.5
+    statistics = RunStatistics(0.25)
+    for p in predictions:
+        statistics.add(p)
+    restarts = sum(p.flags.diverged for p in predictions)
+    assert 0 < statistics.summary()["judged_samples"] == len(predictions) - restarts, "a restart predicts nothing"
+
+
+def in_degrees(t: float) -> Sample:
+    q, motor_q = (np.degrees(getattr(sample(t), name)) for name in ("q", "motor_q"))
+    return sample(t, q=q, motor_q=motor_q)
+
+
+@pytest.mark.parametrize("changes", [{"model.trunk_rotation": "with"}, {"model.c1": 8.0, "model.c2": 8.0}])
+def test_whatever_the_encoders_say_no_prediction_is_beyond_physics(changes):
+    """By positions in degrees the legs cross and the COM sinks below the soles; filters diverge as well."""
+    config = CONFIG.replaced({"prediction.horizons": [0.1, 0.4], **changes})
+    predictions = run(config, make=in_degrees)
+    diverged = np.array([p.flags.diverged for p in predictions])
+    assert diverged.any() and not diverged.all()
+    residual = column(predictions, "residual")
+    assert np.linalg.norm(residual, axis=1).max() < Predictor.DIVERGED
+    tilt = column(predictions, "predicted_tilt") - column(predictions, "measured_tilt")
+    assert not (np.abs(tilt) >= Predictor.TOPPLED).any()
+    for p in predictions:
+        for each in p.horizons:
+            assert np.isfinite(each.com).all() or Flags.REJECTED_STATE in p.flags
+            assert not (np.abs(each.com - p.measured_com) > 0.5 + np.linalg.norm(p.measured_com_vel) * 0.4 + 0.8).any()
 
 
 # --- sources of the reference ---

@@ -24,7 +24,7 @@ from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, Recording, load
 from coman_reduced_model.diagnose.data.world import World
 from coman_reduced_model.diagnose.physics.balance import evaluate
-from coman_reduced_model.diagnose.physics.hypotheses import figures
+from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 from coman_reduced_model.diagnose.workflow import diagnose
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
@@ -179,7 +179,7 @@ def test_loads_that_are_found_are_those_of_the_model(root):
     machine = root.robot()
     recording = rerooted(wandering(), root, machine)
     world = World.nominal(machine, Config())
-    known = {figure.name: figure for figure in figures(recording, world)}
+    known = {figure.name: figure for figure in unknowns(recording, world)}
 
     def dynamic(model: pin.Model) -> np.ndarray:
         return np.array([inertia.toDynamicParameters()[:4] for inertia in model.inertias])  # mass and first moments

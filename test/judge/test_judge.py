@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
-from coman_reduced_model.diagnose.physics.hypotheses import candidates, figures
+from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
@@ -82,7 +82,7 @@ def test_effects_have_the_same_names_for_the_judge_the_model_and_the_diagnosis()
     assert known == set(CATALOGUE) - MODEL_OPTIONS
     assert not {FAMILIES[name].effect for name in families.OUTSIDE} & set(CATALOGUE)
     recording, world = standing()
-    assert {option.effect for option in candidates(figures(recording, world))} == known
+    assert {option.effect for option in candidates(unknowns(recording, world))} == known
     assert set(families.CLASSES) <= known
 
 

@@ -107,6 +107,13 @@ def html(folder):
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+def diverged(predictions):
+    """The same predictions, twenty of them far away: finite, and not."""
+    far = [replace(p, predicted_com=p.predicted_com + 10.0 ** (8 * k)) for k, p in enumerate(predictions[200:220])]
+    far[3].predicted_com[:] = np.inf
+    return [*predictions[:200], *far, *predictions[220:]]
+
+
 def text_of(html):
     return re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>", "", html, flags=re.S))
 
@@ -207,7 +214,29 @@ DEGENERATE = {
     "no free run": (without(walk(), "predicted_com"), "Nothing was predicted in 450 samples"),
     "perfect": (walk(error=(0.0, 0.0, 0.0)), "x is predicted to 0.00 mm RMS"),
     "stamps go back": (walk()[200:] + walk()[:200], "Errors"),
+    "beyond physics": (
+        diverged(walk()),
+        "In 20 samples (4.44 %) the predicted COM is more than 0.5 m from the measured one, which is beyond physics",
+    ),
+    "a reference beyond physics": (
+        [replace(p, reference_com=p.reference_com + (0, 0, 5e8)) for p in walk()],
+        "In 450 samples (100 %) the reference COM is more than 0.5 m from the measured one",
+    ),
+    "restarts": (
+        [replace(p, flags=Flags.RESET | Flags.REJECTED_STATE) for p in walk()[:45]] + walk()[45:],
+        "In 45 samples (10 %) the free run diverged",
+    ),
+    "predictions ahead beyond physics": (
+        [replace(p, flags=Flags.REJECTED_STATE) for p in walk()[:45]] + walk()[45:],
+        "In 45 samples (10 %) a prediction ahead was beyond physics",
+    ),
 }
+
+
+@pytest.mark.timeout(300, method="thread")  # dashes of a line that leaves the figure by 1e200 m are drawn for hours
+def test_a_run_that_diverged_is_drawn_in_seconds(tmp_path):
+    page = write_report(write(tmp_path, diverged(walk())))
+    assert "beyond physics: the figures leave it out" in page.read_text()
 
 
 @pytest.mark.parametrize("case", DEGENERATE)

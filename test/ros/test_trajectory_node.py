@@ -67,6 +67,25 @@ def test_trajectory_starts_stops_and_resets(start, peer):
     assert node.stop() == 0
 
 
+def test_a_walk_that_repeats_stops_and_stays(start, peer):
+    """~/stop in mid-walk holds, also beyond the end of the plan; ~/start walks again, and repeats again."""
+    references = References(peer)
+    start.node("trajectory", gait__repeat=True, gait__steps=3, gait__single_support=0.3, gait__double_support=0.1)
+    peer.wait(lambda: references.messages and references.messages[-1].step >= 1, "the second step")
+    answer = peer.call(Trigger, "/trajectory/stop", Trigger.Request())
+    assert answer.success, answer.message
+
+    def stands() -> bool:
+        return peer.call(Trigger, "/trajectory/stop", Trigger.Request()).message == "stands already"
+
+    peer.wait(stands, "stands")
+    place = references.messages[-1].left_sole.position.x
+    peer.spin(1.5)  # a step takes 0.4 s
+    assert stands() and references.messages[-1].left_sole.position.x == place
+    assert peer.call(Trigger, "/trajectory/start", Trigger.Request()).success
+    peer.wait(lambda: references.messages[-1].left_sole.position.x > place + 0.05, "more than one plan further")
+
+
 def test_trajectory_in_the_time_of_a_bag(start, peer):
     """With use_sim_time and a start time, the plan is where the bag's clock says, also when it jumps back."""
     references = References(peer)

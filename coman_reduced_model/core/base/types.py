@@ -126,7 +126,15 @@ class Flags(IntFlag):
     NO_SUPPORT = 8  # flight, or the phase is not known yet
     NEAR_SINGULAR = 16  # the support leg is close to a singular posture: stiffness was limited
     RESET = 32  # the free run was initialised from the measurement at this sample
-    REJECTED_STATE = 64  # the prediction diverged and was restarted
+    REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or a prediction ahead is NaN
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the free run diverged: at this sample it begins from the measurement again and predicts nothing."""
+        return self & _DIVERGED == _DIVERGED
+
+
+_DIVERGED = Flags.RESET | Flags.REJECTED_STATE
 
 
 @dataclass(slots=True)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -24,6 +26,10 @@ class Backlash(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("width", "float", 0.0, "rad", "full play in series with the spring", 0.0, 0.5),
     )
+    sentence: ClassVar[str] = "{at} has {width} of backlash"
+    experiment: ClassVar[str] = "the joint loaded slowly through zero torque, both ways, with a sensor of its torque"
+    exact: ClassVar[bool] = False
+    law: ClassVar[tuple[str, str] | None] = ("spring", "torque")
 
     def springs(self, leg: LegSprings) -> None:
         half = 0.5 * self.values["width"]
@@ -36,6 +42,12 @@ class Backlash(Effect):
             leg.torque[i] += k * (taken - slope * d)
             leg.K_q[i, i] = k * slope
             leg.D_q[i, i] *= slope
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("backlash.width", "slack", "reach")
+        joints = about.joints if about.motors else {}
+        return [cls.unknown("width", world_plus("play", j), where, low=0.0, **prior) for where, j in joints.items()]
 
 
 def dead_zone(d: float, half: float) -> tuple[float, float]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ...errors import ConfigError
 from ..base.parameter import Parameter
 from ..base.types import Foot
+from .ambiguity import Ambiguity
+from .unknown import About, Change, Unknown
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample, SupportState
@@ -37,6 +39,16 @@ class Effect:
         parameters: nominal, bounds, unit, description of each of its figures.
         place: what `where` may name: a key of `PLACES`, or "joint": a leg's joint, all of one leg ("left", "right")
             or all ("").
+        sentence: what is wrong, of `{at}` (the place), parameters with their intervals (`{key}`, `{key_size}` without
+            sign) or all of them (`{listed}`).
+        opposite: the same where the first parameter is not above nominal; "": no other sentence.
+        further: what follows where parameters are known that the sentence does not name (`{key}`, `{rest}`: all).
+        experiment: what would decide between the effect and those that look like it.
+        ambiguity: the class of effects that walking hardly distinguishes from it.
+        exact: whether real robots have it in the form that it has here; else a small part of it stays unexplained.
+        clock: whether it shifts joints in time: such effects look alike until they are compared closely.
+        law: the joint's residual that it bends ("spring", "torque"), and what that is drawn against.
+        together: keys of parameters that may be fitted together; (): all, and each alone.
         feet: the legs that `where` names or that its joints belong to.
         joints: the leg joints that `where` names, as indices in `Robot.joint_names`.
         leg_joints: the same by leg, as indices in the leg.
@@ -45,6 +57,15 @@ class Effect:
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     place: ClassVar[str] = "robot"
+    sentence: ClassVar[str]
+    opposite: ClassVar[str] = ""
+    further: ClassVar[str] = ""
+    experiment: ClassVar[str]
+    ambiguity: ClassVar[Ambiguity | None] = None
+    exact: ClassVar[bool]
+    clock: ClassVar[bool] = False
+    law: ClassVar[tuple[str, str] | None] = None
+    together: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         self.where = where
@@ -81,6 +102,22 @@ class Effect:
                 f"effects.{self.name}.where: no leg joint {self.where!r} (allowed: '', 'left', 'right', {every})"
             )
         self.joints = np.concatenate([robot.legs[foot][self.leg_joints[foot]] for foot in self.feet])
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        """What a diagnosis could find of it in a recording, each parameter at each place; none: it does not look."""
+        return []
+
+    @classmethod
+    def unknown(cls, key: str, change: Change, where: str = "", **more: Any) -> Unknown:
+        """One parameter at one place, its unit and nominal value as in `parameters`.
+
+        Args:
+            key, change, where, more: fields of `Unknown`.
+        """
+        parameter = next(each for each in cls.parameters if each.name == key)
+        fields = {"unit": parameter.unit, "nominal": parameter.nominal, **more}
+        return Unknown(cls.name, where, key, change=change, **fields)
 
     def reset(self) -> None:
         """Forget the past: the next sample is the first one."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import About, Unknown, columns_minus
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Sample
@@ -20,6 +22,15 @@ class EncoderBias(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("bias", "float", 0.0, "rad", "what the link encoder reads too much", -0.3, 0.3),
     )
+    sentence: ClassVar[str] = "the link encoder of {at} reads {bias_size} too high"
+    opposite: ClassVar[str] = "the link encoder of {at} reads {bias_size} too low"
+    experiment: ClassVar[str] = "the joint against a mechanical stop, or in a gauge of known angle"
+    exact: ClassVar[bool] = True
 
     def correct(self, sample: Sample) -> None:
         sample.q[self.joints] -= self.values["bias"]
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("encoder_bias.bias", "spread", "reach")
+        return [cls.unknown("bias", columns_minus("q", j), joint, **prior) for joint, j in about.joints.items()]

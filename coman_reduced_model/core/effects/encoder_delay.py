@@ -5,9 +5,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ..base.delays import shifted
 from ..base.parameter import Parameter
 from ..base.stream_names import JOINTS
 from .base import Effect
+from .unknown import LINKS, About, Change, Measured, Unknown, World
+from .widths import widths
 
 
 class EncoderDelay(Effect):
@@ -21,6 +24,25 @@ class EncoderDelay(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("delay", "float", 0.0, "s", "joint states are stamped this much too late", -0.2, 0.2),
     )
+    sentence: ClassVar[str] = "the joint states are {delay} late"
+    experiment: ClassVar[str] = "a tap on the leg while standing: joints, IMU and wrench must show it at the same time"
+    exact: ClassVar[bool] = True
+    clock: ClassVar[bool] = True
 
     def late(self, stream: str) -> float:
         return self.values["delay"] if stream == JOINTS else 0.0
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("encoder_delay.delay", "spread", "reach")
+        ways = {"": ("q",), LINKS: ("q", "tau")} if about.efforts else {"": ("q",)}
+        return [
+            cls.unknown("delay", _earlier(arrays), way, step=0.008, low=0.0, **prior) for way, arrays in ways.items()
+        ]
+
+
+def _earlier(arrays: tuple[str, ...]) -> Change:
+    def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+        return r.changed(**{array: shifted(getattr(r, array), x, r.rate) for array in arrays}), w
+
+    return apply

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..base.parameter import Parameter
+from .ambiguity import CONSTANT_FORCE, Ambiguity
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -23,6 +26,10 @@ class ExternalForce(Effect):
         Parameter("x", "float", 0.0, "N", "force along x of odom", -1e3, 1e3),
         Parameter("y", "float", 0.0, "N", "force along y of odom", -1e3, 1e3),
     )
+    ambiguity: ClassVar[Ambiguity | None] = CONSTANT_FORCE
+    sentence: ClassVar[str] = "something pulls at the trunk, along the axes of odom ({listed})"
+    experiment: ClassVar[str] = CONSTANT_FORCE.experiment
+    exact: ClassVar[bool] = True
 
     def bind(self, robot: Robot) -> None:
         super().bind(robot)
@@ -34,3 +41,8 @@ class ExternalForce(Effect):
         force = push.posture.R[now.foot] @ push.R_odom_sole.T @ self._force
         push.trunk[:3] += force
         push.trunk[3:] += np.cross(push.posture.data.oMi[self._trunk].act(self._com), force)
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("external_force", "spread", "reach")
+        return [cls.unknown(key, world_plus("pull", k), **prior) for k, key in enumerate("xy")]

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 from ..base.parameter import Parameter
 from ..base.types import Foot, Phase
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import SupportState
@@ -29,6 +31,9 @@ class FootSlip(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("distance", "float", 0.0, "m", "that the foot slides in each step, against x of its sole", -0.2, 0.2),
     )
+    sentence: ClassVar[str] = "{at} slips back by {distance} in each step"
+    experiment: ClassVar[str] = "the same walk on a rough floor"
+    exact: ClassVar[bool] = False
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
@@ -65,6 +70,12 @@ class FootSlip(Effect):
 
     def push(self, push: Push, now: Now) -> None:
         push.force[0] -= self._mass * self._acceleration
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("foot_slip.distance", "spread", "reach")
+        feet = enumerate(("left", "right"))
+        return [cls.unknown("distance", world_plus("slip", k), where, **prior) for k, where in feet]
 
 
 def glide(since: float) -> tuple[float, float]:

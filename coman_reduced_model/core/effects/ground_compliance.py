@@ -10,6 +10,8 @@ import numpy as np
 from ..base.parameter import Parameter
 from ..base.types import Foot
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample
@@ -34,6 +36,9 @@ class GroundCompliance(Effect):
         Parameter("vertical", "float", 0.0, "m/N", "of the ground under one foot", 0.0, 1e-3),
         Parameter("rotational", "float", 0.0, "rad/Nm", "the same, about x and y of the sole", 0.0, 0.1),
     )
+    sentence: ClassVar[str] = "the ground or the soles give way more than usual ({listed})"
+    experiment: ClassVar[str] = "the same walk on a hard floor"
+    exact: ClassVar[bool] = False
 
     def bind(self, robot: Robot) -> None:
         super().bind(robot)
@@ -68,6 +73,15 @@ class GroundCompliance(Effect):
         # Of the COM of all links, of which those of the leg move less than the trunk.
         J[:3] += posture.R[foot].T @ posture.J_com[:, posture.robot.leg_columns[foot]]
         return as_joints(J, com)
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        edge = about.weight * 0.5 * about.robot.config.foot_length  # [Nm] of a foot that bears the weight at its edge
+        out = []
+        for key, load, field in (("rotational", edge, "tilting"), ("vertical", about.weight, "sinking")):
+            prior = widths(f"ground_compliance.{key}", "usual", "spread", "reach", per=load)
+            out.append(cls.unknown(key, world_plus(field), low=0.0, **prior))
+        return out
 
 
 def as_joints(J: Array, com: Array) -> Array:

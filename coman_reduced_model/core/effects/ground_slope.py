@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..base.parameter import Parameter
+from .ambiguity import CONSTANT_FORCE, Ambiguity
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -27,6 +30,10 @@ class GroundSlope(Effect):
         Parameter("roll", "float", 0.0, "rad", "of the floor about x of odom", -0.5, 0.5),
         Parameter("pitch", "float", 0.0, "rad", "of the floor about y of odom", -0.5, 0.5),
     )
+    ambiguity: ClassVar[Ambiguity | None] = CONSTANT_FORCE
+    sentence: ClassVar[str] = "the floor is not level, about the axes of odom ({listed})"
+    experiment: ClassVar[str] = CONSTANT_FORCE.experiment
+    exact: ClassVar[bool] = True
 
     def bind(self, robot: Robot) -> None:
         super().bind(robot)
@@ -36,3 +43,8 @@ class GroundSlope(Effect):
 
     def push(self, push: Push, now: Now) -> None:
         push.force += push.R_odom_sole.T @ self._force
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("ground_slope", "spread", "reach")
+        return [cls.unknown(key, world_plus("slope", k), **prior) for k, key in enumerate(("roll", "pitch"))]

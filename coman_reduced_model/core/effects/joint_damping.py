@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import About, Unknown, world_elements
+from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -20,7 +22,21 @@ class JointDamping(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("scale", "float", 1.0, "1", "real damping over that of the configuration", 0.0, 20.0),
     )
+    sentence: ClassVar[str] = "the damping of {at} is {scale} of nominal"
+    experiment: ClassVar[str] = "the same gait at half and at twice the speed"
+    exact: ClassVar[bool] = False
+    law: ClassVar[tuple[str, str] | None] = ("spring", "torque rate")
 
     def springs(self, leg: LegSprings) -> None:
         for i in self.leg_joints.get(leg.foot, ()):
             leg.D_q[i, i] *= self.values["scale"]
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        out = []
+        for where, which in about.joints_and_legs.items() if about.motors else ():
+            change = world_elements("damping", which, lambda each, x: each * (1.0 + x))
+            healthy = "spread" if where in about.joints else "slack"  # of one joint, of many alike
+            prior = widths("joint_damping.scale", healthy, "reach")
+            out.append(cls.unknown("scale", change, where, low=-1.0, **prior))
+        return out

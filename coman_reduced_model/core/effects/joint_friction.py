@@ -6,13 +6,18 @@ from __future__ import annotations
 from math import tanh
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import About, Unknown, world_elements, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
 
-CREEP = 0.03  # [rad/s] unless told
+CREEP = 0.03  # [rad/s] unless configured
+_SLOWEST = 0.005  # [rad/s] below which nothing creeps
 
 
 class JointFriction(Effect):
@@ -27,6 +32,13 @@ class JointFriction(Effect):
         Parameter("coulomb", "float", 0.0, "Nm", "friction torque against the motion of the link", 0.0, 200.0),
         Parameter("creep", "float", CREEP, "rad/s", "speed below which it creeps instead of sticking", 0.001, 10.0),
     )
+    sentence: ClassVar[str] = "{at} has {coulomb} of friction"
+    further: ClassVar[str] = " and creeps below {creep}"
+    experiment: ClassVar[str] = (
+        "the same gait at half and at twice the speed: friction does not grow with it, damping does"
+    )
+    exact: ClassVar[bool] = False
+    law: ClassVar[tuple[str, str] | None] = ("torque", "speed")
 
     def springs(self, leg: LegSprings) -> None:
         for i in self.leg_joints.get(leg.foot, ()):
@@ -36,3 +48,14 @@ class JointFriction(Effect):
             damping = coulomb / creep * (tanh(ratio) / ratio if abs(ratio) > 1e-6 else 1.0)
             leg.D_q[i, i] += damping
             leg.torque[i] += damping * leg.motor_rate[i]
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        coulomb = widths("joint_friction.coulomb", "spread", "reach")
+        creep = widths("joint_friction.creep", "spread", "reach")
+        out = []
+        for joint, j in about.joints.items() if about.efforts or about.motors else ():
+            slower = world_elements("creep", j, lambda speed, x: np.maximum(speed + x, _SLOWEST))
+            out.append(cls.unknown("coulomb", world_plus("friction", j), joint, low=0.0, **coulomb))
+            out.append(cls.unknown("creep", slower, joint, low=_SLOWEST - CREEP, shape=True, **creep))
+        return out

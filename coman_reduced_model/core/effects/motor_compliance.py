@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import PLAN, About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -23,6 +25,10 @@ class MotorCompliance(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("compliance", "float", 0.0, "rad/Nm", "of the position loop of each motor", 0.0, 0.1),
     )
+    sentence: ClassVar[str] = "the motors yield under load by {compliance}"
+    experiment: ClassVar[str] = "standing under two known loads, with motor states that are measured"
+    exact: ClassVar[bool] = False
+    law: ClassVar[tuple[str, str] | None] = ("spring", "torque")
 
     def springs(self, leg: LegSprings) -> None:
         for i in range(len(leg.joints)):
@@ -30,3 +36,15 @@ class MotorCompliance(Effect):
             leg.K_q[i, i] *= share
             leg.torque[i] *= share
             leg.D_q[i, i] *= share * share
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        name = "motor_compliance.compliance"
+        out = []
+        if about.motors:
+            prior = widths(name, "spread", "reach")
+            out.append(cls.unknown("compliance", world_plus("yielding"), low=0.0, **prior))
+        if about.motors and about.plan:
+            prior = widths(name, "reach", slack=f"{name}.spread")
+            out.append(cls.unknown("compliance", world_plus("yielded"), PLAN, low=0.0, **prior))
+        return out

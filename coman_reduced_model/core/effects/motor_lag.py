@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..base.delays import lagged
 from ..base.parameter import Parameter
+from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
+from .unknown import PLAN, About, Change, Unknown
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Array, Reference, Sample
@@ -30,6 +34,11 @@ class MotorLag(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("time_constant", "float", 0.0, "s", "of the closed loop of the motors", 0.0, 1.0),
     )
+    ambiguity: ClassVar[Ambiguity | None] = DRIVE_DELAY
+    sentence: ClassVar[str] = "the motors lag behind their reference by {time_constant}"
+    experiment: ClassVar[str] = DRIVE_DELAY.experiment
+    exact: ClassVar[bool] = False
+    clock: ClassVar[bool] = True
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
@@ -57,6 +66,16 @@ class MotorLag(Effect):
             ahead[k], last = now, planned
         return replace(plan, com=com, com_vel=com_vel, preview_com=ahead, preview_com_vel=ahead_vel)
 
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("motor_lag.time_constant", "slack", "reach")
+        ways = {"": "motor_q", PLAN: "plan"} if about.plan else {"": "motor_q"}
+        return [
+            cls.unknown("time_constant", _behind(array), way, step=0.008, low=0.0, **prior)
+            for way, array in ways.items()
+            if about.motors
+        ]
+
 
 class _Lag:
     """A first-order lag of an array."""
@@ -83,3 +102,7 @@ class _Lag:
         slope = (u_1 - u_0) / dt
         y_1 = u_0 + (y - u_0) * decay + slope * (dt + self._T * expm1(-dt / self._T))
         return y_1, (u_1 - y_1) / self._T
+
+
+def _behind(array: str) -> Change:
+    return lambda r, w, x: (r.changed(**{array: lagged(getattr(r, array), x, r.rate)}), w)

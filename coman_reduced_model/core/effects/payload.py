@@ -10,6 +10,8 @@ import pinocchio as pin
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import About, Change, Measured, Unknown, World
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -28,9 +30,38 @@ class Payload(Effect):
         Parameter("y", "float", 0.0, "m", "the same, along its y", -2.0, 2.0),
         Parameter("z", "float", 0.0, "m", "the same, along its z", -2.0, 2.0),
     )
+    sentence: ClassVar[str] = "the trunk carries {mass} that the URDF lacks"
+    further: ClassVar[str] = " (in robot.base_frame at {rest})"
+    experiment: ClassVar[str] = "the robot on a scale, then leaning forward and back while it stands"
+    exact: ClassVar[bool] = True
+    together: ClassVar[tuple[tuple[str, ...], ...]] = (("mass", "x", "y", "z"), ("mass",), ("mass", "x"))
 
     def load(self, robot: Robot) -> None:
         if self.values["mass"] != 0.0:
             trunk = robot.model.frames[robot.base_id]
             point = trunk.placement.act(np.array([self.values[axis] for axis in "xyz"]))
             robot.model.inertias[trunk.parentJoint] += pin.Inertia(self.values["mass"], point, np.zeros((3, 3)))
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        robot = about.robot
+        trunk = robot.model.inertias[robot.model.frames[robot.base_id].parentJoint].mass
+        mass = widths("payload.mass", "reach", times=robot.mass)
+        out = [cls.unknown("mass", _heavier, step=0.1, low=-0.8 * trunk, **mass)]
+        for k, key in enumerate("xyz"):
+            out.append(cls.unknown(key, _moved(k), unit="kg m", step=0.1, **widths(f"payload.{key}", "reach")))
+        return out
+
+
+def _heavier(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+    return r, w.add_mass(x, np.zeros(3), w.robot.base_id)
+
+
+def _moved(k: int) -> Change:
+    """A first moment [kg m] along an axis: two masses that cancel, 0.1 m away each way."""
+    at = 0.1 * np.eye(3)[k]
+
+    def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+        return r, w.add_mass(x / 0.2, at, w.robot.base_id).add_mass(-x / 0.2, -at, w.robot.base_id)
+
+    return apply

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
 
+_BENDS = 2.0  # counts of an encoder that a spring must stretch by: the errors of an encoder come again with every step
 _SOFTEST = 0.2  # a softening spring goes on straight where its tangent has fallen to this share: it stays a spring
 
 
@@ -22,6 +25,11 @@ class SpringNonlinearity(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("cubic", "float", 0.0, "1/rad^2", "hardening (> 0) or softening (< 0) of the spring", -1e6, 1e6),
     )
+    sentence: ClassVar[str] = "the spring of {at} hardens ({listed})"
+    opposite: ClassVar[str] = "the spring of {at} softens ({listed})"
+    experiment: ClassVar[str] = "the joint loaded slowly to its largest torque, both ways"
+    exact: ClassVar[bool] = False
+    law: ClassVar[tuple[str, str] | None] = ("spring", "torque")
 
     def springs(self, leg: LegSprings) -> None:
         cubic = self.values["cubic"]
@@ -31,3 +39,13 @@ class SpringNonlinearity(Effect):
             d = min(straight_from, max(-straight_from, leg.deflection[i]))
             leg.K_q[i, i] = k * (1.0 + 3.0 * cubic * d * d)
             leg.torque[i] -= 2.0 * k * cubic * d**3
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        out = []
+        for joint, j in about.joints.items() if about.motors else ():
+            stretch = float(about.stretch[j[0]])
+            offered = bool(stretch > _BENDS * about.count[j[0]])
+            prior = widths("spring_nonlinearity.cubic", "spread", "reach", per=stretch**2)
+            out.append(cls.unknown("cubic", world_plus("cubic", j), joint, offered=offered, **prior))
+        return out

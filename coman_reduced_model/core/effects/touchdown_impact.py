@@ -12,6 +12,8 @@ import numpy as np
 from ..base.parameter import Parameter
 from ..base.types import Foot, Phase
 from .base import Effect
+from .unknown import About, Unknown, world_plus
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import SupportState
@@ -32,6 +34,9 @@ class TouchdownImpact(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("impulse", "float", 0.0, "Ns", "of the ground on a landing foot, along its leg", 0.0, 50.0),
     )
+    sentence: ClassVar[str] = "each touchdown is a blow of {impulse}"
+    experiment: ClassVar[str] = "the same walk with slower steps, or on a soft mat: the blow gets smaller"
+    exact: ClassVar[bool] = False
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
@@ -66,3 +71,8 @@ class TouchdownImpact(Effect):
         force = size / np.linalg.norm(leg) * leg
         push.trunk[:3] += force
         push.trunk[3:] += np.cross(hip, force)
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        blow = widths("touchdown_impact.impulse", "reach", times=about.robot.mass)
+        return [cls.unknown("impulse", world_plus("impulse"), low=0.0, **blow)]

@@ -5,9 +5,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ..base.delays import shifted
 from ..base.parameter import Parameter
 from ..base.stream_names import MOTORS, REFERENCE
+from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
+from .unknown import PLAN, About, Change, Unknown
+from .widths import widths
 
 
 class TransportDelay(Effect):
@@ -21,6 +25,27 @@ class TransportDelay(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("delay", "float", 0.0, "s", "from the reference to the motion", 0.0, 0.2),
     )
+    ambiguity: ClassVar[Ambiguity | None] = DRIVE_DELAY
+    sentence: ClassVar[str] = "the motors move {delay} after their reference"
+    experiment: ClassVar[str] = DRIVE_DELAY.experiment
+    exact: ClassVar[bool] = False
+    clock: ClassVar[bool] = True
 
     def late(self, stream: str) -> float:
         return -self.values["delay"] if stream in (MOTORS, REFERENCE) else 0.0
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        out = []
+        if about.motors:
+            prior = widths("transport_delay.delay", "spread", "slack", "reach")
+            out.append(cls.unknown("delay", _later("motor_q"), step=0.008, low=0.0, **prior))
+        if about.motors and about.plan:
+            # Motor states that are measured show it against the plan, those that echo the command do not.
+            prior = widths("transport_delay.delay", "reach", slack="transport_delay.plan.slack")
+            out.append(cls.unknown("delay", _later("plan"), PLAN, step=0.008, low=0.0, **prior))
+        return out
+
+
+def _later(array: str) -> Change:
+    return lambda r, w, x: (r.changed(**{array: shifted(getattr(r, array), -x, r.rate)}), w)

@@ -10,6 +10,8 @@ import numpy as np
 
 from ..base.parameter import Parameter
 from .base import Effect
+from .unknown import FEET, About, Change, Unknown, wrenches_changed
+from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Sample
@@ -26,6 +28,9 @@ class WrenchBias(Effect):
         *(Parameter(f, "float", 0.0, "N", f"force {f[1]} of the sole, too much", -500.0, 500.0) for f in _FORCES),
         *(Parameter(t, "float", 0.0, "Nm", f"moment {t[1]} of the sole, too much", -100.0, 100.0) for t in _MOMENTS),
     )
+    sentence: ClassVar[str] = "the force sensor of {at} has an offset, along the axes of its sole ({listed})"
+    experiment: ClassVar[str] = "the robot lifted off the ground: the sensors must read the weight of the feet alone"
+    exact: ClassVar[bool] = True
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:
         super().__init__(where, values)
@@ -34,3 +39,18 @@ class WrenchBias(Effect):
     def correct(self, sample: Sample) -> None:
         for wrench in self.wrenches(sample):
             wrench -= self._bias
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        out = []
+        for where in ("left", "right"):
+            for k, key in enumerate((*_FORCES, *_MOMENTS)):
+                prior = widths("wrench_bias.force" if k < 3 else "wrench_bias.moment", "reach")
+                out.append(cls.unknown(key, wrench_minus(where, k), where, **prior))
+        return out
+
+
+def wrench_minus(where: str, k: int) -> Change:
+    """Takes an error off the k-th value of a foot's wrenches."""
+    unit = np.eye(6)[k]
+    return wrenches_changed(FEET[where], lambda wrench, x, _: wrench - x * unit)

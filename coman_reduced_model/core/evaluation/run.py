@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..base.limits import DIVERGED
 from ..base.types import Array, Booleans, Flags, Foot, Integers, Phase, Prediction
 
 _GAP = 0.25  # [s] where samples are farther apart, lines are broken: nothing is known in between
@@ -56,6 +57,22 @@ class Run:
         """Predicted minus reference, (n, 3) [m]."""
         return self.predicted - self.reference
 
+    @property
+    def diverged(self) -> Booleans:
+        """(n,) whether the free run diverged: there it begins from the measurement again and predicts nothing."""
+        both = int(Flags.RESET | Flags.REJECTED_STATE)
+        return (self.flags & both) == both
+
+    def possible(self) -> Run:
+        """The same run without what is beyond physics.
+
+        NaN stands for predictions where the free run diverged, and for predictions and references that are `DIVERGED`
+        or more from the measured COM along an axis.
+        """
+        predicted = np.where((self.diverged | _far(self.predicted, self.measured))[:, None], np.nan, self.predicted)
+        reference = np.where(_far(self.reference, self.measured)[:, None], np.nan, self.reference)
+        return replace(self, predicted=predicted, reference=reference)
+
     def in_odom(self, points: Array) -> Array:
         """Points (n, 3) of the support sole in `odom`."""
         return np.einsum("nij,nj->ni", self.T_odom_sole[:, :3, :3], points) + self.T_odom_sole[:, :3, 3]
@@ -97,6 +114,12 @@ class Run:
             return None
         row = rows[len(rows) // 2]
         return row[0].first, row[-1].last
+
+
+def _far(points: Array, measured: Array) -> Booleans:
+    with np.errstate(invalid="ignore"):
+        far = np.logical_or(np.abs(points - measured) >= DIVERGED, np.isinf(points))
+    return np.logical_or.reduce(far, axis=1)
 
 
 def run_of(predictions: Iterable[Prediction]) -> Run:

@@ -16,6 +16,8 @@ AXES = ("x", "y", "z")
 class RunStatistics:
     """Squared errors of the free run and of the rigid robot, on the samples where both are known.
 
+    A sample at which the free run diverged counts for neither: there it was restarted from the measurement.
+
     `mse` is (24) of the paper, per axis of the support sole. Where no reference exists (prediction.reference: none),
     the rigid robot has no error and the free run's counts alone.
     """
@@ -38,6 +40,8 @@ class RunStatistics:
         self._last = prediction.stamp_ns, phase
         if prediction.flags:
             self._flags.update(flag.name for flag in Flags if flag and flag in prediction.flags)  # type: ignore[misc]
+            if prediction.flags.diverged:
+                return
         error = prediction.residual
         if error[0] == error[0]:  # not NaN
             self._sums[phase][0] += error * error

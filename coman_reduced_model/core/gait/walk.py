@@ -47,6 +47,7 @@ class Walk:
         self.plan: WalkPlan = plan_walk(self._gait)
         self._feet: tuple = ()  # where the plan starts: default
         self.start_ns: int | None = None
+        self._again = self._repeat  # whether the walk under way begins again at its end; not after `stop`
 
     def time(self, now_ns: int) -> float:
         """Time in the plan [s]."""
@@ -65,6 +66,7 @@ class Walk:
             self._feet = (end.T_odom_left, end.T_odom_right)
             self.plan = plan_walk(self._gait, *self._feet)
         self.start_ns = now_ns
+        self._again = self._repeat
         return None
 
     def stop(self, now_ns: int) -> str | None:
@@ -74,6 +76,7 @@ class Walk:
         """
         if not self.walking(now_ns):
             return "stands already"
+        self._again = False
         t = self.time(now_ns)
         horizon = t + _MEMORY / self._gait.omega
         for index, step in enumerate(self.plan.footsteps[:-1]):
@@ -84,8 +87,8 @@ class Walk:
         return None
 
     def go_on(self, now_ns: int) -> bool:
-        """Begin again at the end of the plan, if it is to be repeated; whether it does."""
-        if not self._repeat or self.start_ns is None or self.time(now_ns) < self.plan.duration_s:
+        """Begin again at the end of the plan, if it is to be repeated and was not stopped; whether it does."""
+        if not self._again or self.start_ns is None or self.time(now_ns) < self.plan.duration_s:
             return False
         return self.start(self.start_ns + round(self.plan.duration_s * 1e9)) is None
 

@@ -72,6 +72,11 @@ class Recording:
     period: float = 1.0 / RATE
 
     @property
+    def rate(self) -> float:
+        """Of the grid [Hz]."""
+        return RATE
+
+    @property
     def stride(self) -> int:
         """Grid points from one sample to the next; of slower streams the others lie on lines between samples."""
         return max(1, round(self.period * RATE))

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter
 
+from ...core.base import delays
 from ...core.base.compiled import compiled
 from ...core.base.types import Array, Booleans
 from .recording import RATE, Recording
@@ -61,13 +61,7 @@ def rate_of(values: Array) -> Array:
 
 def lagged(values: Array, time_constant: float) -> Array:
     """First-order lag along the first axis; a negative time constant leads (for difference quotients around zero)."""
-    if time_constant <= 0.0:
-        return values - time_constant * rate_of(values)
-    a = np.exp(-1.0 / RATE / time_constant)
-    # Exact for values that are linear between samples.
-    b = time_constant * RATE * (1.0 - a)
-    state = b * values[:1]  # as if it had been at its first value for ever
-    return np.asarray(lfilter([1.0 - b, b - a], [1.0, -a], values, axis=0, zi=state)[0])
+    return delays.lagged(values, time_constant, RATE)
 
 
 def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:

@@ -13,13 +13,14 @@ import numpy as np
 from ...core.base.types import Array
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE, Effect
+from ...core.effects.unknown import Unknown
 from ...core.robot.robot import Robot
 from ...errors import BagError
 from ..data.masks import TICKS, Masks, masks, on_flat_soles, with_taken_up
 from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
-from ..physics.hypotheses import Figure, figures
+from ..physics.hypotheses import unknowns
 from .evidence import Evidence, Fit, Noise, Problem, assemble, prior_variance, weigh
 from .floor import floor
 
@@ -66,7 +67,7 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
         kind = CATALOGUE[effect.name]
         if (kind.correct, kind.late, kind.load) != (Effect.correct, Effect.late, Effect.load):
             continue
-        for figure in figures(recording, world):
+        for figure in unknowns(recording, world):
             if (figure.effect, figure.where) == (effect.name, effect.where):
                 recording, world = figure.apply(recording, world, effect.values[figure.key] - figure.nominal)
     return recording, world
@@ -114,7 +115,7 @@ def evidence_of(cases: Sequence[Case]) -> Evidence:
 
 
 def examine(
-    prepared: Prepared, known: list[Figure], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
+    prepared: Prepared, known: list[Unknown], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
 ) -> Case:
     """Evidence of a recording, linear around deviations `at` (P,) of the parameters from nominal.
 

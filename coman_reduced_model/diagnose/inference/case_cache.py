@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal, TypeVar, cast
 
 from ...core.base.types import Array
-from ..physics.hypotheses import Candidate, figures
+from ..physics.hypotheses import Candidate, unknowns
 from .case import Case, Prepared, examine
 from .finding import Finding
 
@@ -25,7 +25,7 @@ class CaseCache:
 
     def __init__(self, train: Sequence[Prepared], hold: Sequence[Prepared] = ()) -> None:
         self.train, self.hold = train, hold
-        self.known = figures(train[0][0], train[0][1])
+        self.known = unknowns(train[0][0], train[0][1])
         self.converged: dict[tuple[Any, ...], Array] = {}
         self._cases: dict[tuple[str, bytes], list[Case]] = {}
         self._answers: dict[tuple[Any, ...], Any] = {}

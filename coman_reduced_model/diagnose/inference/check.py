@@ -13,7 +13,7 @@ from ...errors import BagError, ConfigError
 from ..data.masks import with_taken_up
 from ..data.reading import Reading
 from ..data.recording import Recording, moving
-from ..physics.hypotheses import candidates, figures
+from ..physics.hypotheses import candidates, unknowns
 from .case import Prepared, prepare
 
 
@@ -94,7 +94,7 @@ def check_recordings(
 def _refuse_what_cannot_be_fitted(assumed: Sequence[tuple[str, str]], prepared: Prepared) -> None:
     """The search would take these for absent."""
     places: dict[str, list[str]] = {}
-    for option in candidates(figures(prepared[0], prepared[1])):
+    for option in candidates(unknowns(prepared[0], prepared[1])):
         places.setdefault(option.effect, []).append(option.place)
     for name, where in assumed:
         if name not in places:

@@ -12,7 +12,8 @@ import numpy as np
 from ...core.config.schema import OPTIONS, Config, can_turn, nominal_effects
 from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE
-from ..physics.hypotheses import PLAN, Candidate
+from ...core.effects.unknown import PLAN
+from ..physics.hypotheses import Candidate
 from .evidence import Fit
 from .finding import Finding
 from .search import CLASSES

@@ -18,10 +18,11 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ...core.base.compiled import compiled
 from ...core.base.types import Array, Integers
+from ...core.effects.unknown import Unknown
 from ..data.masks import TICKS, Masks
 from ..data.signals import SMOOTHING, without_noise
 from ..physics.balance import State, evaluate
-from ..physics.hypotheses import Candidate, Figure
+from ..physics.hypotheses import Candidate
 from .floor import least
 
 ORDER = 3  # of the autoregressive noise
@@ -41,7 +42,7 @@ class Problem:
         columns: by group (n, P) derivative of the residual by each figure.
     """
 
-    figures: list[Figure]
+    figures: list[Unknown]
     rows: dict[str, Array]
     columns: dict[str, Array]
     pieces: dict[str, Integers]
@@ -52,7 +53,7 @@ class Problem:
 def assemble(
     state: State,
     where: Masks,
-    known: list[Figure],
+    known: list[Unknown],
     like: Problem | None = None,
     fresh: Sequence[int] = (),
     at: Array | None = None,
@@ -106,7 +107,7 @@ def assemble(
 class Evidence:
     """Whitened sums over one or more recordings, with the figures at values `at` around which they are linear."""
 
-    figures: list[Figure]
+    figures: list[Unknown]
     at: Array  # (P,) deviations from nominal
     gram: Array  # (P, P)
     moment: Array  # (P,)
@@ -167,7 +168,7 @@ class Fit:
         return np.asarray(self.scale[:, None] * cho_solve(self.factor, np.diag(self.scale)))
 
 
-def prior_variance(known: Sequence[Figure], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
+def prior_variance(known: Sequence[Unknown], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
     """(P,) of healthy robots, with the figures `released` at their reach and those of `slack` at theirs."""
     spread = np.array([max(figure.spread, ABSENT * figure.reach) for figure in known])
     for i in slack:
@@ -345,7 +346,7 @@ def _correlations(phi: Array) -> Array:
                 b[k - 1] += phi[i - 1]
             else:
                 A[k - 1, lag - 1] -= phi[i - 1]
-    return np.asarray(np.linalg.solve(A, b), dtype=float)
+    return np.linalg.solve(A, b)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)

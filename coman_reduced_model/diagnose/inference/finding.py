@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.base.types import Array
+from ...core.effects.unknown import Unknown
 from ..data.masks import TICKS
-from ..physics.hypotheses import Candidate, Figure
+from ..physics.hypotheses import Candidate
 from .case import Case
 from .evidence import Fit, Score
 
@@ -39,7 +40,7 @@ class Finding:
         refused: candidates that training asked for and held-out bags, or the bounds of physics, contradict.
     """
 
-    known: list[Figure]
+    known: list[Unknown]
     at: Array
     chosen: list[ChosenEffect] = field(default_factory=list)
     fit: Fit | None = None

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...core.base.types import Array
-from ..physics.hypotheses import Figure
+from ...core.effects.unknown import Unknown
 from .case import Case, evidence_of
 from .case_cache import CaseCache
 from .evidence import Fit
@@ -81,7 +81,7 @@ def settled(finding: Finding, cache: CaseCache, released: Sequence[int]) -> tupl
     return at, cases, evidence_of(cases).fit(released)
 
 
-def _values(known: Sequence[Figure], fit: Fit, released: Sequence[int]) -> Array:
+def _values(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> Array:
     """Deviations (P,) to linearise around: those of the released parameters, not below their lower bounds."""
     at = np.zeros(len(known))
     for i in released:

@@ -12,9 +12,12 @@ from operator import add
 import numpy as np
 
 from ...core.base.types import Array
+from ...core.effects.base import Effect as BaseEffect
+from ...core.effects.catalogue import CATALOGUE
+from ...core.effects.unknown import LINKS, PLAN, Unknown
 from ...progress import Progress
 from ..data.recording import moving
-from ..physics.hypotheses import LINKS, PLAN, Candidate, Figure, candidates
+from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of
 from .case_cache import CaseCache
 from .evidence import Fit, Score, prior_variance, quieter, scores, weighed
@@ -36,14 +39,11 @@ MOST = 3  # effects at once
 TOUCHED = 0.1  # of the noise floor, from which on an effect is seen in a residual at all
 LARGEST = 6.0  # times its reach: what is larger is no such effect, whatever the fit says
 RIVALS, CLOSE = 4, 0.03  # number that is compared closely, if they explain at least this share of the best's
-CLASSES = {  # effects that look alike in a walk: one of a class is enough
-    "motor_lag": "drive_delay",
-    "transport_delay": "drive_delay",
-    "ground_slope": "constant_force",
-    "external_force": "constant_force",
-}
-CLOCKS = {"encoder_delay", "transport_delay", "motor_lag"}  # of joints: alike until linearised at their values
-LOADS = {"com_offset", "payload"}  # a payload with its place is both: two of them are one
+# Effects that look alike in a walk: one of a class is enough.
+CLASSES = {name: effect.ambiguity.name for name, effect in CATALOGUE.items() if effect.ambiguity}
+CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: alike until linearised there
+# A payload with its place is both mass and COM: two loads are one.
+LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEffect.load}
 
 
 def search(
@@ -132,7 +132,7 @@ def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array
     return at, fit, *_confirm(finding.known, fit, cache.at(at, "hold"), finding, option)
 
 
-def _impossible(known: Sequence[Figure], fit: Fit, option: Candidate) -> str:
+def _impossible(known: Sequence[Unknown], fit: Fit, option: Candidate) -> str:
     """Why an effect with the parameters that fit best is impossible; empty if it is possible."""
     if any(fit.x[i] < known[i].low for i in option.figures):
         return "of the wrong sign, seen closely"
@@ -289,7 +289,7 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
     return scores(evidence_of(cases), options)
 
 
-def smallest(finding: Finding) -> list[tuple[Figure, float]]:
+def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
     """By parameter of an effect, the deviation from nominal with just enough evidence beside the chosen effects."""
     enough = ENOUGH if finding.hold else ALONE
     needed = _needed(enough, candidates(finding.known))
@@ -352,7 +352,7 @@ def _closest(finding: Finding, cache: CaseCache, *rivals: Candidate) -> int:
 
 
 def _confirm(
-    known: list[Figure], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
+    known: list[Unknown], fit: Fit, held: Sequence[Case], finding: Finding, option: Candidate
 ) -> tuple[float, str]:
     """Log evidence on held-out recordings for the effect as trained against none of it; and why not, if not."""
     evidence = evidence_of(held)

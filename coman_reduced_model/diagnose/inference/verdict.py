@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from ...core.effects.catalogue import CATALOGUE
 from ...progress import Progress
 from ..data.recording import Recording, moving
 from .case_cache import CaseCache
@@ -28,10 +29,7 @@ ROCKING = 2.0  # factor on a limit without an IMU, which would show when the rob
 # Where a chosen effect amounts to more than ACTS times the noise floor, the limit is TOLERANCE times as high, and at
 # least the share INEXACT of the effect: the form of an effect in the model is an approximation ...
 ACTS, TOLERANCE, INEXACT = 5.0, 3.0, 0.3
-EXACT = {  # ... but for these
-    "encoder_bias", "encoder_delay", "wrench_delay", "wrench_scale", "wrench_bias", "com_offset", "payload",
-    "ground_slope", "external_force",
-}  # fmt: skip
+EXACT = {name for name, effect in CATALOGUE.items() if effect.exact}  # ... but for these
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ...core.base.types import Array, Integers, Phase
+from ...core.effects.catalogue import CATALOGUE
 from ...report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
 from ...report.figures import NoData
 from ..data.recording import RATE
@@ -24,15 +25,7 @@ from .words import channel, channel_unit
 SHOWN_S = 6.0  # [s] of a recording that a figure over time shows: more steps say no more
 BEFORE = {"color": SERIES[0], "linewidth": 1.3}
 AFTER = {"color": SERIES[1], "linewidth": 1.5}
-# Effects that bend a joint's law: the residual in which, and against what, it is seen.
-LAWS = {
-    "backlash": ("spring", "torque"),
-    "spring_nonlinearity": ("spring", "torque"),
-    "joint_stiffness": ("spring", "torque"),
-    "motor_compliance": ("spring", "torque"),
-    "joint_damping": ("spring", "torque rate"),
-    "joint_friction": ("torque", "speed"),
-}
+# What the law of a joint is drawn against (`Effect.law`).
 _AGAINST = {
     "torque": "measured torque [Nm]",
     "torque rate": "rate of the measured torque [Nm/s]",
@@ -117,7 +110,7 @@ def residuals(pair: Pair, channels: Sequence[str], changed: bool) -> Figure:
 
 def law(pairs: Sequence[Pair], effect: str, joint: str) -> Figure:
     """The law of a joint: its residual with the effect (and the effect's share alone), and without it."""
-    kind, against = LAWS[effect]
+    kind, against = CATALOGUE[effect].law or ("spring", "torque")
     name = f"{kind}/{joint}"
     unit, factor = channel_unit(name)
     points = []

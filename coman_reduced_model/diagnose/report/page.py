@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from ...core.effects.catalogue import CATALOGUE
+from ...core.effects.unknown import LINKS, PLAN
 from ...core.evaluation.statistics import AXES
 from ...report.figures import heat_map
 from ...report.page import Notice, Part, Section, Table, Text, page, picture
 from ..inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
 from ..inference.verdict import limit_of, limits
 from ..result import Diagnosis
-from .figures import LAWS, Pair, com_error, law, pairs, residuals
+from .figures import Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
@@ -42,30 +44,6 @@ _NOT_IN_MODEL = (
     "worse, its form in the model is not quite what happens on this robot, or it made up for something else that is "
     "off, such as a spring."
 )
-# What would decide between an effect and those that look like it.
-_DECIDES = {
-    "drive_delay": "references with quick parts (a chirp up to some Hz on one joint, standing): a delay shifts "
-    "all of them "
-    "alike, a lag also makes the quick ones smaller",
-    "constant_force": "standing with and without a known mass on the trunk: a slope's force grows with the "
-    "weight, a pull "
-    "does not; or an IMU that was levelled on this floor",
-    "backlash": "the joint loaded slowly through zero torque, both ways, with a sensor of its torque",
-    "spring_nonlinearity": "the joint loaded slowly to its largest torque, both ways",
-    "joint_stiffness": "the joint loaded slowly to a known torque, or a heavier load on the same gait",
-    "joint_damping": "the same gait at half and at twice the speed",
-    "joint_friction": "the same gait at half and at twice the speed: friction does not grow with it, damping does",
-    "motor_compliance": "standing under two known loads, with motor states that are measured",
-    "payload": "the robot on a scale, then leaning forward and back while it stands",
-    "com_offset": "standing still, leaning forward, back and to both sides",
-    "encoder_bias": "the joint against a mechanical stop, or in a gauge of known angle",
-    "wrench_scale": "standing on each foot alone on a scale",
-    "wrench_bias": "the robot lifted off the ground: the sensors must read the weight of the feet alone",
-    "wrench_delay": "a tap on the foot while standing: joints, IMU and wrench must show it at the same time",
-    "encoder_delay": "a tap on the leg while standing: joints, IMU and wrench must show it at the same time",
-    "ground_compliance": "the same walk on a hard floor",
-    "foot_slip": "the same walk on a rough floor",
-}
 
 
 def diagnosis_page(diagnosis: Diagnosis) -> str:
@@ -168,8 +146,8 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
     for number, effect in enumerate(finding.chosen):
         name, where = effect.option.effect, effect.option.where
         most = _strongest(pair, list(effect.option.figures))
-        if name in LAWS:
-            joints = [c.partition("/")[2] for c in most if c.startswith(LAWS[name][0] + "/")]
+        if bent := CATALOGUE[name].law:
+            joints = [c.partition("/")[2] for c in most if c.startswith(bent[0] + "/")]
             joint = where if where in pair.before.state.world.robot.joint_names else next(iter(joints), "")
             if joint:
                 parts.append(
@@ -340,13 +318,13 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     parts: list[Part] = []
     for effect in result["effects"]:
         name, rivals = effect["name"], _rivals(diagnosis, effect)
-        decides = _DECIDES.get(effect["class"] or name)
+        decides = CATALOGUE[name].experiment
         text = f"{effect_sentence(effect)}."
         if rivals:
             text += f" Explaining nearly as much when alone: {', '.join(rivals)}."
         elif not effect["class"]:
             text += " No other effect, or place, explains half as much."
-        if decides and (rivals or effect["class"]):
+        if rivals or effect["class"]:
             text += f" What would decide: {decides}."
         parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
     if result["refused"]:
@@ -379,9 +357,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
 def _rivals(diagnosis: Diagnosis, effect: dict[str, Any]) -> list[str]:
     """Other effects and places that explain nearly as much as an effect when each is alone."""
     first = diagnosis.finding.first
-    mine = [
-        s for s in first if s.option.effect == effect["name"] and s.option.where in (effect["where"], "plan", "all")
-    ]
+    mine = [s for s in first if s.option.effect == effect["name"] and s.option.where in (effect["where"], PLAN, LINKS)]
     if not mine:
         return []
     found = [

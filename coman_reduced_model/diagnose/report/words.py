@@ -8,32 +8,10 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from ...core.effects.catalogue import CATALOGUE
+
 Parameters = Mapping[str, Mapping[str, Any]]
 
-# By effect; `{at}` is the place, `{name}` a parameter with its interval. What is not here lists its parameters.
-_SAID = {
-    "backlash": "{at} has {width} of backlash",
-    "joint_friction": "{at} has {coulomb} of friction",
-    "joint_stiffness": "the stiffness of {at} is {scale} of nominal",
-    "joint_damping": "the damping of {at} is {scale} of nominal",
-    "motor_lag": "the motors lag behind their reference by {time_constant}",
-    "transport_delay": "the motors move {delay} after their reference",
-    "motor_compliance": "the motors yield under load by {compliance}",
-    "payload": "the trunk carries {mass} that the URDF lacks",
-    "foot_slip": "{at} slips back by {distance} in each step",
-    "touchdown_impact": "each touchdown is a blow of {impulse}",
-    "encoder_delay": "the joint states are {delay} late",
-    "wrench_delay": "the wrench of {at} is {delay} late",
-    "wrench_scale": "the force sensor of {at} reads {scale} of the truth",
-}
-_LISTED = {
-    "com_offset": "the trunk's COM is not where the URDF says, along the axes of robot.base_frame",
-    "ground_compliance": "the ground or the soles give way more than usual",
-    "ground_slope": "the floor is not level, about the axes of odom",
-    "external_force": "something pulls at the trunk, along the axes of odom",
-    "wrench_bias": "the force sensor of {at} has an offset, along the axes of its sole",
-}
-_FEET = {"foot_slip", "wrench_delay", "wrench_scale", "wrench_bias"}
 CHANNELS = {
     "spring": "spring law",
     "torque": "joint torque",
@@ -66,30 +44,34 @@ def sentence(result: Mapping[str, Any]) -> str:
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:
     """One effect with its values and their intervals (1.96 standard deviations)."""
-    name, parameters = effect["name"], effect["parameters"]
-    at = place(effect["where"], name in _FEET)
-    told = {key: figure(parameter) for key, parameter in parameters.items()}
-    listed = ", ".join(f"{key} {text}" for key, text in told.items())
-    if name == "encoder_bias":
-        bias = parameters["bias"]
-        size = figure({**bias, "value": abs(bias["value"])})
-        text = f"the link encoder of {at} reads {size} too {'high' if bias['value'] > 0 else 'low'}"
-    elif name == "spring_nonlinearity":
-        text = f"the spring of {at} {'hardens' if parameters['cubic']['value'] > 0 else 'softens'} ({listed})"
-    elif name in _SAID and all(key in told for key in re.findall(r"{(\w+)}", _SAID[name]) if key != "at"):
-        text = _SAID[name].format(at=at, **told)
-        if "creep" in told:
-            text += f" and creeps below {told['creep']}"
-        if name == "payload" and len(told) > 1:
-            place_of = ", ".join(f"{key} {value}" for key, value in told.items() if key != "mass")
-            text += f" (in robot.base_frame at {place_of})"
-    else:
-        text = f"{_LISTED.get(name, spaced(name) + ' at {at}').format(at=at)} ({listed})"
+    text = _said(effect)
     if effect.get("left_out"):
         text += f" (not in the model: {effect['left_out']})"
     if effect["class"]:
         text += f", or another effect of the class {spaced(effect['class'])}, which this data cannot tell from it"
     return text
+
+
+def _said(effect: Mapping[str, Any]) -> str:
+    """One effect in the words of the catalogue; if it has none for these parameters, they are listed."""
+    name, parameters = effect["name"], effect["parameters"]
+    kind = CATALOGUE.get(name)
+    at = place(effect["where"], kind is not None and kind.place == "foot")
+    told = {key: figure(parameter) for key, parameter in parameters.items()}
+    sizes = {f"{key}_size": figure({**each, "value": abs(each["value"])}) for key, each in parameters.items()}
+    listed = _listed(told)
+    wanted = {"at"} if kind is None else set(re.findall(r"{(\w+)}", kind.sentence))
+    if kind is None or not wanted <= {"at", "listed", *told, *sizes}:
+        return f"{spaced(name)} at {at} ({listed})"
+    first = kind.parameters[0]
+    below = kind.opposite and not parameters[first.name]["value"] > first.nominal
+    text = (kind.opposite if below else kind.sentence).format(at=at, listed=listed, **told, **sizes)
+    rest = {key: each for key, each in told.items() if not wanted & {key, f"{key}_size", "listed"}}
+    return text + kind.further.format(rest=_listed(rest), **told) if rest else text
+
+
+def _listed(told: Mapping[str, str]) -> str:
+    return ", ".join(f"{key} {text}" for key, text in told.items())
 
 
 def figure(parameter: Mapping[str, Any]) -> str:

@@ -74,13 +74,13 @@ class Diagnostics:
         """A prediction was published; the message that completed it was taken at `started` [s]."""
         now = self._now
         now.samples += 1
-        residual = prediction.residual
+        residual, flags = prediction.residual, prediction.flags
         square = residual * residual
-        if square[2] == square[2]:  # not NaN
+        if square[2] == square[2] and not (flags and flags.diverged):  # not NaN
             now.squares += square
             now.predicted += 1
-        if prediction.flags:
-            now.flags[int(prediction.flags)] += 1
+        if flags:
+            now.flags[int(flags)] += 1
         self._latencies[self._count % _CAPACITY] = time.perf_counter() - started
         self._count += 1
 
@@ -196,7 +196,7 @@ class Diagnostics:
         if lost:
             return (
                 Level.WARN,
-                f"{message}; the free run diverged and was restarted: check stiffness, damping and URDF",
+                f"{message}; a prediction diverged: check stiffness, damping, URDF and units (rad)",
                 values,
             )
         if singular > 0.5:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.evaluation.baselines import predict_baselines
 from coman_reduced_model.core.evaluation.horizons import PREDICTORS, HorizonJudge
-from coman_reduced_model.core.model.horizon import predict_horizons
+from coman_reduced_model.core.model.horizon import drop_impossible, predict_horizons
 from coman_reduced_model.core.model.reference import look_ahead
 
 MASS = 17.3
@@ -218,3 +218,14 @@ def test_more_samples_than_can_wait_are_dropped_not_mixed_up():
         judge.update(10**9 + i * 100_000, np.eye(4), now, now, now[None] + [[2.0, 0.0, 0.5]], still, still)
     np.testing.assert_allclose(judge.rmse()["2"]["model"], [0.0, 0.0, 0.5], atol=1e-6)
     assert judge.judged["2"][0] > 4000
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e200, 4.0])
+def test_predictions_that_no_robot_gets_to_are_nan(value):
+    """1 m/s for 0.4 s and a fall of 0.8 m, with half a metre to spare, are possible; 4 m are not."""
+    ahead = np.array([[0.1, 0.0, 0.4], [0.2, value, 0.4], [1.6, 0.0, 0.4]])
+    kept = ahead.copy()
+    assert drop_impossible(ahead, np.array([0.0, 0.0, 0.4]), np.array([1.0, 0.0, 0.0]), HORIZONS, 9.81, 0.5)
+    assert np.isnan(ahead[1]).all()
+    np.testing.assert_array_equal(ahead[[0, 2]], kept[[0, 2]])
+    assert not drop_impossible(kept[:1], COM, COM_VEL, HORIZONS[:1], 9.81, 0.5)

@@ -15,7 +15,7 @@ from coman_reduced_model.core.effects.foot_slip import glide
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import RATE, Recording
 from coman_reduced_model.diagnose.physics.balance import JOLT, evaluate
-from coman_reduced_model.diagnose.physics.hypotheses import figures
+from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 
 
 def stepping(slides: Sequence[float], seconds: float = 0.3) -> tuple[Recording, float]:
@@ -91,7 +91,7 @@ def test_a_blow_is_told_from_the_load_that_follows(impulse, late):
     recording, found = landing(blow + 50.0 * np.clip(k / RATE / 0.05, 0.0, 1.0))
     assert found == pytest.approx(np.full(3, impulse), rel=0.25)
     world = standing()[1]
-    _, believed = next(f for f in figures(recording, world) if f.effect == "touchdown_impact").apply(
+    _, believed = next(f for f in unknowns(recording, world) if f.effect == "touchdown_impact").apply(
         recording, world, impulse
     )
     left = evaluate(recording, believed, masks(recording, world)).residuals["landing/z"]

@@ -14,6 +14,7 @@ from synthetic import robot
 
 from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.effects.unknown import PLAN
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.inference import gauss_newton, search
 from coman_reduced_model.diagnose.inference.case import Case, evidence_of, examine, prepare
@@ -24,16 +25,16 @@ from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, Scor
 from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding, size
 from coman_reduced_model.diagnose.inference.search import ENOUGH, FEWER, SUSPECTED
 from coman_reduced_model.diagnose.inference.verdict import limit_of
-from coman_reduced_model.diagnose.physics.hypotheses import PLAN, Candidate, candidates, figures
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates, unknowns
 from coman_reduced_model.diagnose.report.words import effect_sentence
 
 
 def test_one_of_few_ways_needs_less_than_one_of_many_places():
-    needed = search._needed(ENOUGH, candidates(figures(*standing())))
+    needed = search._needed(ENOUGH, candidates(unknowns(*standing())))
     assert needed["backlash"] == needed["joint_stiffness"] == needed["wrench_bias"] == ENOUGH
     assert needed["payload"] == needed["com_offset"] == needed["encoder_delay"] == ENOUGH - FEWER
     # Where something is missing for sure, so little is asked for that few ways make no difference.
-    assert set(search._needed(SUSPECTED, candidates(figures(*standing()))).values()) == {SUSPECTED}
+    assert set(search._needed(SUSPECTED, candidates(unknowns(*standing()))).values()) == {SUSPECTED}
 
 
 def test_a_channel_has_the_limit_of_its_own_or_of_its_law():
@@ -54,7 +55,7 @@ def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_
     def case(staggers: bool, tau: object = "torques"):
         return SimpleNamespace(where=SimpleNamespace(staggers=staggers), recording=SimpleNamespace(tau=tau))
 
-    known = figures(*standing())
+    known = unknowns(*standing())
     steady, edgy, without = case(False), case(True), case(True, None)
     finding = Finding(known, np.zeros(len(known)), train=[steady], hold=[edgy, without])
     for key in ("force/y|single", "moment/x", "torque/LAnkLat|double", "tilt/roll|single"):
@@ -88,7 +89,7 @@ def test_without_the_torques_of_one_bag_the_play_of_no_bag_is_seen_by_them():
     ("disagrees", "impossible"), [("", ""), ("held-out bags speak against it", ""), ("", "a load without a mass")]
 )
 def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatch, disagrees, impossible):
-    known = figures(*standing())
+    known = unknowns(*standing())
     options = candidates(known)
     shift, mass, whole, other = (
         next(o for o in options if o.effect == effect and len(o.figures) == count)
@@ -120,7 +121,7 @@ def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatc
 def test_what_measured_motor_states_show_is_named_but_needs_no_change_of_the_model(reference):
     recording, world = standing()
     still = np.zeros((len(recording.t), 2))
-    known = figures(recording.changed(plan=still, moved=still), world)
+    known = unknowns(recording.changed(plan=still, moved=still), world)
     config = Config().replaced({"prediction.reference": reference})
     against_plan = [option for option in candidates(known) if option.where == PLAN]
     assert {option.effect for option in against_plan} == {"motor_compliance", "motor_lag", "transport_delay"}
@@ -162,7 +163,7 @@ def test_evidence_is_apart_where_the_chosen_effects_do_nothing(where, apart):
 
 
 def test_further_effects_need_more_unless_their_evidence_is_apart(monkeypatch):
-    known = figures(*standing())
+    known = unknowns(*standing())
     options = candidates(known)
     needed = search._needed(ENOUGH, options)
     first, second = (next(o for o in options if o.effect == name) for name in ("encoder_delay", "backlash"))
@@ -179,7 +180,7 @@ def test_further_effects_need_more_unless_their_evidence_is_apart(monkeypatch):
 
 
 def test_what_explains_the_same_with_fewer_figures_is_not_compared():
-    known = figures(*standing())
+    known = unknowns(*standing())
     both, alone = (
         next(o for o in candidates(known) if o.effect == "joint_friction" and len(o.figures) == count)
         for count in (2, 1)
@@ -193,7 +194,7 @@ def test_what_explains_the_same_with_fewer_figures_is_not_compared():
 
 
 def test_one_load_alone_stays_what_it_is():
-    known = figures(*standing())
+    known = unknowns(*standing())
     options = candidates(known)
     finding = Finding(known, np.zeros(len(known)), chosen=[ChosenEffect(options[0], 9.0, 9.0)])
     search._one_load(finding, SimpleNamespace(), options)
@@ -238,7 +239,7 @@ def test_a_second_search_gets_the_answers_of_the_first_about_the_same_effects():
 def test_a_case_near_another_needs_no_figure_of_its_own():
     recording, world = standing()
     prepared = recording, world, masks(recording, world)
-    known = figures(recording, world)
+    known = unknowns(recording, world)
     case = examine(prepared, known, np.zeros(len(known)))
     same = examine(prepared, known, np.zeros(len(known)), case, ())
     for key, columns in case.problem.columns.items():

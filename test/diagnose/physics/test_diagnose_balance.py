@@ -13,7 +13,7 @@ from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
 from coman_reduced_model.diagnose.physics.balance import evaluate
-from coman_reduced_model.diagnose.physics.hypotheses import figures
+from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 
 
 def test_a_standing_robot_is_in_balance():
@@ -129,7 +129,7 @@ def test_what_is_taken_over_from_another_hypothesis_is_what_it_would_be_anew(lac
     recording, world = moving_about().changed(**dict.fromkeys(lacks)), standing()[1].changed(**believed)
     where = masks(recording, world)
     before = evaluate(recording, world, where)
-    for figure in figures(recording, world):
+    for figure in unknowns(recording, world):
         moved = figure.apply(recording, world, figure.step)
         anew = evaluate(*moved, where).residuals
         taken_over = evaluate(*moved, where, before).residuals

@@ -10,18 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import robot
 
+from coman_reduced_model.core.base import delays
 from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
 from coman_reduced_model.diagnose.data.signals import bent_stretch, lagged, smooth
 from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.physics.balance import evaluate
-from coman_reduced_model.diagnose.physics.hypotheses import candidates, figures, shifted
+from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 
 
 def test_figures_are_named_once_and_leave_their_input_alone():
     recording, world = standing()
-    known = figures(recording, world)
+    known = unknowns(recording, world)
     names = [f.name for f in known]
     assert len(set(names)) == len(names)
     copies = recording.q.copy(), recording.tau.copy(), recording.motor_q.copy(), world.stiffness.copy()
@@ -38,12 +39,16 @@ def test_figures_are_named_once_and_leave_their_input_alone():
 
 def test_without_motor_states_there_are_no_springs_to_judge():
     recording, world = standing()
-    effects = {f.effect for f in figures(recording.changed(motor_q=None, tau=None), world)}
+    effects = {f.effect for f in unknowns(recording.changed(motor_q=None, tau=None), world)}
     assert not effects & {"joint_stiffness", "backlash", "motor_lag", "transport_delay", "motor_compliance"}
     assert {"payload", "encoder_bias", "wrench_scale", "wrench_delay"} <= effects
 
 
 # --- sensors and clocks ---
+
+
+def shifted(values: np.ndarray, by: float) -> np.ndarray:
+    return delays.shifted(values, by, RATE)
 
 
 def test_a_late_stream_is_put_back():
@@ -158,7 +163,7 @@ def test_soles_give_way_as_usual_before_anything_is_found():
     pressed = np.outer(np.sin(9.0 * t), [0.0, 0.0, 20.0, 1.0, 2.0, 0.0])  # by one foot alone
     left = recording.wrench[Foot.LEFT] + pressed
     recording = recording.changed(wrench={**recording.wrench, Foot.LEFT: left})
-    known = figures(recording, world)
+    known = unknowns(recording, world)
     soft = [i for i, each in enumerate(known) if each.effect == "ground_compliance"]
     tiny = np.where(np.isin(np.arange(len(known)), soft), 1e-9 * np.array([each.reach for each in known]), 0.0)
     prepared = recording, world, masks(recording, world)
@@ -184,7 +189,7 @@ def test_motors_that_yield_and_tell_move_the_com_off_its_plan_as_their_kinematic
     walked = on_left.changed(plan=planned, moved=moved)
     where = masks(walked, world)
     before = evaluate(walked, world, where).residuals
-    _, believed = next(f for f in figures(walked, world) if f.name == "motor_compliance@plan.compliance").apply(
+    _, believed = next(f for f in unknowns(walked, world) if f.name == "motor_compliance@plan.compliance").apply(
         walked, world, compliance
     )
     after = evaluate(walked, believed, where).residuals

@@ -12,11 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from diagnose_tools import standing
 from robots import robot_of
 
+from coman_reduced_model.core.base.parameter import Parameter
 from coman_reduced_model.core.base.types import Array, Foot, Phase
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.effects.base import Effect
+from coman_reduced_model.core.effects.catalogue import CATALOGUE
+from coman_reduced_model.core.effects.unknown import About, Unknown, world_plus
+from coman_reduced_model.core.effects.widths import widths
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import Smoothed
@@ -28,7 +34,7 @@ from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding
 from coman_reduced_model.diagnose.inference.predicted_com import FreeRun, FreeRuns
 from coman_reduced_model.diagnose.inference.prediction import predict_com
 from coman_reduced_model.diagnose.inference.verdict import judge
-from coman_reduced_model.diagnose.physics.hypotheses import Figure, candidates
+from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.diagnose.report.contents import build_diagnosis
 from coman_reduced_model.diagnose.report.page import diagnosis_page
 from coman_reduced_model.diagnose.report.words import effect_sentence, place
@@ -38,9 +44,9 @@ WIDTH, FLOOR = 0.012, 3e-4  # [rad]
 JOINTS = ["LKneeSag", "RKneeSag"]
 STILL = lambda recording, world, x: (recording, world)  # noqa: E731
 KNOWN = [
-    Figure("backlash", "LKneeSag", "width", 0.0, 0.0, 0.01, 1e-3, "rad", STILL, slack=0.001, low=0.0),
-    Figure("encoder_bias", "LKneeSag", "bias", 0.0, 0.001, 0.02, 1e-3, "rad", STILL),
-    Figure("joint_stiffness", "RKneeSag", "scale", 1.0, 0.05, 0.3, 0.01, "1", STILL),
+    Unknown("backlash", "LKneeSag", "width", "rad", STILL, 0.01, step=1e-3, slack=0.001, low=0.0),
+    Unknown("encoder_bias", "LKneeSag", "bias", "rad", STILL, 0.02, 0.001, step=1e-3),
+    Unknown("joint_stiffness", "RKneeSag", "scale", "1", STILL, 0.3, 0.05, nominal=1.0, step=0.01),
 ]
 
 
@@ -122,7 +128,7 @@ def diagnosis(
     if found:
         finding.at = np.array([width, 0.0, 0.0])
         finding.chosen = [
-            ChosenEffect(next(o for o in options if o.effect == "backlash"), 300.0, 200.0 if hold else np.nan)
+            ChosenEffect(next(o for o in options if o.effect == KNOWN[0].effect), 300.0, 200.0 if hold else np.nan)
         ]
         after = [case(name, width, finding.at, **recording) for name in ("train", "hold")[: 1 + hold]]
         finding.train, finding.hold = after[:1], after[1:]
@@ -235,3 +241,40 @@ def test_a_sentence_holds_values_intervals_and_signs():
     assert "softens" in effect("spring_nonlinearity", "LAnkSag", "cubic", -280.0, "1/rad^2")
     assert "class drive delay" in effect("motor_lag", "", "time_constant", 0.015, "s", "drive_delay")
     assert "x 5.00 ± 0.25 N" in effect("external_force", "", "x", 5.0, "N")
+
+
+class KneePlay(Effect):
+    """An effect in one file: this one."""
+
+    name = "knee_play"
+    place = "joint"
+    parameters = (Parameter("gap", "float", 0.0, "rad", "between the knee's motor and its link", 0.0, 0.5),)
+    sentence = "{at} has a gap of {gap}"
+    experiment = "the knee turned to and fro by hand"
+    exact = False
+    law = ("spring", "torque")
+
+    @classmethod
+    def unknowns(cls, about: About) -> list[Unknown]:
+        prior = widths("backlash.width", "slack", "reach")
+        return [cls.unknown("gap", world_plus("play", about.joints["LKneeSag"]), "LKneeSag", low=0.0, **prior)]
+
+
+def test_an_effect_of_one_file_has_its_hypothesis_its_sentence_and_its_part_of_the_page(monkeypatch):
+    monkeypatch.setitem(CATALOGUE, "knee_play", KneePlay)
+    recording, world = standing()
+    (gap,) = [each for each in unknowns(recording, world) if each.effect == "knee_play"]
+    assert [each.name for each in candidates([gap])] == ["knee_play@LKneeSag"]
+    _, believed = gap.apply(recording, world, 0.02)
+    assert believed.play[world.robot.joint_names.index("LKneeSag")] == 0.02
+
+    monkeypatch.setitem(globals(), "KNOWN", [gap, *KNOWN[1:]])
+    made = diagnosis(monkeypatch)
+    (effect,) = made.result["effects"]
+    assert (effect["name"], effect["where"], set(effect["parameters"])) == ("knee_play", "LKneeSag", {"gap"})
+    assert effect_sentence(effect).startswith("the left knee (LKneeSag) has a gap of 0.69")
+    html = diagnosis_page(made)
+    assert "Residual of LKneeSag before and after knee play" in html
+    assert KneePlay.experiment not in html
+    effect["class"] = "play"  # as if another effect explained as much
+    assert KneePlay.experiment in diagnosis_page(made)
