@@ -269,7 +269,7 @@ def test_an_effect_of_one_file_has_its_hypothesis_its_sentence_and_its_part_of_t
     assert believed.play[world.robot.joint_names.index("LKneeSag")] == 0.02
 
     monkeypatch.setitem(globals(), "KNOWN", [gap, *KNOWN[1:]])
-    made = diagnosis(monkeypatch)
+    made = diagnosis()
     (effect,) = made.result["effects"]
     assert (effect["name"], effect["where"], set(effect["parameters"])) == ("knee_play", "LKneeSag", {"gap"})
     assert effect_sentence(effect).startswith("the left knee (LKneeSag) has a gap of 0.69")
