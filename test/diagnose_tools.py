@@ -81,12 +81,12 @@ def index(name: str = JOINT) -> int:
 
 
 def made_up(effect: str, spread: float, reach: float, **more) -> Unknown:
-    where = more.pop("where", "")
-    return Unknown(effect, where, "x", "1", lambda r, w, x: (r, w), reach, spread, step=0.1, **more)
+    where, key = more.pop("where", ""), more.pop("key", "x")
+    return Unknown(effect, where, key, "1", lambda r, w, x: (r, w), reach, spread, step=0.1, **more)
 
 
 FIGURES = [
-    made_up("payload", 0.0, 2.0),
+    made_up("payload", 0.0, 2.0, key="mass"),
     made_up("encoder_bias", 0.3, 1.5, where="knee"),
     made_up("backlash", 0.0, 1.0, slack=0.2),
     made_up("", 0.5, 0.5, own=True),

@@ -19,7 +19,7 @@ from . import figures
 from .draw import SERIES, legend, new_figure, title
 from .page import Part, Section, Table, Text, page, picture
 
-_SHOWN = ("rigid robot", "paper", "paper, tuned", "all options", "all effects, tuned")
+_SHOWN = ("rigid robot", "paper", "paper, tuned", "all options", "all options, tuned")
 PICTURE = "validation"
 
 
@@ -102,8 +102,8 @@ def _paper_figures(done: Validation, case: RobotCase, folder: Path) -> list[Part
         ("fig10", train, f"the paper's model, not tuned ({trained})", case.config.replaced(VARIANTS[paper])),
         ("fig11", train, f"the paper's model, tuned on this walk ({trained})", tuned[f"{paper}, tuned"]),
         ("fig12", held, f"the paper's model, {other}", tuned[f"{paper}, tuned"]),
-        ("whole", held, f"all effects, not tuned ({judged[0]})", case.config.replaced(VARIANTS[whole])),
-        ("whole_tuned", held, f"all effects, {other}", tuned[f"{whole}, tuned"]),
+        ("whole", held, f"all options, not tuned ({judged[0]})", case.config.replaced(VARIANTS[whole])),
+        ("whole_tuned", held, f"all options, {other}", tuned[f"{whole}, tuned"]),
     ]
     bare = case.config.replaced(PAPER | {"prediction.horizons": ()})
     recordings = {bag: read_recording(bag, bare) for bag in (train, held)}
@@ -152,7 +152,7 @@ def _lead(summary: Mapping[str, Any]) -> str:
     told = f"On walks not tuned on, x and z of the COM are off by {_mm(paper['rigid_m'])} mm for a rigid robot, "
     told += f"{_mm(paper['rmse_m'])} mm by the paper's model"
     if best:
-        told += f" and {_mm(best['rmse_m'])} mm by the model with all effects"
+        told += f" and {_mm(best['rmse_m'])} mm by the turning trunk"
     return told + " (RMS)."
 
 

@@ -33,12 +33,13 @@ PAPER: dict[str, Any] = {
     "model.double_support": "scaled",
     "model.shares": "constant",
     "effects.active": (),
-    **{f"model.{option}": "without" for option in OPTIONS},
+    **{f"model.{option}": "auto" for option in OPTIONS},
+    "model.trunk_rotation": "without",
 }
 
 
 def _with(*options: str) -> dict[str, Any]:
-    return PAPER | {f"model.{option}": "with" for option in options}
+    return PAPER | {f"model.{option}": "with" if option in options else "without" for option in OPTIONS}
 
 
 # The ablation: what each changes in the configuration. None: the configuration as it is given.
@@ -50,7 +51,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "gravity_stiffness alone": _with("gravity_stiffness"),
     "lateral_compliance alone": _with("lateral_compliance"),
     "trunk_rotation alone": _with("trunk_rotation"),
-    "all options": _with(*OPTIONS),
+    "all options": PAPER | {"model.trunk_rotation": "auto"},
     "all but gravity_stiffness": _with(*OPTIONS[1:]),
     "all but trunk_rotation": _with("gravity_stiffness", "lateral_compliance"),  # swing_momentum acts with it alone
     "all but swing_momentum": _with("gravity_stiffness", "trunk_rotation", "lateral_compliance"),

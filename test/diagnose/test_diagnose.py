@@ -257,7 +257,7 @@ def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_pa
         ("backlash:at=LKneeSag", "wanted NAME"),
         ("backlash", "where=LHipYaw"),
         ("backlash:where=LeftKnee", "allowed: where="),
-        ("gravity_stiffness", "cannot be fitted"),
+        ("gravity_stiffness", "names:"),
     ],
 )
 def test_nonsense_that_is_assumed(words, reason, stepping, refused):

@@ -17,7 +17,7 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.stream_names import JOINTS
 from coman_reduced_model.core.base.types import Foot, ImuMessage, Phase
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.effects.catalogue import loaded
+from coman_reduced_model.core.effects.catalogue import build_effects
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose.data.masks import masks
@@ -186,10 +186,10 @@ def test_loads_that_are_found_are_those_of_the_model(root):
 
     for name, key, value in (("com_offset", "x", 0.02), ("com_offset", "y", -0.01), ("payload", "mass", 1.5)):
         found = known[f"{name}@.{key}"].apply(recording, world, value)[1].model
-        expected = loaded(machine, config(name, **{key: value}).effects).model
+        expected = build_effects(config(name, **{key: value}).effects, machine)[1].model
         np.testing.assert_allclose(dynamic(found), dynamic(expected), atol=1e-12, err_msg=name)
     moment = known["payload@.x"].apply(*known["payload@.mass"].apply(recording, world, 1.5), 1.5 * 0.03)[1].model
-    expected = loaded(machine, config("payload", mass=1.5, x=0.03).effects).model
+    expected = build_effects(config("payload", mass=1.5, x=0.03).effects, machine)[1].model
     np.testing.assert_allclose(dynamic(moment), dynamic(expected), atol=1e-12)
 
 

@@ -25,7 +25,7 @@ def test_every_variant_is_a_configuration():
     assert len({str(sorted(changes.items())) for changes in VARIANTS.values()}) == len(VARIANTS)
 
 
-@pytest.mark.parametrize(("variant", "shipped"), [("paper", "coman_paper"), ("all effects", "coman")])
+@pytest.mark.parametrize(("variant", "shipped"), [("paper", "coman_paper"), ("all options", "coman")])
 def test_variants_are_the_shipped_configurations(variant, shipped):
     made, file = load_config(config_path()).replaced(VARIANTS[variant]), load_config(config_path(shipped))
     assert made.flat() == file.flat()
@@ -88,10 +88,10 @@ def test_bags_of_ones_own_are_validated(tmp_path, capsys):
     assert run(command) == 0
     result = json.loads(capsys.readouterr().out)
     assert {s["gait"] for s in result["scores"]} == {"test2"}
-    assert set(result["summary"]) == {"paper", "all effects", "paper, tuned", "all effects, tuned", "as configured"}
+    assert set(result["summary"]) == {"paper", "all options", "paper, tuned", "all options, tuned", "as configured"}
     for s in result["summary"].values():
         assert all(math.isfinite(value) for value in s["rmse_m"].values())
-    assert result["summary"]["all effects"]["rmse_m"]["x"] < result["summary"]["all effects"]["rigid_m"]["x"]
+    assert result["summary"]["all options"]["rmse_m"]["x"] < result["summary"]["all options"]["rigid_m"]["x"]
     page = (out / "report.html").read_text(encoding="utf-8")
     for name in ("validation", "fig10", "fig11", "fig12", "whole", "whole_tuned"):
         assert (out / f"{name}.png").exists()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from .types import Array
 
@@ -43,4 +42,6 @@ def lagged(values: Array, time_constant: float, rate: float) -> Array:
     # Exact for values that are linear between samples.
     b = time_constant * rate * (1.0 - a)
     state = b * values[:1]  # as if it had been at its first value for ever
+    from scipy.signal import lfilter  # loads scipy.optimize, which predictions do without
+
     return np.asarray(lfilter([1.0 - b, b - a], [1.0, -a], values, axis=0, zi=state)[0])

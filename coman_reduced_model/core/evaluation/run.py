@@ -141,7 +141,6 @@ def run_of_rows(rows: Iterable[tuple[Any, ...]]) -> Run:
         used = np.flatnonzero(foot == side)
         if len(used):
             frames[side] = columns[1][used[0]]
-    measured, predicted, reference = (np.array(columns[i], dtype=float).reshape(-1, 3) for i in (6, 7, 8))
     measured, reference, predicted = (np.array(columns[i], dtype=float).reshape(-1, 3) for i in (6, 7, 8))
     return Run(
         (stamps - stamps[0]) * 1e-9 if len(stamps) else np.empty(0),
@@ -150,8 +149,8 @@ def run_of_rows(rows: Iterable[tuple[Any, ...]]) -> Run:
         np.array(columns[4], dtype=float),
         flags,
         measured,
-        predicted,
         reference,
+        predicted,
         np.array(columns[9], dtype=float).reshape(-1, 4, 4),
         frames,
     )
