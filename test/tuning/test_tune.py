@@ -220,7 +220,7 @@ def test_by_default_it_tunes_the_springs_of_the_default_model(tmp_path, capsys):
     for axis in "xz":
         assert mse["after"][axis] < 0.05 * mse["rigid"][axis] and mse["after"][axis] < 1.1 * mse["before"][axis]
     tuned = load_config(out)
-    assert tuned.active[0] == "standard" and tuned.model == load_config(config_path()).model
+    assert tuned.turning and tuned.model == load_config(config_path()).model
 
 
 def test_bad_input_is_one_line(tmp_path, capsys):
