@@ -22,6 +22,7 @@ from ..effects.base import EffectConfig
 from ..effects.catalogue import CATALOGUE
 from ..robot.configuration import RobotConfig
 from .sections import (
+    OPTIONS,
     GaitConfig,
     ModelConfig,
     MonitorConfig,
@@ -32,8 +33,6 @@ from .sections import (
     VirtualRobotConfig,
 )
 
-# What the paper's point mass lacks on any robot with springs, by the ablation of `coman validate`.
-OPTIONS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
 STANDARD, NOTHING = "standard", "none"  # in effects.active of version 0.1, beside the names of the options
 
 

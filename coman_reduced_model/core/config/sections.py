@@ -46,7 +46,9 @@ class SupportConfig:
     weight: float = par(0.0, "N", "weight for the thresholds; 0: mass of the URDF times gravity", 0.0, 1e5)
 
 
-CHOICES = ("auto", "with", "without")  # of an option of the model
+# What the paper's point mass lacks on any robot with springs, by the ablation of `coman validate`.
+OPTIONS = ("gravity_stiffness", "trunk_rotation", "swing_momentum", "lateral_compliance")
+CHOICES = ("auto", "with", "without")  # of each
 
 
 @dataclass(frozen=True)
@@ -106,8 +108,8 @@ class ModelConfig:
     @property
     def of_the_point_mass(self) -> tuple[str, ...]:
         """What was chosen for the paper's model alone, and has no use with `trunk_rotation`."""
-        for_both = ("trunk_rotation", "gravity_stiffness", "swing_momentum", "lateral_compliance", "friction")
-        return tuple(k for k, value in vars(self).items() if k not in for_both and value != getattr(ModelConfig, k))
+        others = (*OPTIONS, "friction")
+        return tuple(k for k, value in vars(self).items() if k not in others and value != getattr(ModelConfig, k))
 
 
 @dataclass(frozen=True)

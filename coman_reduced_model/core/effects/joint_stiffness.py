@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
 from .base import Effect
-from .unknown import About, Unknown, world_elements
-from .widths import widths
+from .scaled import scaled_joints
+from .unknown import About, Unknown
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -33,10 +33,4 @@ class JointStiffness(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        out = []
-        for where, which in about.joints_and_legs.items() if about.motors else ():
-            change = world_elements("stiffness", which, lambda each, x: each * (1.0 + x))
-            healthy = "spread" if where in about.joints else "slack"  # of one joint, of many alike
-            prior = widths("joint_stiffness.scale", healthy, "reach")
-            out.append(cls.unknown("scale", change, where, low=-0.9, **prior))
-        return out
+        return scaled_joints(cls, about, "stiffness", low=-0.9)

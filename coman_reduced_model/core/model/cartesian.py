@@ -107,8 +107,8 @@ class Model:
         if springs.gravity_stiffness:
             K_q = K_q.copy()
             add_gravity_stiffness(J, load, still, K_q, still)  # at no deflection it adds no torque
-        J, r = J[: self._rows], posture.com - posture.p[foot]
-        K, D, singular = spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
+        J = J[: self._rows]
+        K, D, singular = self._spring_damper(posture, foot, J, K_q, D_q)
         bias = _NOTHING
         if torque is not None and np.count_nonzero(torque):  # K_c J K_q^-1 torque; J^-T torque where J can be inverted
             bias = -(K @ (J @ np.linalg.solve(K_q, torque)))[:3]
@@ -120,10 +120,15 @@ class Model:
         K_q^-1 J^T K_c: of all motions of the joints that move the COM so, that of least energy.
         """
         J = posture.leg_jacobian(foot)[: self._rows]
-        K_q, D_q = self.springs.matrices[foot]
-        r = posture.com - posture.p[foot]
-        K, _, _ = spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
+        K, _, _ = self._spring_damper(posture, foot, J, *self.springs.matrices[foot])
         return np.asarray(J.T @ K[:, :3] / self.springs.stiffness[foot][:, None])
+
+    def _spring_damper(
+        self, posture: Posture, foot: Foot, J: Array, K_q: Array, D_q: Array
+    ) -> tuple[Array, Array, bool]:
+        """`spring_damper` with the length of the leg as it stands."""
+        r = posture.com - posture.p[foot]
+        return spring_damper(J, K_q, D_q, float(r.dot(r)) ** 0.5, self._limit)
 
     def terms(
         self,
