@@ -31,6 +31,7 @@ from .replay import replay
 from .report import report
 from .tune import tune
 from .validate import validate
+from .worlds import worlds
 
 app = typer.Typer(
     name="coman",
@@ -39,7 +40,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (predict, record, replay, report, identify, tune, validate, judge, diagnose, demo, live, config):
+_COMMANDS = (predict, record, replay, report, identify, tune, validate, judge, worlds, diagnose, demo, live, config)
+for command in _COMMANDS:
     app.command()(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.

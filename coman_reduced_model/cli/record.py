@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from .common import ConfigOption, ForceOption, JsonOption, SetOption, print_json
 
 if TYPE_CHECKING:
     from ..sim.disturbances import Disturbance
+    from ..sim.record import RecordedBag
 
 
 def record(
@@ -42,6 +44,15 @@ def record(
     motor_states: Annotated[
         str, typer.Option("--motor-states", metavar="KIND", help="What /motor_states tells: measured or commanded.")
     ] = "measured",
+    world: Annotated[
+        str,
+        typer.Option(
+            "--world",
+            metavar="FILE|KIND|SEED",
+            help="Record this world (coman worlds lists the kinds), and store it as DIR.world.yaml.",
+            show_default=False,
+        ),
+    ] = "",
     exact: Annotated[bool, typer.Option("--exact", help="Perfect sensors: no noise, bias, jitter or drops.")] = False,
     config: ConfigOption = None,
     changes: SetOption = None,
@@ -52,9 +63,14 @@ def record(
 
     What is hidden changes physics or sensors, never the robot_description in the bag.
     """
+    if world:
+        given = {"--robot": robot != "coman", "--rate": rate != 200.0, "--scatter": scatter is not None,
+                 "--motor-states": motor_states != "measured", "--exact": exact, "--joint": joint}  # fmt: skip
+        _record_world(world, out, gait, duration, hide or (), seed, given, force, json)
+        return
     settings = read_config(config, changes, "trajectory").gait
     from ..errors import ConfigError
-    from ..sim.disturbances import Scatter, parse
+    from ..sim.disturbances import Scatter
     from ..sim.experiments import EXPERIMENTS, record_experiment
     from ..sim.record import ROBOTS, SensorOptions
     from ..sim.record import record as record_walk
@@ -65,10 +81,7 @@ def record(
     kind = SensorOptions.exact if exact else SensorOptions
     sensors = kind(rate_hz=rate, motor_source=motor_states)
     hidden: list[Disturbance] = [] if scatter is None else [Scatter(scatter)]
-    try:
-        hidden += [parse(text) for text in hide or ()]
-    except ConfigError as error:
-        raise ConfigError(f"--hide: {error}") from None
+    hidden += _hidden(hide or ())
     if joint and name != "decay":
         raise ConfigError("--joint: only with --gait decay")
     common: dict[str, Any] = {
@@ -83,6 +96,59 @@ def record(
             result = record_experiment(name, out, joint, **common, force=force, progress=report)
         else:
             result = record_walk(name, out, **common, changes=settings.changes(), force=force, progress=report)
+    _show(result, name, json)
+
+
+def _record_world(
+    text: str,
+    out: Path,
+    gait: str,
+    duration: float | None,
+    hide: Sequence[str],
+    seed: int,
+    given: Mapping[str, object],
+    force: bool,
+    json: bool,
+) -> None:
+    """Record a world; a gait and a duration that are given replace its own.
+
+    Raises:
+        ConfigError: the world is not possible, or another option says what the world says already.
+    """
+    from ..errors import ConfigError
+    from ..sim.worlds import record_world, world_of
+
+    if refused := [option for option, value in given.items() if value]:
+        raise ConfigError(
+            f"{refused[0]}: not with --world, which says it (coman worlds {text} > FILE; edit; --world FILE)"
+        )
+    chosen = world_of(text)
+    if gait:
+        chosen = replace(chosen, gait=gait, gait_changes={})
+    if duration is not None:
+        chosen = replace(chosen, duration_s=duration)
+    hidden = _hidden(hide)
+    with progress("recording") as report:
+        result = record_world(chosen, out, hidden, seed, force, report)
+    _show(result, chosen.gait, json)
+
+
+def _hidden(texts: Sequence[str]) -> list[Disturbance]:
+    """The effects that --hide names.
+
+    Raises:
+        ConfigError: an effect or a parameter is not allowed.
+    """
+    from ..errors import ConfigError
+    from ..sim.disturbances import parse
+
+    try:
+        return [parse(text) for text in texts]
+    except ConfigError as error:
+        raise ConfigError(f"--hide: {error}") from None
+
+
+def _show(result: RecordedBag, name: str, json: bool) -> None:
     if result.fallen_s is not None:
         warn([f"the robot fell at {result.fallen_s:.2f} s"])
     if json:

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cases drawn by seed, and their bags: a robot, what is hidden in it, a training walk and two held-out ones.
+"""Cases drawn by seed, and their bags: a robot in a world, what is hidden in it, a training walk and two held-out ones.
 
-A seed gives the same case in any range. Each block of forty seeds (from a multiple of forty on) holds 12 clean robots,
-18 single effects, 5 pairs and 5 effects outside the catalogue; families and levels take turns.
+A seed gives the same case in any range. Each block of forty seeds (from a multiple of forty on) holds 20 clean robots,
+12 single effects, 4 pairs and 4 effects outside the catalogue; families and levels take turns. The world of a case
+(sim/worlds) is drawn from its seed.
 """
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import shutil
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -18,26 +19,20 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..core.gait.parameters import GaitParameters
 from ..errors import ConfigError
 from ..output import OutputFolder
-from ..sim.disturbances import Disturbance, Scatter, make
-from ..sim.record import plan_recording, record, robot_gait
-from ..sim.robot_table import ROBOTS, RobotTable
-from ..sim.sensors import SensorOptions
-from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, class_of
+from ..sim.disturbances import Disturbance, make
+from ..sim.robot_table import RobotTable
+from ..sim.worlds import World, draw_world, record_world, world_yaml
+from ..sim.worlds.kinds import GAITS
+from ..sim.worlds.run import with_gait
+from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, class_of, draw_effect
 
 KINDS = ("clean", "single", "pair", "unknown")
 BAGS = ("train", "hold1", "hold2")
-SECONDS = {"train": 13.0, "hold1": 10.0, "hold2": 10.0}
-GAITS: dict[str, tuple[str, dict[str, float]]] = {  # of the gait generator, with changes
-    **{name: (name, {}) for name in ("test1", "test2", "in_place", "backwards", "turn", "sideways", "wide")},
-    "slow": ("test1", {"single_support_s": 0.8}),
-    "between": ("test1", {"step_length_m": 0.045, "single_support_s": 0.55}),
-    "quick": ("test1", {"single_support_s": 0.4, "double_support_s": 0.15}),
-}
-ATTEMPTS = 4  # draws of place, gait and tolerances at a level before the next lower level is taken
-_KINDS_OF_BLOCK = [*["clean"] * 12, *["single"] * 18, *["pair"] * 5, *["unknown"] * 5]
+HELD_OUT_S = 10.0  # [s] of a held-out walk
+ATTEMPTS = 4  # draws at a level before the next lower level is taken
+_KINDS_OF_BLOCK = [*["clean"] * 20, *["single"] * 12, *["pair"] * 4, *["unknown"] * 4]
 BLOCK = len(_KINDS_OF_BLOCK)
 PAIRS = [
     pair
@@ -48,17 +43,17 @@ PAIRS = [
 
 @dataclass(frozen=True)
 class HiddenCase:
-    """What is hidden in which robot, and how it is recorded."""
+    """What is hidden in which robot of which world, and how it is recorded."""
 
     seed: int
     kind: str
-    robot: str
+    world: World
     families: tuple[str, ...] = ()
     levels: tuple[str, ...] = ()
     effects: tuple[dict[str, Any], ...] = ()  # name, where, parameters
     gaits: dict[str, str] = field(default_factory=dict)  # by bag
-    motor_states: str = "measured"
     attempt: int = 0  # draws before this one whose robot fell
+    wanted: tuple[str, ...] = ()  # levels that were asked for
 
     @property
     def name(self) -> str:
@@ -97,47 +92,42 @@ def _families_and_levels(kind: str, number: int) -> tuple[tuple[str, ...], tuple
 
 
 def draw_case(
-    seed: int, attempt: int = 0, kind: str | None = None, families: tuple[str, ...] = (), level: str | None = None
+    seed: int,
+    attempt: int = 0,
+    kind: str | None = None,
+    families: tuple[str, ...] = (),
+    level: str | None = None,
+    worlds: Mapping[str, str] | None = None,
 ) -> HiddenCase:
     """Draw the case of a seed.
 
     Args:
         seed: not negative.
-        attempt: number of earlier draws in which the robot fell: the families stay, the robot is drawn again, and
-            after every `ATTEMPTS` draws the level is one lower.
+        attempt: number of earlier draws in which the robot fell: families and kinds of world stay, the world and the
+            place of the effect are drawn again, and after every `ATTEMPTS` draws the level is one lower.
         kind, families, level: given instead of drawn.
+        worlds: by axis, the kind of world, given instead of drawn.
     """
     drawn, number = _kind_and_number(seed)
     kind = kind or drawn
     rng = np.random.default_rng([17, seed, attempt])
-    dealt, levels = _families_and_levels(kind, number)
+    dealt, wanted = _families_and_levels(kind, number)
     families = families or dealt
     if level:
-        levels = (level,) * len(families)
-    lower = attempt // ATTEMPTS
-    levels = tuple(LEVELS[max(LEVELS.index(one) - lower, 0)] for one in levels)
-    robot = str(rng.choice(["coman", "coman", "tall", "small"]))
-    effects = []
-    for family, one in zip(families, levels, strict=True):
-        f = FAMILIES[family]
-        effects.append(make(f.effect, f.parameters(rng, LEVELS.index(one), ROBOTS[robot])).told())
-    train = str(rng.choice(["test1", "test2", str(rng.choice(list(GAITS)))]))
-    others = [name for name in GAITS if name != train]
-    held = [str(name) for name in rng.choice(others, 2, replace=False)]
-    gaits = dict(zip(BAGS, (train, *held), strict=True))
-    motor_states = "commanded" if rng.random() < 0.2 else "measured"
-    return HiddenCase(seed, kind, robot, tuple(families), levels, tuple(effects), gaits, motor_states, attempt)
-
-
-@functools.lru_cache(maxsize=64)
-def _planned(robot: str, gait_name: str, seconds: float) -> tuple[GaitParameters, Any]:
-    """A gait of a duration [s] and its motor motion, the same in all cases."""
-    base, changes = GAITS[gait_name]
-    walk = robot_gait(ROBOTS[robot], base, **changes)
-    cycle = walk.single_support_s + walk.double_support_s
-    steps = int((seconds - walk.stand_before_s - walk.stand_after_s - walk.double_support_s + 1e-6) / cycle)
-    walk = replace(walk, steps=steps)
-    return walk, plan_recording(walk, ROBOTS[robot])
+        wanted = (level,) * len(families)
+    world = draw_world(seed, worlds)
+    if attempt:
+        world = draw_world(seed + 1_000_003 * attempt, world.kinds)
+    effects, levels = [], []
+    for family, one in zip(families, wanted, strict=True):
+        lowest = max(LEVELS.index(one) - attempt // ATTEMPTS, 0)
+        effect, reached = draw_effect(family, rng, lowest, world)
+        effects.append(make(FAMILIES[family].effect, effect).to_dict())
+        levels.append(LEVELS[reached])
+    others = [name for name in GAITS if name != world.kinds["gait"]]
+    held = [str(name) for name in rng.choice(others, len(BAGS) - 1, replace=False)]
+    gaits = dict(zip(BAGS, (world.kinds["gait"], *held), strict=True))
+    return HiddenCase(seed, kind, world, tuple(families), tuple(levels), tuple(effects), gaits, attempt, tuple(wanted))
 
 
 def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dict[str, Any] | None:
@@ -151,33 +141,26 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
     Returns:
         The answer; None: the robot fell, and nothing was written.
     """
-    hidden: list[Disturbance] = [Scatter(seed=case.seed + 100_000 * case.attempt)]
-    hidden += [
-        make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})}) for e in case.effects
-    ]
     seeds = np.random.default_rng([18, case.seed]).integers(0, 2**31, len(BAGS))
     with OutputFolder(folder, force) as temporary:
         for bag, seed in zip(BAGS, seeds, strict=True):
-            walk, planned = _planned(case.robot, case.gaits[bag], SECONDS[bag])
-            sensors = SensorOptions(motor_source=case.motor_states)
-            result = record(
-                walk,
-                temporary / bag,
-                ROBOTS[case.robot],
-                sensors,
-                hidden,
-                seed=int(seed),
-                planned=planned,
-            )
+            duration = case.world.duration_s if bag == BAGS[0] else min(case.world.duration_s, HELD_OUT_S)
+            walk = with_gait(case.world, case.gaits[bag], duration)
+            result = record_world(walk, temporary / bag, hidden_effects(case), int(seed), store=False)
             result.truth.unlink()
             if result.fallen_s is not None:
                 shutil.rmtree(temporary)
                 temporary.mkdir()
                 break
         else:
-            (temporary / "robot.yaml").write_text(data_sheet(ROBOTS[case.robot]), encoding="utf-8")
+            (temporary / "robot.yaml").write_text(data_sheet(case.world.table), encoding="utf-8")
             return answer(case)
     return None
+
+
+def hidden_effects(case: HiddenCase) -> list[Disturbance]:
+    """The hidden effects of a case, as the virtual robot takes them."""
+    return [make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})}) for e in case.effects]
 
 
 def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any) -> tuple[HiddenCase, dict[str, Any]]:
@@ -195,14 +178,27 @@ def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any)
 
 def answer(case: HiddenCase) -> dict[str, Any]:
     """What is hidden in a case: only the scorer reads it."""
-    return {**asdict(case), "classes": sorted({class_of(effect["name"]) for effect in case.effects})}
+    return {
+        "seed": case.seed,
+        "kind": case.kind,
+        "robot": case.world.robot,
+        "families": list(case.families),
+        "levels": list(case.levels),
+        "wanted": list(case.wanted),
+        "effects": list(case.effects),
+        "classes": sorted({class_of(effect["name"]) for effect in case.effects}),
+        "gaits": case.gaits,
+        "attempt": case.attempt,
+        "worlds": case.world.kinds,
+        "world": world_yaml(case.world),
+    }
 
 
 def data_sheet(table: RobotTable) -> str:
     """The configuration file of a robot with nominal constants."""
 
     def leg(side: str) -> dict[str, Any]:
-        joints = [joint for joint in table.joints() if joint.name[0] == side]
+        joints = [joint for joint in table.leg_joints() if joint.name[0] == side]
         return {
             "sole_frame": f"{side.lower()}_sole",
             "joints": [joint.name for joint in joints],

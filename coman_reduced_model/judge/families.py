@@ -1,55 +1,102 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The hidden effects of the judge, and their sizes: weak, medium and strong.
+"""The hidden effects of the judge, their places, and their sizes: weak, medium and strong.
 
-The sizes were chosen before any diagnosis was tried on them, and do not change: weak is what a careful user just
-accepts as tolerance, medium what a user wants repaired, strong what is visible without measuring. They are for COMAN
-(17.3 kg, COM at 0.38 m); on another robot forces scale with its weight, torques with weight times COM height.
+A size is a multiple of what healthy robots of the population appear to vary by: weak 2 to 4, medium 5 to 7, strong 10
+to 14 standard deviations (sizes.yaml, which says how each was found). It is given for COMAN (17.3 kg, COM at 0.38 m);
+on another robot forces scale with its weight, torques with weight times COM height. Where a size would be beyond what a
+walking robot can have (`most`), the level is lower, and the result counts that.
+
 The effects themselves are those of sim/disturbances, which knows nothing of the models and the diagnosis.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from ..sim.disturbances import DISTURBANCES
 from ..sim.robot_table import COMAN, RobotTable
+from ..sim.worlds import World
 
 LEVELS = ("weak", "medium", "strong")
+MULTIPLES = ((2.0, 4.0), (5.0, 7.0), (10.0, 14.0))  # of the standard deviation, by level
+SIZES = Path(__file__).with_name("sizes.yaml")
 CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, independent of the diagnosis
     **dict.fromkeys(("motor_lag", "transport_delay"), "drive_delay"),
     **dict.fromkeys(("ground_slope", "external_force"), "constant_force"),
 }
 Draw = Callable[[np.random.Generator, float, RobotTable], dict[str, Any]]
-_DEGREE = np.pi / 180.0
+JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
+SOFT = ("KneeSag", "AnkSag")
 
 
 @dataclass(frozen=True)
 class Family:
-    """One kind of hidden effect, with the sizes of its three levels."""
+    """One kind of hidden effect.
 
-    effect: str  # name in sim/disturbances
-    sizes: tuple[float, float, float]  # weak, medium, strong
+    Attributes:
+        effect: name in sim/disturbances.
+        unit: of the size.
+        most: largest size, for COMAN.
+        draw: parameters for a size on a robot; place and sign are drawn.
+        scaled: how the size scales with the robot: mass, torque, length, 1/mass, 1/torque.
+        parameter: of the diagnosis' unknown that the size is; empty: the diagnosis has none.
+    """
+
+    effect: str
     unit: str
-    why: str
-    draw: Draw  # parameters for a size: place and sign are drawn
-    scaled: str = ""  # how the size scales with the robot: mass, torque, length, 1/mass, 1/torque
+    most: float
+    draw: Draw
+    scaled: str = ""
+    parameter: str = ""
 
     @property
     def catalogued(self) -> bool:
         """Whether the diagnosis can name it."""
         return DISTURBANCES[self.effect].catalogued
 
-    def parameters(self, rng: np.random.Generator, level: int, table: RobotTable) -> dict[str, Any]:
-        """Parameters of `sim.disturbances.make` for a level 0, 1, 2 on a robot."""
+    def factor(self, table: RobotTable) -> float:
+        """Size on a robot over size on COMAN."""
         mass, length = table.mass / COMAN.mass, com_height(table) / com_height(COMAN)
-        factor = {"": 1.0, "mass": mass, "torque": mass * length, "length": length}
-        factor |= {"1/mass": 1.0 / mass, "1/torque": 1.0 / (mass * length)}
-        values = self.draw(rng, self.sizes[level] * factor[self.scaled], table)
-        return {key: round(v, 12) if isinstance(v, float) else v for key, v in values.items()}
+        known = {"": 1.0, "mass": mass, "torque": mass * length, "length": length}
+        return (known | {"1/mass": 1.0 / mass, "1/torque": 1.0 / (mass * length)})[self.scaled]
+
+
+@functools.cache
+def deviations() -> dict[str, float]:
+    """By family, the standard deviation over healthy robots, for COMAN."""
+    read = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
+    return {name: float(entry["deviation"]) for name, entry in read.items()}
+
+
+def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -> tuple[dict[str, Any], int]:
+    """Parameters of `sim.disturbances.make` for a family at a level, or at the next lower level that is possible.
+
+    Args:
+        name: of the family.
+        rng: draws size, place and sign.
+        level: 0, 1, 2.
+        world: where the effect is hidden.
+
+    Returns:
+        The parameters, and the level that was reached.
+    """
+    family, deviation = FAMILIES[name], deviations()[name]
+    place, within = rng.integers(2**31), rng.random()
+    while True:
+        low, high = MULTIPLES[level]
+        size = (low + (high - low) * within) * deviation
+        if size <= family.most or level == 0:
+            break
+        level -= 1
+    values = family.draw(np.random.default_rng(place), min(size, family.most) * family.factor(world.table), world.table)
+    return {key: round(v, 12) if isinstance(v, float) else v for key, v in values.items()}, level
 
 
 def com_height(table: RobotTable) -> float:
@@ -70,270 +117,228 @@ def _foot(rng: np.random.Generator, both: bool = True) -> str:
 
 
 def _joint(rng: np.random.Generator, *kinds: str) -> str:
-    return _side(rng) + str(rng.choice(kinds or ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")))
+    return _side(rng) + str(rng.choice(kinds or JOINTS))
 
 
-def _joints(rng: np.random.Generator) -> str:
-    """One soft joint (half of the draws), a side, or all joints."""
-    return str(rng.choice([_joint(rng, "KneeSag", "AnkSag"), _joint(rng, "KneeSag", "AnkSag"), _foot(rng, False), ""]))
+def _joints(rng: np.random.Generator, *kinds: str) -> str:
+    """One joint (half of the draws), a side, or all joints."""
+    one = _joint(rng, *kinds)
+    return str(rng.choice([one, one, _foot(rng, False), ""]))
 
 
 def _axis(rng: np.random.Generator, size: float, *axes: str) -> dict[str, Any]:
     return {str(rng.choice(axes)): _sign(rng) * size}
 
 
+def working_stretch(joint: str, table: RobotTable) -> float:
+    """Largest deflection of a joint's spring in a plain walk [rad], measured on clean robots; joint without its side."""
+    torque = {"KneeSag": 0.14, "AnkSag": 0.065}[joint] * 9.81 * table.mass * com_height(table)
+    return torque / table.stiffness[joint]
+
+
 def _bend(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
-    """The secant stiffness changes by `change` at the joint's largest deflection in a plain walk (measured, clean)."""
-    where = _joint(rng, "KneeSag", "AnkSag")
-    torque = {"KneeSag": 0.14, "AnkSag": 0.065}[where[1:]] * 9.81 * table.mass * com_height(table)
-    return {"where": where, "cubic": change / (torque / table.stiffness[where[1:]]) ** 2}
+    """The secant stiffness changes by `change` at the joint's largest deflection in a plain walk."""
+    where = _joint(rng, *SOFT)
+    form = str(rng.choice(["cubic", "tanh", "steps"]))
+    return {"where": where, "cubic": change / working_stretch(where[1:], table) ** 2, "form": form}
 
 
 def _wrench_bias(rng: np.random.Generator, size: float, table: RobotTable) -> dict[str, Any]:
     """A vertical bias of `size` [N], a shear bias of half of it, or a moment of it at 6 cm on COMAN."""
     kind = str(rng.choice(["fz", "fx", "fy", "tx", "ty"]))
     lever = 0.06 * com_height(table) / com_height(COMAN)
-    return {"where": _foot(rng, False), kind: _sign(rng) * size * {"z": 1.0, "f": 0.5, "t": lever}[_which(kind)]}
-
-
-def _which(kind: str) -> str:
-    return "z" if kind == "fz" else kind[0]
+    share = 1.0 if kind == "fz" else 0.5 if kind[0] == "f" else lever
+    return {"where": _foot(rng, False), kind: _sign(rng) * size * share}
 
 
 def _factor(rng: np.random.Generator, change: float) -> float:
     """1 - change in two draws of three, else 1 + change."""
-    return 1.0 - change if rng.random() < 2.0 / 3.0 else 1.0 + change
+    return 1.0 - change if rng.random() < 2.0 / 3.0 and change < 0.9 else 1.0 + change
+
+
+def _payload(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
+    length = com_height(table) / com_height(COMAN)
+    x, y = (float(rng.uniform(-0.05, 0.05)) for _ in range(2))
+    return {"mass": mass, "x": length * x, "y": length * y, "z": length * float(rng.uniform(0.0, 0.15))}
+
+
+def _soft_ground(rng: np.random.Generator, size: float, table: RobotTable) -> dict[str, Any]:
+    """`size` [m/N] of one foot under its load, and what a sole of that softness gives way in tilting."""
+    return {"vertical": size, "rotational": 50.0 * size / (com_height(table) / com_height(COMAN))}
+
+
+def _damping(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
+    factor = 1.0 + change
+    return {"where": _joints(rng, *SOFT), "scale": factor if rng.random() < 0.5 else 1.0 / factor}
+
+
+def _body_mass(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
+    """`mass` [kg] more, or less, of a thigh, a shank or the trunk."""
+    where = str(rng.choice(["", _joint(rng, "HipYaw", "KneeSag")]))
+    own = table.trunk.mass
+    if where:
+        own = next(joint.link.mass for joint in table.joints() if joint.name == where)
+    share = mass / own
+    return {"where": where, "scale": 1.0 + share if share > 0.7 or rng.random() < 0.5 else 1.0 - share}
+
+
+def _arms(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
+    return {
+        "mass": mass,
+        "length": 0.25 * com_height(table) / com_height(COMAN),
+        "frequency": float(rng.uniform(0.6, 1.0)),
+        "phase": float(rng.choice([0.0, 3.1415926])),
+    }
+
+
+def _push(rng: np.random.Generator, force: float, table: RobotTable) -> dict[str, Any]:
+    return {
+        "amplitude": force,
+        "frequency": float(rng.uniform(0.8, 2.5)),
+        "direction": float(rng.choice([0.0, np.pi / 2.0])),
+        "phase": float(rng.uniform(-3.0, 3.0)),
+    }
+
+
+def _eccentric(rng: np.random.Generator, amplitude: float, table: RobotTable) -> dict[str, Any]:
+    return {
+        "where": _joint(rng, "HipSag", "KneeSag", "AnkSag"),
+        "amplitude": amplitude,
+        "per_turn": int(rng.choice([8, 16, 32])),
+        "phase": float(rng.uniform(-3.0, 3.0)),
+    }
 
 
 FAMILIES: dict[str, Family] = {
     "backlash": Family(
-        "backlash",
-        (0.3 * _DEGREE, 0.7 * _DEGREE, 1.5 * _DEGREE),
-        "rad",
-        "0.3 degrees is a new gear train, 0.7 one that needs adjusting, 1.5 rattles",
-        lambda rng, s, table: {"where": _joint(rng), "width": s},
+        "backlash", "rad", 0.03, lambda rng, s, table: {"where": _joints(rng), "width": s}, parameter="width"
     ),
-    "hardening": Family(
-        "spring_nonlinearity",
-        (0.10, 0.25, 0.50),
-        "1",
-        "share by which a spring is stiffer at its full working load: wire, elastomer, bumper",
-        _bend,
-    ),
+    "hardening": Family("spring_nonlinearity", "1", 1.5, _bend, parameter="cubic"),
     "softening": Family(
-        "spring_nonlinearity",
-        (-0.08, -0.15, -0.25),
-        "1",
-        "the same, softer; at -0.33 the tangent would be zero there",
-        _bend,
+        "spring_nonlinearity", "1", 0.28, lambda rng, s, table: _bend(rng, -s, table), parameter="cubic"
     ),
     "joint_friction": Family(
-        "joint_friction",
-        (0.5, 1.5, 3.5),
-        "Nm",
-        "1, 3 and 6 % of the drive's 55 Nm: a bearing, a tight seal, a damaged one",
-        lambda rng, s, table: {"where": _joint(rng), "coulomb": s},
-        "torque",
+        "joint_friction", "Nm", 4.0, lambda rng, s, table: {"where": _joints(rng), "coulomb": s}, "torque", "coulomb"
     ),
     "joint_stiffness": Family(
         "joint_stiffness",
-        (0.10, 0.20, 0.40),
         "1",
-        "share by which a spring, the springs of a leg, or all differ: beyond the tolerance of 4 %",
-        lambda rng, s, table: {"where": _joints(rng), "scale": _factor(rng, s)},
+        0.6,
+        lambda rng, s, table: {"where": _joints(rng, *SOFT), "scale": _factor(rng, s)},
+        parameter="scale",
     ),
-    "soft_roll": Family(
+    "soft_roll": Family(  # a worn flexspline, a soft mount
         "joint_stiffness",
-        (0.25, 0.50, 0.75),
         "1",
-        "share by which a hip or ankle roll drive is softer than the data sheet: worn flexspline, soft mount",
+        0.93,
         lambda rng, s, table: {"where": _joint(rng, "HipLat", "AnkLat"), "scale": 1.0 - s},
+        parameter="scale",
     ),
-    "joint_damping": Family(
-        "joint_damping",
-        (1.5, 2.5, 4.0),
-        "1",
-        "factor: damping is the least certain value of a data sheet",
-        lambda rng, s, table: {"where": _joints(rng), "scale": s if rng.random() < 0.5 else 1.0 / s},
-    ),
-    "motor_lag": Family(
-        "motor_lag",
-        (0.005, 0.015, 0.030),
-        "s",
-        "position loops of 32, 11 and 5 Hz",
-        lambda rng, s, table: {"time_constant": s},
-    ),
-    "transport_delay": Family(
-        "transport_delay",
-        (0.005, 0.015, 0.030),
-        "s",
-        "one, three and six cycles of a 200 Hz bus",
-        lambda rng, s, table: {"delay": s},
-    ),
+    "joint_damping": Family("joint_damping", "1", 4.0, _damping, parameter="scale"),
+    "motor_lag": Family("motor_lag", "s", 0.035, lambda rng, s, table: {"time_constant": s}, parameter="time_constant"),
+    "transport_delay": Family("transport_delay", "s", 0.04, lambda rng, s, table: {"delay": s}, parameter="delay"),
     "motor_compliance": Family(
-        "motor_compliance",
-        (0.0002, 0.0005, 0.001),
-        "rad/Nm",
-        "loops of 5000, 2000 and 1000 Nm/rad, where good ones have 20000; 4, 9 and 18 % of the knee's spring",
-        lambda rng, s, table: {"compliance": s},
-        "1/torque",
+        "motor_compliance", "rad/Nm", 0.0012, lambda rng, s, table: {"compliance": s}, "1/torque", "compliance"
     ),
-    "payload": Family(
-        "payload",
-        (0.3, 0.7, 1.5),
-        "kg",
-        "2, 4 and 9 % of the robot: a computer, a battery, a bag",
-        lambda rng, s, table: {
-            "mass": s,
-            "x": float(rng.uniform(-0.05, 0.05)),
-            "y": float(rng.uniform(-0.05, 0.05)),
-            "z": float(rng.uniform(0.0, 0.15)),
-        },
-        "mass",
-    ),
-    "com_offset": Family(
-        "com_offset",
-        (0.005, 0.012, 0.025),
-        "m",
-        "of the trunk's COM: a cable tray, a moved board, a moved battery",
-        lambda rng, s, table: _axis(rng, s, "x", "y"),
-        "length",
-    ),
-    "ground_compliance": Family(
-        "ground_compliance",
-        (1.0, 2.5, 5.0),
-        "2e-6 m/N",
-        "under the whole weight a foot sinks in 0.3, 0.8, 1.7 mm: rubber, carpet, mat; 1e-4 rad/Nm each of tilting",
-        lambda rng, s, table: {
-            "vertical": 2e-6 * s,
-            "rotational": 1e-4 * s / (com_height(table) / com_height(COMAN)),
-        },
-        "1/mass",
-    ),
+    "payload": Family("payload", "kg", 2.0, _payload, "mass", "mass"),
+    "com_offset": Family("com_offset", "m", 0.03, lambda rng, s, table: _axis(rng, s, "x", "y"), "length", "x"),
+    "ground_compliance": Family("ground_compliance", "m/N", 1.5e-5, _soft_ground, "1/mass"),
     "ground_slope": Family(
-        "ground_slope",
-        (0.5 * _DEGREE, 1.0 * _DEGREE, 2.0 * _DEGREE),
-        "rad",
-        "an old floor, a bad floor, a drain",
-        lambda rng, s, table: _axis(rng, s, "roll", "pitch"),
+        "ground_slope", "rad", 0.045, lambda rng, s, table: _axis(rng, s, "roll", "pitch"), parameter="pitch"
     ),
-    "external_force": Family(
-        "external_force",
-        (2.0, 4.0, 8.0),
-        "N",
-        "1, 2.5 and 5 % of the weight: a cable that hangs, a cable that pulls, a hand",
-        lambda rng, s, table: _axis(rng, s, "x", "y"),
-        "mass",
-    ),
+    "external_force": Family("external_force", "N", 12.0, lambda rng, s, table: _axis(rng, s, "x", "y"), "mass", "x"),
     "foot_slip": Family(
         "foot_slip",
-        (0.003, 0.006, 0.012),
         "m",
-        "a step: a tenth, a fifth and four tenths of the paper's short step",
-        lambda rng, s, table: {"where": _foot(rng, False), "distance": s},
+        0.015,
+        lambda rng, s, table: {
+            "where": _foot(rng, False),
+            "distance": s,
+            "form": str(rng.choice(["smooth", "sudden", "creep"])),
+        },
         "length",
+        "distance",
     ),
     "touchdown_impact": Family(
         "touchdown_impact",
-        (0.3, 0.7, 1.5),
         "Ns",
-        "a foot of 1.4 kg that lands with 0.2, 0.5 and 1 m/s",
-        lambda rng, s, table: {"impulse": s},
+        2.0,
+        lambda rng, s, table: {"impulse": s, "form": str(rng.choice(["half_sine", "decay", "double"]))},
         "mass",
+        "impulse",
     ),
     "encoder_bias": Family(
         "encoder_bias",
-        (0.3 * _DEGREE, 0.7 * _DEGREE, 1.5 * _DEGREE),
         "rad",
-        "calibrated with care, by eye, and not at all",
+        0.04,
         lambda rng, s, table: {"where": _joint(rng), "bias": _sign(rng) * s},
+        parameter="bias",
     ),
-    "encoder_delay": Family(
-        "encoder_delay",
-        (0.005, 0.015, 0.030),
-        "s",
-        "one, three and six cycles of a 200 Hz bus",
-        lambda rng, s, table: {"delay": s},
-    ),
+    "encoder_delay": Family("encoder_delay", "s", 0.04, lambda rng, s, table: {"delay": s}, parameter="delay"),
     "wrench_delay": Family(
-        "wrench_delay",
-        (0.005, 0.015, 0.030),
-        "s",
-        "the same; a real iCub has 30 to 60 ms",
-        lambda rng, s, table: {"where": _foot(rng), "delay": s},
+        "wrench_delay", "s", 0.06, lambda rng, s, table: {"where": _foot(rng), "delay": s}, parameter="delay"
     ),
     "wrench_scale": Family(
         "wrench_scale",
-        (0.03, 0.07, 0.15),
         "1",
-        "a real iCub has 2.5 %; 15 % is a wrong calibration matrix",
+        0.4,
         lambda rng, s, table: {"where": _foot(rng), "scale": 1.0 + _sign(rng) * s},
+        parameter="scale",
     ),
-    "wrench_bias": Family(
-        "wrench_bias",
-        (5.0, 12.0, 25.0),
-        "N",
-        "3, 7 and 15 % of the weight on top of a drift of 1 %: not zeroed since yesterday, since it was built, broken",
-        _wrench_bias,
-        "mass",
+    "wrench_bias": Family("wrench_bias", "N", 80.0, _wrench_bias, "mass", "fz"),
+    "hysteresis": Family(
+        "hysteresis",
+        "rad",
+        0.02,
+        lambda rng, s, table: {
+            "where": _joint(rng, "HipSag", *SOFT),
+            "width": s,
+            "friction": float(rng.uniform(0.2, 1.0)),
+        },
+    ),
+    "sensor_rotation": Family(
+        "sensor_rotation",
+        "rad",
+        0.5,
+        lambda rng, s, table: {"where": _foot(rng), "axis": str(rng.choice(["x", "y", "z"])), "angle": _sign(rng) * s},
+    ),
+    "wrench_cross_talk": Family(
+        "wrench_cross_talk", "1", 0.4, lambda rng, s, table: {"where": _foot(rng), **_axis(rng, s, "fx", "fy")}
+    ),
+    "body_mass": Family("body_mass", "kg", 2.5, lambda rng, s, table: _body_mass(rng, s, table), "mass"),
+    "stiffness_drift": Family(
+        "stiffness_drift",
+        "1",
+        0.6,
+        lambda rng, s, table: {"where": _joints(rng, *SOFT), "change": -s, "time": float(rng.uniform(3.0, 10.0))},
     ),
     "sloshing_load": Family(
         "sloshing_load",
-        (0.7, 1.5, 2.5),
         "kg",
-        "of the trunk's 5.5 kg",
+        3.0,
         lambda rng, s, table: {"mass": s, "frequency": float(rng.uniform(1.0, 2.0))},
         "mass",
     ),
-    "swinging_arms": Family(
-        "swinging_arms",
-        (0.3, 0.6, 1.0),
-        "kg",
-        "each arm, swinging by 30 degrees, in step or against each other",
-        lambda rng, s, table: {
-            "mass": s,
-            "length": 0.25 * com_height(table) / com_height(COMAN),
-            "frequency": float(rng.uniform(0.6, 1.0)),
-            "phase": float(rng.choice([0.0, 3.1415926])),
-        },
-        "mass",
+    "swinging_arms": Family("swinging_arms", "kg", 1.2, _arms, "mass"),
+    "periodic_push": Family("periodic_push", "N", 14.0, _push, "mass"),
+    "cable_drag": Family(
+        "cable_drag", "N", 12.0, lambda rng, s, table: {"friction": s, "spring": float(rng.uniform(0.0, 10.0))}, "mass"
     ),
-    "periodic_push": Family(
-        "periodic_push",
-        (3.0, 6.0, 10.0),
-        "N",
-        "2, 3.5 and 6 % of the weight",
-        lambda rng, s, table: {
-            "amplitude": s,
-            "frequency": float(rng.uniform(0.8, 2.5)),
-            "direction": float(rng.choice([0.0, np.pi / 2.0])),
-            "phase": float(rng.uniform(-3.0, 3.0)),
-        },
-        "mass",
+    "eccentric_encoder": Family("eccentric_encoder", "rad", 0.04, _eccentric),
+    "thermal_drift": Family(
+        "thermal_drift", "rad/s", 0.004, lambda rng, s, table: {"where": _joint(rng), "rate": _sign(rng) * s}
     ),
-    "eccentric_encoder": Family(
-        "eccentric_encoder",
-        (0.3 * _DEGREE, 0.7 * _DEGREE, 1.5 * _DEGREE),
-        "rad",
-        "amplitude of the error: as encoder_bias",
-        lambda rng, s, table: {
-            "where": _joint(rng, "HipSag", "KneeSag", "AnkSag"),
-            "amplitude": s,
-            "per_turn": int(rng.choice([8, 16, 32])),
-            "phase": float(rng.uniform(-3.0, 3.0)),
-        },
+    "cogging": Family(
+        "cogging",
+        "Nm",
+        5.0,
+        lambda rng, s, table: {"where": _joint(rng), "amplitude": s, "per_turn": int(rng.choice([24, 36, 60]))},
+        "torque",
     ),
-    "twisted_sensor": Family(
-        "twisted_sensor",
-        (5.0 * _DEGREE, 10.0 * _DEGREE, 20.0 * _DEGREE),
-        "rad",
-        "a slack bolt pattern, a hole missed, a sensor put in wrongly",
-        lambda rng, s, table: {
-            "where": _foot(rng, False),
-            "axis": str(rng.choice(["x", "z"])),
-            "angle": _sign(rng) * s,
-        },
+    "stale_stream": Family(
+        "stale_stream", "s", 0.3, lambda rng, s, table: {"where": _foot(rng), "length": s, "every": 1.0}
     ),
+    "late_clock": Family("late_clock", "1", 0.02, lambda rng, s, table: {"rate": s}),
 }
 CATALOGUED = tuple(name for name, family in FAMILIES.items() if family.catalogued)
 OUTSIDE = tuple(name for name, family in FAMILIES.items() if not family.catalogued)

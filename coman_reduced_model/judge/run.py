@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One run of the judge: bags, verdicts, baselines, oracles, and only then the answers.
 
+    OUT/commit.txt      the commit that the run was begun at: figures of different versions are not pooled
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/verdicts/CASE/  diagnosis.json, baselines.json, run.json (exit code, time)
     OUT/verdicts.sha256 hashes of all verdicts, written before any answer is read
     OUT/oracle/CASE/    diagnosis.json of a diagnosis that is given the name and place of each effect
+    OUT/ranking/CASE/   ranking.json of all candidates by a method that is given how much healthy robots vary
     OUT/rounds.txt      a hash for each earlier round of verdicts on the same bags (--again)
     OUT/score.json
     OUT.sealed/         CASE.json (the answers) and seeds.json; beside OUT, so that no folder that a diagnosis sees
@@ -31,11 +33,12 @@ from typing import Any
 
 from ..errors import ConfigError, OutputError
 from ..progress import Progress
-from .cases import BAGS, BLOCK, draw_case, write_seed
-from .seeds import fresh_range, parse_range
+from .cases import BAGS, BLOCK, HiddenCase, draw_case, write_seed
+from .seeds import commit, fresh_range, parse_range
 
 DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
 BASELINES = (sys.executable, "-m", "coman_reduced_model.judge.baselines")
+RANK = (sys.executable, "-m", "coman_reduced_model.judge.rank")
 FRESH = 200  # cases of a run by default
 TIMEOUT = 600.0  # [s] after which a diagnosis counts as failed
 
@@ -62,6 +65,11 @@ class RunFolder:
         return self.out / "verdicts.sha256"
 
     @property
+    def commit(self) -> Path:
+        """The commit that the run was begun at."""
+        return self.out / "commit.txt"
+
+    @property
     def rounds(self) -> Path:
         """Hashes of earlier verdicts on the same bags."""
         return self.out / "rounds.txt"
@@ -74,6 +82,9 @@ class RunFolder:
 
     def oracle(self, case: str) -> Path:
         return self.out / "oracle" / case
+
+    def ranking(self, case: str) -> Path:
+        return self.out / "ranking" / case
 
     def answer(self, case: str) -> Path:
         return self.sealed / f"{case}.json"
@@ -97,7 +108,55 @@ def choose_seeds(text: str, out: str | Path) -> Sequence[int]:
             raise ConfigError(f"--seeds: {error}") from None
     if known.is_file():
         return [int(seed) for seed in json.loads(known.read_text(encoding="utf-8"))]
-    return fresh_range("judge", FRESH, BLOCK)
+    return fresh_range("worlds", FRESH, BLOCK)
+
+
+def chosen_cases(
+    out: str | Path, seeds: Sequence[int], kinds: Sequence[str] = (), again: bool = False, **fixed: Any
+) -> tuple[RunFolder, list[HiddenCase]]:
+    """The folder of a run, ready to be written, and its cases.
+
+    Args:
+        out: folder of the run; an existing run continues.
+        seeds: one for each case.
+        kinds: only these (clean, single, pair, unknown); none: all.
+        again: drop the verdicts of another commit.
+        fixed: see draw_case.
+
+    Raises:
+        ConfigError: there is no such case.
+        OutputError: `out` cannot be written, or the run was begun at another commit.
+    """
+    folder = RunFolder(Path(out).absolute())
+    cases = [case for case in (draw_case(seed, **fixed) for seed in seeds) if not kinds or case.kind in kinds]
+    if not cases:
+        raise ConfigError(f"--only: no case of {', '.join(kinds)} among these seeds")
+    try:
+        for name in ("bags", "verdicts"):
+            (folder.out / name).mkdir(parents=True, exist_ok=True)
+        folder.sealed.mkdir(mode=0o700, exist_ok=True)
+        _write_sealed(folder.seeds, list(seeds))
+    except OSError as error:
+        raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    _keep_to_one_commit(folder, again)
+    return folder, cases
+
+
+def _keep_to_one_commit(folder: RunFolder, again: bool) -> None:
+    """A run goes on with the code that it was begun with.
+
+    Raises:
+        OutputError: this is another commit, and `again` is not asked for.
+    """
+    begun = folder.commit.read_text(encoding="utf-8").strip() if folder.commit.is_file() else ""
+    if again:
+        _drop_verdicts(folder)
+    elif begun and begun != commit():
+        raise OutputError(
+            f"{folder.out}: was begun at commit {begun}, and this is {commit()}: figures of different versions are not "
+            "pooled; --again judges the same bags anew"
+        )
+    folder.commit.write_text(f"{commit()}\n", encoding="utf-8")
 
 
 def run(
@@ -110,6 +169,7 @@ def run(
     oracle: bool = True,
     again: bool = False,
     progress: Progress | None = None,
+    **fixed: Any,
 ) -> list[str]:
     """Record, diagnose and seal; `score.score_run` opens the answers afterwards.
 
@@ -120,36 +180,27 @@ def run(
         jobs: processes at a time.
         command: the workflow, to which bags and options are appended.
         baselines: the same for the simpler methods; empty: none.
-        oracle: also run diagnoses that are given the name and place of each effect.
+        oracle: also run the two oracles: diagnoses that are given the name and place of each effect, and rankings
+            (rank.py) that are given the variability of healthy robots of this world.
         again: keep the bags and judge a changed workflow on them; the score counts the rounds.
         progress: called with the fraction done and a text.
+        fixed: see draw_case.
 
     Returns:
         The names of the cases.
 
     Raises:
-        OutputError: `out` cannot be written.
+        ConfigError: there is no such case.
+        OutputError: `out` cannot be written, or the run was begun at another commit.
     """
-    folder = RunFolder(Path(out).absolute())
-    chosen = [seed for seed in seeds if not kinds or draw_case(seed).kind in kinds]
-    if not chosen:
-        raise ConfigError(f"--only: no case of {', '.join(kinds)} among these seeds")
-    names = [draw_case(seed).name for seed in chosen]
-    try:
-        for name in ("bags", "verdicts"):
-            (folder.out / name).mkdir(parents=True, exist_ok=True)
-        folder.sealed.mkdir(mode=0o700, exist_ok=True)
-        _write_sealed(folder.seeds, list(seeds))
-    except OSError as error:
-        raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    if again:
-        _drop_verdicts(folder)
-    tasks = [(folder, seed, tuple(command), tuple(baselines)) for seed in chosen]
-    _run_all(_judge_case, tasks, jobs, _part(progress, 0.0, 0.85, "cases"))
+    folder, cases = chosen_cases(out, seeds, kinds, again, **fixed)
+    names = [case.name for case in cases]
+    tasks = [(folder, case.seed, tuple(command), tuple(baselines), fixed) for case in cases]
+    run_all(_judge_case, tasks, jobs, _part(progress, 0.0, 0.85 if oracle else 1.0), "cases")
     seal(folder, names)
     if oracle:
         asked = [(folder, name, tuple(command)) for name in names]
-        _run_all(_run_oracle, asked, jobs, _part(progress, 0.85, 1.0, "oracles"))
+        run_all(_run_oracles, asked, jobs, _part(progress, 0.85, 1.0), "oracles")
     return names
 
 
@@ -160,42 +211,48 @@ def _drop_verdicts(folder: RunFolder) -> None:
         with folder.rounds.open("a", encoding="utf-8") as file:
             file.write(f"{digest}\n")
         folder.hashes.unlink()
-    for name in ("verdicts", "oracle"):
+    for name in ("verdicts", "oracle", "ranking", "predictions", "monitor"):
         shutil.rmtree(folder.out / name, ignore_errors=True)
-        (folder.out / name).mkdir()
+    (folder.out / "verdicts").mkdir()
 
 
-def _part(progress: Progress | None, begin: float, end: float, what: str) -> Callable[[int, int], None]:
-    """Report a number of tasks done as a part of the whole run."""
-
-    def report(done: int, of: int) -> None:
-        if progress:
-            progress(begin + (end - begin) * done / of, f"{done} of {of} {what}")
-
-    return report
+def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
+    """Report a part of the whole run."""
+    return None if progress is None else lambda done, what: progress(begin + (end - begin) * done, what)
 
 
-def _run_all(work: Callable[..., None], tasks: list[Any], jobs: int, report: Callable[[int, int], None]) -> None:
+def run_all(
+    work: Callable[..., None], tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress | None, what: str
+) -> None:
     """Run `work(*task)` for each task in processes; the first error ends all."""
     with ProcessPoolExecutor(max(1, jobs)) as pool:
         futures = [pool.submit(work, *task) for task in tasks]
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()
-                report(done, len(tasks))
+                if progress:
+                    progress(done / len(tasks), f"{done} of {len(tasks)} {what}")
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _judge_case(folder: RunFolder, seed: int, command: Sequence[str], baselines: Sequence[str]) -> None:
-    """Bags, verdict and baselines of one case."""
-    name = draw_case(seed).name
+def make_case(folder: RunFolder, seed: int, **fixed: Any) -> str:
+    """Bags and answer of a seed's case, unless they exist; returns its name."""
+    name = draw_case(seed, **fixed).name
     if not (folder.bags(name).is_dir() and folder.answer(name).is_file()):
-        _, answer = write_seed(seed, folder.out / "bags", force=True)
+        _, answer = write_seed(seed, folder.out / "bags", force=True, **fixed)
         _write_sealed(folder.answer(name), answer)
+    return name
+
+
+def _judge_case(
+    folder: RunFolder, seed: int, command: Sequence[str], baselines: Sequence[str], fixed: dict[str, Any]
+) -> None:
+    """Bags, verdict and baselines of one case."""
+    name = make_case(folder, seed, **fixed)
     if not (folder.verdict(name) / "run.json").is_file():
-        run_diagnosis(folder.bags(name), folder.verdict(name), command)
+        _diagnose_case(folder, name, folder.verdict(name), command)
     if baselines and not (folder.verdict(name) / "baselines.json").is_file():
         _run_baselines(folder.bags(name), folder.verdict(name), baselines)
 
@@ -208,7 +265,7 @@ def _write_sealed(path: Path, value: Any) -> None:
 
 def _run_baselines(bags: Path, verdict: Path, command: Sequence[str]) -> None:
     """Run the simpler methods on a copy of the training walk of a case."""
-    with _CaseCopy(bags) as (copy, environment):
+    with _case_copy(bags) as (copy, environment):
         train, config = copy / BAGS[0], copy / "robot.yaml"
         result = _run_command([*command, str(train), "--config", str(config)], copy, environment)
     text = result.stdout if result.returncode == 0 else json.dumps({"failed": _last_line(result.stderr)})
@@ -216,18 +273,18 @@ def _run_baselines(bags: Path, verdict: Path, command: Sequence[str]) -> None:
 
 
 class _CaseCopy:
-    """A temporary copy of the bags of a case, outside the run: all that a diagnosis can see."""
+    """A temporary copy of bags and configuration, outside the run: all that a diagnosis can see."""
 
-    def __init__(self, bags: Path) -> None:
-        self._bags = bags
+    def __init__(self, bags: Sequence[Path], config: Path) -> None:
+        self._bags, self._config = bags, config
 
     def __enter__(self) -> tuple[Path, dict[str, str]]:
         self._folder = Path(tempfile.mkdtemp(prefix="walk_"))
-        for name in (*BAGS, "robot.yaml"):
-            source = self._bags / name
-            (shutil.copytree if source.is_dir() else shutil.copy2)(source, self._folder / name)
+        for bag in self._bags:
+            shutil.copytree(bag, self._folder / bag.name)
+        shutil.copy2(self._config, self._folder / "robot.yaml")
         # Nothing inherited names the run: neither the working directory nor the command line that started the judge.
-        hidden = str(self._bags.parents[1])
+        hidden = str(self._bags[0].parents[2])
         needed, revealing = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME"), ("OLDPWD", "PWD", "_")
         environment = {k: v for k, v in os.environ.items() if k in needed or (hidden not in v and k not in revealing)}
         return self._folder, environment
@@ -236,9 +293,8 @@ class _CaseCopy:
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-def _arguments(copy: Path) -> list[str]:
-    held = [argument for bag in BAGS[1:] for argument in ("--holdout", str(copy / bag))]
-    return [str(copy / BAGS[0]), *held, "--config", str(copy / "robot.yaml")]
+def _case_copy(bags: Path) -> _CaseCopy:
+    return _CaseCopy([bags / bag for bag in BAGS], bags / "robot.yaml")
 
 
 def _run_command(command: Sequence[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -256,14 +312,27 @@ def _last_line(text: str) -> str:
     return (text.strip().splitlines() or [""])[-1]
 
 
-def run_diagnosis(bags: Path, verdict: Path, command: Sequence[str], extra: Sequence[str] = ()) -> None:
-    """Run the workflow on a copy of the bags of a case; keep its diagnosis, exit code, times and last message."""
+def run_diagnosis(
+    bags: Sequence[Path], config: Path, verdict: Path, command: Sequence[str], extra: Sequence[str] = ()
+) -> None:
+    """Run the workflow on a copy of bags and configuration; keep its diagnosis, exit code, times and last message.
+
+    Args:
+        bags: the training bag, then the held-out ones.
+        config: data sheet of the robot.
+        verdict: folder for diagnosis.json and run.json.
+        command: the workflow, to which bags and options are appended.
+        extra: more options.
+    """
     verdict.mkdir(parents=True, exist_ok=True)
-    with _CaseCopy(bags) as (copy, environment):
+    with _CaseCopy(bags, config) as (copy, environment):
+        train, *held_out = (str(copy / bag.name) for bag in bags)
+        options = [part for bag in held_out for part in ("--holdout", bag)]
         out = copy / "out"
+        arguments = [train, *options, "--config", str(copy / "robot.yaml"), "--out", str(out), "--json", *extra]
         before = os.times()
         began = time.perf_counter()
-        result = _run_command([*command, *_arguments(copy), "--out", str(out), "--json", *extra], copy, environment)
+        result = _run_command([*command, *arguments], copy, environment)
         seconds, after = time.perf_counter() - began, os.times()
         cpu = after.children_user + after.children_system - before.children_user - before.children_system
         if (out / "diagnosis.json").is_file():
@@ -272,14 +341,32 @@ def run_diagnosis(bags: Path, verdict: Path, command: Sequence[str], extra: Sequ
     (verdict / "run.json").write_text(json.dumps(report), encoding="utf-8")
 
 
-def _run_oracle(folder: RunFolder, name: str, command: Sequence[str]) -> None:
-    """The same diagnosis, given the name and the place of each effect; run after the verdicts are sealed."""
+def _diagnose_case(folder: RunFolder, name: str, verdict: Path, command: Sequence[str], *extra: str) -> None:
+    bags = [folder.bags(name) / bag for bag in BAGS]
+    run_diagnosis(bags, folder.bags(name) / "robot.yaml", verdict, command, extra)
+
+
+def _run_oracles(folder: RunFolder, name: str, command: Sequence[str]) -> None:
+    """Both oracles of a case with hidden effects; run after the verdicts are sealed."""
     answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
-    if answer["kind"] not in ("single", "pair") or (folder.oracle(name) / "run.json").is_file():
+    if answer["kind"] not in ("single", "pair"):
         return
-    assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in answer["effects"]]
-    options = [part for text in assumed for part in ("--assume", text)]
-    run_diagnosis(folder.bags(name), folder.oracle(name), command, options)
+    if not (folder.oracle(name) / "run.json").is_file():
+        assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in answer["effects"]]
+        options = [part for text in assumed for part in ("--assume", text)]
+        _diagnose_case(folder, name, folder.oracle(name), command, *options)
+    if not (folder.ranking(name) / "ranking.json").is_file():
+        folder.ranking(name).mkdir(parents=True, exist_ok=True)
+        _write_ranking(folder, name, answer["world"])
+
+
+def _write_ranking(folder: RunFolder, name: str, world: str) -> None:
+    """Rank the candidates by the method that is given the variability of healthy robots of this world."""
+    with _case_copy(folder.bags(name)) as (copy, environment):
+        (copy / "world.yaml").write_text(world, encoding="utf-8")
+        result = _run_command([*RANK, str(copy)], copy, environment)
+    text = result.stdout if result.returncode == 0 else json.dumps({"failed": _last_line(result.stderr)})
+    (folder.ranking(name) / "ranking.json").write_text(text, encoding="utf-8")
 
 
 def seal(folder: RunFolder, names: Sequence[str]) -> str:

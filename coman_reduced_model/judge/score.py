@@ -19,10 +19,10 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ..resources import version
-from .cases import ATTEMPTS
+from .by_kind import by_kind, new_kinds
 from .families import CLASSES, class_of
 from .run import RunFolder, seal
-from .seeds import spent_among
+from .seeds import commit, spent_among
 
 OTHER = ("none", "unknown", "not_excited")
 NOMINAL = {"scale": 1.0}  # of every other parameter: 0
@@ -85,6 +85,18 @@ def gap_reduction(verdict: Mapping[str, Any] | None) -> float:
         return np.nan
 
 
+def rank_of_truth(answer: Mapping[str, Any], ranking: Any) -> int | None:
+    """At which place (from 1 on) of the oracle's ranking, each class counted once, a class stands that is hidden.
+
+    None: there is no ranking, or the diagnosis does not know the effect.
+    """
+    if not isinstance(ranking, list):
+        return None
+    true = {class_of(effect["name"]) for effect in answer["effects"]}
+    classes = list(dict.fromkeys(class_of(row["name"]) for row in ranking))
+    return next((place for place, name in enumerate(classes, 1) if name in true), None)
+
+
 def rate(hits: int, of: int) -> dict[str, Any]:
     """A share with its 95 % interval (Wilson); null where nothing was counted."""
     if of == 0:
@@ -109,12 +121,12 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "seeds": _seeds([row["seed"] for row in rows]),
         "cases": dict(Counter(row["kind"] for row in rows)),
-        "redrawn": {  # because the robot fell: first another robot or place, then one level lower
+        "redrawn": {  # because the robot fell: first another robot or place, then one level lower; too large: lower
             "cases": sum(row["attempt"] > 0 for row in rows),
-            "lowered": sum(row["attempt"] >= ATTEMPTS for row in rows),
+            "lowered": sum(row["lowered"] for row in rows),
         },
-        "workflow": _figures(rows, lambda row: row["result"]),
-        "baselines": {m: _figures(rows, partial(_by_baseline, m)) for m in methods},
+        "workflow": _shares(rows, lambda row: row["result"]),
+        "baselines": {m: _shares(rows, partial(_by_baseline, m)) for m in methods},
         "by_level": {
             level: rate(*_count(rows, partial(_of_level, level), "right")) for level in ("weak", "medium", "strong")
         },
@@ -129,6 +141,10 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "largest": max(seconds, default=None),
         },
         "confusion": confusion(rows),
+        "by_kind": by_kind(rows, _by_world),
+        "only_kinds_chosen_on": _by_world([row for row in rows if not new_kinds(row)]),
+        "some_new_kind": _by_world([row for row in rows if new_kinds(row)]),
+        "ranking": _rankings(rows),
         "rows": rows,
     }
 
@@ -140,10 +156,12 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **outcome(answer, case["verdict"]),
         "case": case["name"],
-        **{key: answer[key] for key in ("seed", "kind", "families", "levels", "robot", "attempt")},
+        **{key: answer[key] for key in ("seed", "kind", "families", "levels", "robot", "attempt", "worlds")},
+        "lowered": answer["levels"] != answer["wanted"],
         "truth": [effect["name"] for effect in answer["effects"]],
         "seconds": run.get("seconds"),
         "cpu_seconds": run.get("cpu_seconds"),
+        "rank": rank_of_truth(answer, case.get("ranking")),
         "gap_share": gap_reduction(case["verdict"]) / best if best > 0.0 else None,
         "baselines": {
             method: outcome(answer, verdict)["result"]
@@ -153,8 +171,25 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _by_world(rows: Sequence[Any]) -> dict[str, Any]:
+    """The shares that have a target, for the rows of one kind of world, and how many of them were drawn again."""
+    return {
+        **_shares(rows, lambda row: row["result"]),
+        "cases": len(rows),
+        "clean": sum(row["kind"] == "clean" for row in rows),
+        "redrawn": sum(row["attempt"] > 0 for row in rows),
+        "lowered": sum(row["lowered"] for row in rows),
+    }
+
+
+def _rankings(rows: Sequence[Any]) -> dict[str, Any]:
+    """How often the oracle that knows the variability ranks the hidden effect first, or among the first three."""
+    ranked = [row for row in rows if row["rank"] is not None and row["kind"] == "single" and row["levels"][0] != "weak"]
+    return {f"first_{n}": rate(sum(row["rank"] <= n for row in ranked), len(ranked)) for n in (1, 3)}
+
+
 def _seeds(seeds: Sequence[int]) -> dict[str, Any]:
-    entries = spent_among("judge", seeds)
+    entries = spent_among("worlds", seeds)
     return {
         "first": min(seeds),
         "last": max(seeds),
@@ -178,7 +213,7 @@ def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple
     return sum(row["result"] == result for row in chosen), len(chosen)
 
 
-def _figures(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]:
+def _shares(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]:
     """The shares that have a target, for one method."""
 
     def share(of: Callable[[Any], bool], *hits: str) -> dict[str, Any]:
@@ -238,10 +273,11 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
                 "run": _json(folder.verdict(name) / "run.json"),
                 "baselines": _json(folder.verdict(name) / "baselines.json"),
                 "oracle": _json(folder.oracle(name) / "diagnosis.json"),
+                "ranking": _json(folder.ranking(name) / "ranking.json"),
             }
         )
     rounds = len(folder.rounds.read_text(encoding="utf-8").splitlines()) if folder.rounds.is_file() else 0
-    result = {"version": version(), "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
+    result = {"version": version(), "commit": commit(), "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
     (folder.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
     return result
 

@@ -73,11 +73,12 @@ def describe(use: str, seeds: Sequence[int]) -> str:
 
 def entry_to_add(seeds: Sequence[int], purpose: str = "reported") -> str:
     """The line of the file that records these seeds as spent at the present commit."""
-    return f'  - {{seeds: "{min(seeds)}:{max(seeds) + 1}", purpose: "{purpose}", commit: "{_commit()}"}}'
+    return f'  - {{seeds: "{min(seeds)}:{max(seeds) + 1}", purpose: "{purpose}", commit: "{commit()}"}}'
 
 
-def _commit() -> str:
-    """Of the checkout that this file belongs to; without one, the version."""
+@cache
+def commit() -> str:
+    """Commit of the checkout that this file belongs to; without one, the version."""
     checkout = FILE.resolve().parents[2]
     if not (checkout / ".git").exists():
         return version()

@@ -6,7 +6,9 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 import mujoco
+from scipy.spatial.transform import Rotation
 
+from .contact import Contact, Floor
 from .robot_table import Link, RobotTable
 
 TIME_STEP = 0.0005  # [s]; stiff harmonic drives on light feet swing with up to 1000 rad/s
@@ -55,9 +57,17 @@ def urdf(table: RobotTable) -> str:
         ET.SubElement(element, "limit", lower=lower, upper=upper, effort=effort, velocity=velocity)
     for name, body, offset in table.frames():
         ET.SubElement(robot, "link", name=name)
-        add_joint(f"{name}_fixed", "fixed", body, name, offset)
+        fixed = add_joint(f"{name}_fixed", "fixed", body, name, offset)
+        if name == "imu_link":
+            fixed.find("origin").set("rpy", _numbers(*table.imu_turn))  # type: ignore[union-attr]
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _quaternion(turn: tuple[float, float, float]) -> list[float]:
+    """w, x, y, z of roll, pitch, yaw [rad], as in a URDF."""
+    x, y, z, w = Rotation.from_euler("xyz", turn).as_quat()
+    return [float(w), float(x), float(y), float(z)]
 
 
 def foot_box(table: RobotTable) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -67,7 +77,7 @@ def foot_box(table: RobotTable) -> tuple[tuple[float, float, float], tuple[float
     return (table.foot_front + table.foot_back, table.foot_width, height), centre
 
 
-def mujoco_spec(table: RobotTable) -> mujoco.MjSpec:
+def mujoco_spec(table: RobotTable, contact: Contact | None = None, floor: Floor | None = None) -> mujoco.MjSpec:
     """MuJoCo model of the robot on a floor, still editable; names of bodies and joints are those of the URDF.
 
     The series spring and damper of a joint are one actuator whose force is k (ctrl - q) - d q'. With
@@ -79,14 +89,10 @@ def mujoco_spec(table: RobotTable) -> mujoco.MjSpec:
     option = spec.option
     option.timestep = TIME_STEP
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0  # friction stiffer than the normal direction: a standing foot does not creep
-    # A hard floor that is still many steps of the integrator: the soles sink in by 0.1 mm. Harder, and edges chatter.
-    contact = {"solref": [0.007, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0], "condim": 4}
-    friction = [table.friction, 0.02, 0.0001]
-    spec.worldbody.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 0.1], friction=friction, **contact
-    )
+    contact = contact or Contact()
+    contact.set_options(option)
+    touching = contact.of_geom(table.friction)
+    (floor or Floor()).add_to(spec.worldbody, touching)
 
     def add_body(parent: mujoco.MjsBody, name: str, offset: tuple[float, float, float], link: Link) -> mujoco.MjsBody:
         body = parent.add_body(name=name, pos=offset)
@@ -120,12 +126,12 @@ def mujoco_spec(table: RobotTable) -> mujoco.MjSpec:
                 type=mujoco.mjtGeom.mjGEOM_BOX,
                 pos=centre,
                 size=[edge / 2.0 for edge in size],
-                friction=friction,
                 rgba=[0.2, 0.2, 0.25, 1.0],
-                **contact,
+                **touching,
             )
     for name, body, offset in table.frames():
-        bodies[body].add_site(name=name, pos=offset)
+        turn = table.imu_turn if name == "imu_link" else (0.0, 0.0, 0.0)
+        bodies[body].add_site(name=name, pos=offset, quat=_quaternion(turn))
     return spec
 
 

@@ -22,6 +22,7 @@ from ..core.gait.gait import WalkPlan
 from ..errors import ConfigError
 from .describe import urdf
 from .robot_table import RobotTable
+from .upper_motion import UpperMotion
 
 GRID = 0.005  # [s] interval at which a motion is computed; the motors get a C2 spline through it
 
@@ -30,12 +31,12 @@ GRID = 0.005  # [s] interval at which a motion is computed; the motors get a C2 
 class Posture:
     """Joint and trunk positions at n times."""
 
-    q: Array  # (n, 12) [rad], in the order of RobotTable.joint_names
+    q: Array  # (n, nj) [rad], in the order of RobotTable.joint_names
     base: Array  # (n, 3) [m] origin of base_link in odom
     yaw: Array  # (n,) [rad] of the trunk, which is level
 
     def stacked(self) -> Array:
-        """(n, 16): base, yaw, joints."""
+        """(n, 4 + nj): base, yaw, joints."""
         return np.column_stack([self.base, self.yaw, self.q])
 
 
@@ -43,14 +44,14 @@ class MotorMotion:
     """Motor positions over time: a spline; still before its start and after its end."""
 
     def __init__(self, t: Array, theta: Array, start: Posture):
-        """Args: times (n,) [s]; motor positions (n, 12) [rad]; where the robot stands at the start (n = 1)."""
+        """Args: times (n,) [s]; motor positions (n, nj) [rad]; where the robot stands at the start (n = 1)."""
         self._spline = CubicSpline(t, theta, bc_type="clamped")
         self._rate = self._spline.derivative()
         self.start = start
         self.end = float(t[-1])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Motor positions [rad] and velocities [rad/s], each (n, 12), at times (n,) [s]."""
+        """Motor positions [rad] and velocities [rad/s], each (n, nj), at times (n,) [s]."""
         t = np.clip(t, self._spline.x[0], self.end)
         return self._spline(t), self._rate(t)
 
@@ -62,7 +63,7 @@ class LegKinematics:
         self.table = table
         self.model = pin.buildModelFromXML(urdf(table), pin.JointModelFreeFlyer())
         self.data = self.model.createData()
-        self.stiffness = table.joint_array(table.stiffness)
+        self.stiffness = np.array([joint.stiffness for joint in table.joints()])
         self._longest = table.thigh + table.shank
         self._ankles = [self.model.getJointId(name) for name in ("LAnkLat", "RAnkLat")]
         # Pinocchio sorts the joints by name among brothers; here as everywhere: left leg, right leg.
@@ -70,8 +71,12 @@ class LegKinematics:
         self._v = np.array(index)
         self._limits = np.array([joint.limits for joint in table.joints()]).T
 
-    def inverse(self, com: Array, T_left: Array, T_right: Array) -> Posture:
+    def inverse(self, com: Array, T_left: Array, T_right: Array, upper: Array | None = None) -> Posture:
         """Joint angles for COM (n, 3) [m] and soles (n, 4, 4) in one frame with z up.
+
+        Args:
+            com, T_left, T_right: where they have to be.
+            upper: (n, nj - 12) [rad] joints of the upper body; default: all zero.
 
         Raises:
             ConfigError: a leg is too short or too long for it, or a joint beyond its limit.
@@ -80,9 +85,11 @@ class LegKinematics:
         forward = x_left + x_right
         yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
         offset = np.zeros_like(com)
+        if upper is None:
+            upper = np.zeros((len(com), len(self.table.upper)))
         for _ in range(30):
-            q, reach = self._legs(com + offset, yaw, T_left, T_right)
-            posture = Posture(q, com + offset, yaw)
+            legs, reach = self._legs(com + offset, yaw, T_left, T_right)
+            posture = Posture(np.column_stack([legs, upper]), com + offset, yaw)
             error = com - self._com(posture)
             if reached := np.abs(error).max() < 1e-7:
                 break
@@ -104,7 +111,7 @@ class LegKinematics:
     def _legs(self, base: Array, yaw: Array, T_left: Array, T_right: Array) -> tuple[Array, Array]:
         """Both legs in closed form: the hip's axes meet in one point, and so do the ankle's.
 
-        Joints (n, 12), and the distances (n, 2) from ankle to hip; legs that are too short are straight.
+        Joints (n, 12) of the legs, and the distances (n, 2) from ankle to hip; legs that are too short are straight.
         """
         table = self.table
         R_base = _rz(yaw)
@@ -131,7 +138,7 @@ class LegKinematics:
         return q, reach
 
     def configuration(self, posture: Posture) -> Array:
-        """Pinocchio's (n, 19): position of the trunk, its quaternion x y z w, joints."""
+        """Pinocchio's (n, 7 + nj): position of the trunk, its quaternion x y z w, joints."""
         n = len(posture.yaw)
         q = np.zeros((n, self.model.nq))
         q[:, :3] = posture.base
@@ -143,12 +150,12 @@ class LegKinematics:
         return np.array([pin.centerOfMass(self.model, self.data, q).copy() for q in self.configuration(posture)])
 
     def derivatives(self, t: Array, posture: Posture) -> tuple[Array, Array]:
-        """Velocity and acceleration (n, 18) of a motion sampled at t (n,), for Pinocchio's free-flyer."""
+        """Velocity and acceleration (n, 6 + nj) of a motion sampled at t (n,), for Pinocchio's free-flyer."""
         spline = CubicSpline(t, posture.stacked(), bc_type="clamped")
         return self.twist(posture, spline(t, 1), spline(t, 2))
 
     def twist(self, posture: Posture, rate: Array, rate2: Array) -> tuple[Array, Array]:
-        """The same from the first and second derivatives (n, 16) of `posture.stacked()`."""
+        """The same from the first and second derivatives (n, 4 + nj) of `posture.stacked()`."""
         n = len(rate)
         v, a = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
         R_T = _rz(-posture.yaw)
@@ -168,9 +175,9 @@ class LegKinematics:
         return wrench
 
     def joint_torques(self, posture: Posture, v: Array, a: Array, left: Array, right: Array) -> Array:
-        """(n, 12) torques of the joints when the ground exerts left, right (n, 6) about the origin of odom."""
+        """(n, nj) torques of the joints when the ground exerts left, right (n, 6) about the origin of odom."""
         model, data = self.model, self.data
-        tau = np.empty((len(v), 12))
+        tau = np.empty((len(v), len(self._v)))
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         for k, q in enumerate(self.configuration(posture)):
             pin.forwardKinematics(model, data, q)
@@ -182,7 +189,7 @@ class LegKinematics:
     def planned_torques(
         self, posture: Posture, v: Array, a: Array, T_left: Array, T_right: Array, phase: Array
     ) -> Array:
-        """(n, 12) torques of the joints in a motion, the load shared as `share_load` does."""
+        """(n, nj) torques of the joints in a motion, the load shared as `share_load` does."""
         wrench = self.ground_wrench(posture, v, a)
         return self.joint_torques(posture, v, a, *share_load(wrench, T_left, T_right, phase))
 
@@ -236,7 +243,9 @@ def share_load(wrench: Array, T_left: Array, T_right: Array, phase: Array) -> tu
     return parts[0], parts[1]
 
 
-def plan_motion(table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int = 3) -> tuple[MotorMotion, WalkPlan]:
+def plan_motion(
+    table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int = 3, upper: UpperMotion | None = None
+) -> tuple[MotorMotion, WalkPlan]:
     """Motor positions that walk a plan, and the plan with the COM that they were made for.
 
     Args:
@@ -245,21 +254,23 @@ def plan_motion(table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int
         sag: share of the springs' deflection under the planned load by which the motors lead; 0: none, 1: all.
         passes: corrections of the COM for the mass distribution; each leaves a small part of the error of the ZMP.
             With 0 the COM is followed as it is, whatever ZMP that takes.
+        upper: how the upper body moves, if the robot has one; default: it does not.
 
     Raises:
         ConfigError: the legs cannot do it.
     """
     legs = LegKinematics(table)
     t = np.linspace(0.0, plan.duration_s, int(np.ceil(plan.duration_s / GRID)) + 1)
+    above = (upper or UpperMotion()).angles(table, plan, t)
     for _ in range(passes):
         point = plan.sample_many(t)
-        posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
+        posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right, above)
         wrench = legs.ground_wrench(posture, *legs.derivatives(t, posture))
         com = point.com.copy()
         com[:, :2] += _pendulum(point.zmp[:, :2] - zmp_of(wrench, 0.0), t[1] - t[0], plan.parameters.omega)
         plan = plan.with_com(t, com)
     point = plan.sample_many(t)
-    posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right)
+    posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right, above)
     v, a = legs.derivatives(t, posture)
     tau = legs.planned_torques(posture, v, a, point.T_odom_left, point.T_odom_right, point.phase)
     theta = posture.q + sag * tau / legs.stiffness
@@ -278,7 +289,7 @@ def _pendulum(zmp: Array, dt: float, omega: float) -> Array:
 
 
 def follow(legs: LegKinematics, references: Sequence[Reference], sag: float = 0.8) -> tuple[Array, Posture]:
-    """Motor positions (12,) and posture for a live stream of references.
+    """Motor positions (nj,) and posture for a live stream of references.
 
     Args:
         legs: the robot.

@@ -23,12 +23,12 @@ class Motors:
     """State of twelve motors that yield under the load of their springs."""
 
     def __init__(self, options: MotorOptions, theta: Array):
-        """Args: options; positions (12,) [rad] to start from, at rest."""
+        """Args: options; positions (nj,) [rad] to start from, at rest."""
         self._options = options
         self.theta, self.rate = theta.copy(), np.zeros_like(theta)
 
     def step(self, reference: Array, reference_rate: Array, spring_torque: Array, dt: float) -> None:
-        """One semi-implicit Euler step [s], with references (12,) [rad, rad/s] and the springs' torques (12,) [Nm]."""
+        """One semi-implicit Euler step [s], with references (nj,) [rad, rad/s] and the springs' torques (nj,) [Nm]."""
         o = self._options
         torque = o.kp * (reference - self.theta) + o.kd * (reference_rate - self.rate)
         self.rate = self.rate + dt / o.inertia * (torque - spring_torque)

@@ -28,12 +28,15 @@ from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wren
 from ..output import OutputFolder
 from ..progress import Progress
 from ..topics import DESCRIPTION, INPUT_TOPICS
+from .contact import Contact, Floor
+from .controller import Controller
 from .describe import urdf
 from .disturbances import Disturbance
 from .motion import MotorMotion, plan_motion
 from .motors import MotorOptions
 from .robot_table import COMAN, ROBOTS, RobotTable
 from .sensors import SensorOptions
+from .upper_motion import UpperMotion
 from .virtual_robot import Motion, Truth, VirtualRobot
 
 REFERENCE_RATE = 200.0  # [Hz] of com/reference at most
@@ -110,6 +113,11 @@ def record(
     force: bool = False,
     progress: Progress | None = None,
     planned: tuple[MotorMotion, WalkPlan] | None = None,
+    upper: UpperMotion | None = None,
+    contact: Contact | None = None,
+    floor: Floor | None = None,
+    controller: Controller | None = None,
+    reference: bool = True,
 ) -> RecordedBag:
     """Plans a gait, walks the virtual robot through it, writes the bag `out` and the truth `out`.truth.npz.
 
@@ -127,6 +135,9 @@ def record(
         force: replace an existing bag.
         progress: called now and then.
         planned: what `plan_recording` makes of the same walk and robot, if it is known already.
+        upper: how the upper body moves, if the robot has one.
+        contact, floor, controller: see VirtualRobot.
+        reference: whether `com/reference` is published.
 
     Raises:
         ConfigError: the gait, the robot or an option is not possible.
@@ -140,18 +151,22 @@ def record(
         walk = robot_gait(robot, walk, duration_s, **(changes or {}))
     elif duration_s is not None or changes:
         raise ConfigError("duration, changes: only with a named gait; GaitParameters have all of it")
-    body = VirtualRobot(robot, sensors, disturbances, motors, seed)
+    body = VirtualRobot(robot, sensors, disturbances, motors, seed, contact=contact, floor=floor, controller=controller)
     destination = _Destination(out, force)
     if progress:
         progress(0.0, "planning the motion")
-    motion, plan = planned or plan_recording(walk, robot, sag)
-    return _run(body, motion, plan, destination, plan.duration_s, progress)
+    motion, plan = planned or plan_recording(walk, robot, sag, upper)
+    return _run(body, motion, plan if reference else None, destination, plan.duration_s, progress)
 
 
-def plan_recording(walk: GaitParameters, robot: RobotTable, sag: float = 0.8) -> tuple[MotorMotion, WalkPlan]:
-    """Motion of the motors and plan of a gait; the figures of `record`."""
+def plan_recording(
+    walk: GaitParameters, robot: RobotTable, sag: float = 0.8, upper: UpperMotion | None = None
+) -> tuple[MotorMotion, WalkPlan]:
+    """Motion of the motors and plan of a gait; the arguments of `record`."""
     plan = plan_walk(walk)
-    return plan_motion(robot, plan, sag) if walk.steps else plan_motion(robot, sway(plan), sag, passes=0)
+    if walk.steps:
+        return plan_motion(robot, plan, sag, upper=upper)
+    return plan_motion(robot, sway(plan), sag, passes=0, upper=upper)
 
 
 def record_motion(

@@ -25,7 +25,7 @@ _DAMPING = {"HipSag": 12.0, "HipLat": 12.0, "HipYaw": 8.0, "KneeSag": 4.0, "AnkS
 
 @dataclass(frozen=True)
 class Link:
-    """A body: a box of even density, but with its centre of mass where it is told.
+    """A body: a box of even density, but with its centre of mass as given.
 
     Of a leg: the left one; y is mirrored on the right. Origin: the joint that moves it.
     """
@@ -101,6 +101,8 @@ class RobotTable:
     imu_height: float = 0.077  # [m] above base_link (c)
     motor_inertia: float = 0.139  # [kg m^2] reflected to the link side; used by motors with dynamics only
     friction: float = 0.8  # between sole and floor
+    upper: tuple[Joint, ...] = ()  # joints above the legs, parents before children; they hang on base_link
+    imu_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] roll, pitch, yaw of imu_link in base_link
     # Gait parameters that suit the robot: knees bent; ZMP ahead of the ankle, well inside the foot.
     gait: dict[str, float] = field(
         default_factory=lambda: {"com_height_m": 0.38, "zmp_offset_x_m": 0.02, "step_width_m": 0.1452}
@@ -109,15 +111,19 @@ class RobotTable:
     @property
     def mass(self) -> float:
         """Mass of the whole robot [kg]."""
-        return self.trunk.mass + 2.0 * self.leg_mass
+        return self.trunk.mass + 2.0 * self.leg_mass + sum(joint.link.mass for joint in self.upper)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The twelve joints, left leg first, hip to ankle: the order of all joint arrays of the virtual robot."""
+        """Left leg from hip to ankle, right leg, upper body: the order of all joint arrays of the virtual robot."""
         return tuple(joint.name for joint in self.joints())
 
     def joints(self) -> list[Joint]:
-        """The tree, parents before children."""
+        """The tree, parents before children: both legs, then the upper body."""
+        return [*self.leg_joints(), *self.upper]
+
+    def leg_joints(self) -> list[Joint]:
+        """The twelve joints of the legs, left leg first."""
         axes = {"Sag": (0.0, 1.0, 0.0), "Lat": (1.0, 0.0, 0.0), "Yaw": (0.0, 0.0, 1.0)}
         scale = self.leg_mass / sum(link.mass for link in self.links.values())
         joints = []
@@ -150,7 +156,7 @@ class RobotTable:
         return joints
 
     def frames(self) -> list[tuple[str, str, tuple[float, float, float]]]:
-        """Frames without mass: name, body, offset [m]; none is turned against its body."""
+        """Frames without mass: name, body, offset [m]; only imu_link may be turned against its body (`imu_turn`)."""
         legs = [
             (frame + name, frame + "foot", (0.0, 0.0, -z))
             for _, frame, _ in SIDES
@@ -159,8 +165,8 @@ class RobotTable:
         return [("imu_link", "base_link", (0.0, 0.0, self.imu_height)), *legs]
 
     def joint_array(self, values: dict[str, float]) -> Array:
-        """(12,) in the order of `joint_names`, both legs alike, from values by joint name without the side."""
-        return np.array([values[name[1:]] for name in self.joint_names])
+        """(12,) for the legs, both alike, from values by joint name without the side."""
+        return np.array([values[joint.name[1:]] for joint in self.leg_joints()])
 
 
 COMAN = RobotTable()
@@ -198,4 +204,65 @@ SMALL = replace(
     sensor_below_ankle=0.04,
     gait={"com_height_m": 0.30, "zmp_offset_x_m": 0.015, "step_width_m": 0.12},
 )
+
+
+def with_upper_body(table: RobotTable) -> RobotTable:
+    """The robot with a waist of three joints, two arms of four, and a head: 24 joints, half a trunk heavier.
+
+    The trunk becomes the pelvis. Springs are stiffer by what the robot is heavier, and the COM is higher.
+    """
+    mass, (depth, width, height) = table.trunk.mass, table.trunk.box
+    arm = 0.9 * (table.thigh + table.shank)
+
+    def box(share: float, *edges: float, com: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Link:
+        return Link(share * mass, com, (edges[0], edges[1], edges[2]))
+
+    joints = [
+        _upper("WaistYaw", "z", "base_link", "waist_1", (0.0, 0.0, 0.6 * height), box(0.04, 0.05, 0.05, 0.05)),
+        _upper("WaistSag", "y", "waist_1", "waist_2", (0.0, 0.0, 0.0), box(0.04, 0.05, 0.05, 0.05)),
+        _upper(
+            "WaistLat", "x", "waist_2", "torso", (0.0, 0.0, 0.0),
+            box(0.52, depth, 1.1 * width, 1.3 * height, com=(0.0, 0.0, 0.6 * height)),
+        ),
+        _upper("NeckYaw", "z", "torso", "head", (0.0, 0.0, 1.3 * height), box(0.08, 0.1, 0.1, 0.1, com=(0, 0, 0.05))),
+    ]  # fmt: skip
+    for prefix, frame, side in SIDES:
+        shoulder = (0.0, side * 0.7 * width, 1.1 * height)
+        half = (0.0, 0.0, -0.25 * arm)
+        joints += [
+            _upper(f"{prefix}ShSag", "y", "torso", f"{frame}shoulder_1", shoulder, box(0.03, 0.05, 0.05, 0.05)),
+            _upper(f"{prefix}ShLat", "x", f"{frame}shoulder_1", f"{frame}shoulder_2", (0.0, 0.0, 0.0),
+                   box(0.03, 0.05, 0.05, 0.05)),
+            _upper(f"{prefix}ShYaw", "z", f"{frame}shoulder_2", f"{frame}upper_arm", (0.0, 0.0, 0.0),
+                   box(0.06, 0.05, 0.05, 0.5 * arm, com=half)),
+            _upper(f"{prefix}Elbow", "y", f"{frame}upper_arm", f"{frame}forearm", (0.0, 0.0, -0.5 * arm),
+                   box(0.05, 0.05, 0.05, 0.5 * arm, com=half)),
+        ]  # fmt: skip
+    whole = replace(table, name=f"{table.name}_whole", trunk=replace(table.trunk, mass=0.5 * mass), upper=tuple(joints))
+    heavier = whole.mass / table.mass
+    return replace(
+        whole,
+        stiffness={name: 1.1 * heavier * value for name, value in table.stiffness.items()},
+        damping={name: 1.1 * heavier * value for name, value in table.damping.items()},
+        gait={**table.gait, "com_height_m": table.gait["com_height_m"] + _com_height(whole) - _com_height(table)},
+    )
+
+
+def _upper(name: str, axis: str, parent: str, child: str, offset: tuple[float, float, float], link: Link) -> Joint:
+    """A joint of the upper body, with a stiff drive."""
+    directions = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+    waist = name.startswith("Waist")
+    stiffness, damping = (3000.0, 15.0) if waist else (600.0, 3.0)
+    return Joint(name, directions[axis], parent, child, offset, link, (-2.6, 2.6), stiffness, damping)
+
+
+def _com_height(table: RobotTable) -> float:
+    """Height of the COM above base_link [m], legs straight and arms hanging."""
+    heights, moment = {"base_link": 0.0}, table.trunk.mass * table.trunk.com[2]
+    for joint in table.joints():
+        heights[joint.child] = heights[joint.parent] + joint.offset[2]
+        moment += joint.link.mass * (heights[joint.child] + joint.link.com[2])
+    return moment / table.mass
+
+
 ROBOTS = {robot.name: robot for robot in (COMAN, TALL, SMALL)}

@@ -32,21 +32,31 @@ class SensorOptions:
     rate_hz: float = 200.0  # of every stream; 1000 at most, and a whole number of physics steps apart
     encoder_bits: int = 12  # link side; 0: exact
     motor_counts: int = 819_200  # motor encoder: counts a turn after the reduction (2048 x 4 x 100); 0: exact
+    encoder_noise: float = 0.0  # [rad] white, beside the rounding
     velocity: str = "filtered"  # link velocity: filtered (counts at each physics step, low-pass), exact, none (empty)
     velocity_cutoff_hz: float = 15.0
     motor_velocity_noise: float = 0.001  # [rad/s]
     motor_states: bool = True  # False: a robot without motor encoders
-    motor_source: str = "measured"  # what motor states tell: what the encoder reads, or the command (commanded)
-    effort: bool = True  # False: a robot without torque sensors
+    motor_source: str = "measured"  # of motor states: what the encoder reads, or the command (commanded)
+    effort: bool = True  # False: a robot without torques
+    torque_source: str = "measured"  # by a sensor, or from the springs' deflection (deflection)
+    torque_gain: float = 0.0  # relative error of the gain of each torque sensor
     torque_noise: float = 0.05  # [Nm]
     torque_bias: float = 0.1  # [Nm]
-    wrench_frame: str = "sole"  # frame that wrenches are told in: sole or sensor
+    joints_every: int = 1  # periods between two messages of joint and motor states
+    wrench_every: int = 1  # of both wrenches
+    imu_every: int = 1  # of the IMU
+    wrench_frame: str = "sole"  # frame that wrenches are expressed in: sole or sensor
+    wrench_zero: float = 0.0  # [N] largest zero of a force, drawn evenly; of a moment 0.05 m times that
+    wrench_gain: float = 0.0  # relative error of the gain of each component
+    cross_talk: float = 0.0  # share of each component that shows in each other one (moments count at 0.1 m)
     force_noise: tuple[float, float, float] = (1.0, 1.0, 1.5)  # [N]
     force_bias: tuple[float, float, float] = (0.7, 0.7, 1.5)  # [N]
     force_walk: float = 0.1  # [N]
     moment_noise: tuple[float, float, float] = (0.04, 0.04, 0.03)  # [Nm]
     moment_bias: tuple[float, float, float] = (0.03, 0.03, 0.02)  # [Nm]
     moment_walk: float = 0.003  # [Nm]
+    imu: bool = True  # False: nothing is published of the IMU; a stabiliser still has it
     tilt_noise: float = 0.0005  # [rad] orientation, white
     tilt_bias: float = 0.002  # [rad]
     yaw_walk: float = 0.0005  # [rad]
@@ -68,11 +78,15 @@ class SensorOptions:
             ("velocity", ("filtered", "exact", "none")),
             ("motor_source", ("measured", "commanded")),
             ("wrench_frame", ("sole", "sensor")),
+            ("torque_source", ("measured", "deflection")),
         ):
             if getattr(self, name) not in allowed:
                 raise ConfigError(f"sensors: {name} = {getattr(self, name)!r}: allowed: {', '.join(allowed)}")
         if not 1.0 <= self.rate_hz <= 1000.0:
             raise ConfigError(f"sensors: rate_hz = {self.rate_hz:g}: allowed: 1 to 1000")
+        for name in ("joints_every", "wrench_every", "imu_every"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"sensors: {name} = {getattr(self, name)}: allowed: 1 and more")
         if self.drop >= 1.0:
             raise ConfigError(f"sensors: drop = {self.drop:g}: allowed: 0 to below 1")
 
@@ -84,19 +98,25 @@ class SensorOptions:
             for f in fields(cls)
             if isinstance(f.default, (int, float, tuple)) and not isinstance(f.default, bool)
         }
-        keep = {"rate_hz": 200.0, "velocity_cutoff_hz": 15.0, "velocity": "exact", "phase_spread": False}
+        keep: dict[str, Any] = dict.fromkeys(("joints_every", "wrench_every", "imu_every"), 1)
+        keep |= {"rate_hz": 200.0, "velocity_cutoff_hz": 15.0, "velocity": "exact", "phase_spread": False}
         return replace(cls(), **(zeros | keep | overrides))
+
+
+_ZERO = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])  # moments at 0.05 m
+_UNITS = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # moments at 0.1 m
+_CROSS = np.outer(_UNITS, 1.0 / _UNITS) * (1.0 - np.eye(6))
 
 
 @dataclass
 class Signals:
     """True signals at one sampling instant; each stream's part is filled at that stream's own instant."""
 
-    q: Array  # (m, 12) [rad] link positions at the last m physics steps, newest last
-    qd: Array  # (12,) [rad/s]
-    tau: Array  # (12,) [Nm] that the transmissions pass on
-    motor_q: Array  # (12,) [rad]
-    motor_qd: Array  # (12,) [rad/s]
+    q: Array  # (m, nj) [rad] link positions at the last m physics steps, newest last
+    qd: Array  # (nj,) [rad/s]
+    tau: Array  # (nj,) [Nm] that the transmissions pass on
+    motor_q: Array  # (nj,) [rad]
+    motor_qd: Array  # (nj,) [rad/s]
     left_wrench: Array  # (6,) of the ground on the foot, in the sole frame [N, Nm]
     right_wrench: Array  # (6,)
     orientation: Array  # (4,) quaternion x y z w, world <- imu
@@ -134,29 +154,41 @@ class Sensors:
         self.options, self.steps, self._dt, self._start_ns = options, round(steps), dt, start_ns
         self._names = table.joint_names
         # Each stream has its own random numbers: to switch one imperfection leaves the others as they were.
-        keys = ("bias", "joints", "motors", "left_wrench", "right_wrench", "imu", "stamps", "drop")
-        self._rng = dict(
-            zip(keys, (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(8)), strict=True)
-        )
-        o, rng = options, self._rng["bias"]
+        keys = ("bias", "joints", "motors", "left_wrench", "right_wrench", "imu", "stamps", "drop", "gains", "encoders")
+        seeds = np.random.SeedSequence(seed).spawn(len(keys))
+        self._rng = {key: np.random.default_rng(each) for key, each in zip(keys, seeds, strict=True)}
+        o, rng, nj = options, self._rng["bias"], len(self._names)
         phases = rng.integers(0, self.steps, len(STREAMS)) if o.phase_spread else np.zeros(len(STREAMS), dtype=int)
         phases[0] = 0  # the joints' clock is the robot's
         self.phase = dict(zip(STREAMS, (int(p) for p in phases), strict=True))  # physics steps into the period
         self._count = 2.0 * np.pi / (1 << o.encoder_bits) if o.encoder_bits else 0.0
         self._motor_count = 2.0 * np.pi / o.motor_counts if o.motor_counts else 0.0
         # The encoder's zero is nowhere special: the grid of counts lies shifted by a part of a count.
-        self._grid = self._count * rng.uniform(-0.5, 0.5, 12)
-        self._torque_bias = o.torque_bias * rng.standard_normal(12)
+        self._grid = self._count * rng.uniform(-0.5, 0.5, nj)
+        self._torque_bias = o.torque_bias * rng.standard_normal(nj)
         self._wrench_noise = np.array([*o.force_noise, *o.moment_noise])
         self._wrench_walk = np.repeat([o.force_walk, o.moment_walk], 3) * np.sqrt(self.steps * dt)
         bias = np.array([*o.force_bias, *o.moment_bias])
-        self._wrench_bias = {foot: bias * rng.standard_normal(6) for foot in ("left_wrench", "right_wrench")}
+        feet, gains = ("left_wrench", "right_wrench"), self._rng["gains"]
+        self._wrench_bias = {foot: bias * rng.standard_normal(6) for foot in feet}
+        self._wrench_gain = {}
+        for foot in feet:
+            self._wrench_bias[foot] += o.wrench_zero * _ZERO * gains.uniform(-1.0, 1.0, 6)
+            self._wrench_gain[foot] = np.diag(
+                1.0 + o.wrench_gain * gains.standard_normal(6)
+            ) + o.cross_talk * _CROSS * (gains.standard_normal((6, 6)))
+        self._exact_gain = o.wrench_gain == 0.0 and o.cross_talk == 0.0
+        self._torque_gain = 1.0 + o.torque_gain * gains.standard_normal(nj)
+        self._stiffness, self._damping = (
+            np.array([getattr(joint, name) for joint in table.joints()]) for name in ("stiffness", "damping")
+        )
+        self._period = 0
         self._tilt = np.array([o.tilt_bias, o.tilt_bias, 0.0]) * rng.standard_normal(3)
         self._gyro_bias = o.gyro_bias * rng.standard_normal(3)
         self._acceleration_bias = o.acceleration_bias * rng.standard_normal(3)
         self._smooth = np.exp(-2.0 * np.pi * o.velocity_cutoff_hz * dt)
         self._last_count: Array | None = None
-        self._velocity_state = np.zeros((1, 12))
+        self._velocity_state = np.zeros((1, nj))
         below = table.ankle_height - table.sensor_below_ankle
         self._lever = (0.0, 0.0, below) if o.wrench_frame == "sensor" else None
         self._frame = "ft" if o.wrench_frame == "sensor" else "sole"
@@ -171,26 +203,39 @@ class Sensors:
             for i, name in enumerate(STREAMS)
         }
         q, qd = self._link(s)
-        effort = s.tau + self._torque_bias + o.torque_noise * self._rng["joints"].standard_normal(12)
-        joints = JointMessage(stamps["joints"], self._names, q, qd, effort if o.effort else None)
-        noise = self._rng["motors"].standard_normal(12)
+        noise = self._rng["motors"].standard_normal(len(s.tau))
         motor_q = self._motor_count * np.round(s.motor_q / self._motor_count) if self._motor_count else s.motor_q.copy()
-        motors = JointMessage(stamps["joints"], self._names, motor_q, s.motor_qd + o.motor_velocity_noise * noise, None)
+        motor_qd = s.motor_qd + o.motor_velocity_noise * noise
+        effort = self._effort(s, motor_q - q, motor_qd, qd)
+        joints = JointMessage(stamps["joints"], self._names, q, qd, effort if o.effort else None)
+        motors = JointMessage(stamps["joints"], self._names, motor_q, motor_qd, None)
         left = self._wrench("left_wrench", f"l_{self._frame}", stamps, s.left_wrench)
         right = self._wrench("right_wrench", f"r_{self._frame}", stamps, s.right_wrench)
         imu = self._imu(stamps["imu"], s)
+        due = {name: self._period % getattr(o, f"{name}_every") == 0 for name in ("joints", "wrench", "imu")}
+        self._period += 1
         return Readings(
             t,
-            None if drop[0] else joints,
-            None if drop[1] or not o.motor_states else motors,
-            None if drop[2] else left,
-            None if drop[3] else right,
-            None if drop[4] else imu,
+            joints if due["joints"] and not drop[0] else None,
+            motors if due["joints"] and not drop[1] and o.motor_states else None,
+            left if due["wrench"] and not drop[2] else None,
+            right if due["wrench"] and not drop[3] else None,
+            imu if due["imu"] and not drop[4] else None,
         )
+
+    def _effort(self, s: Signals, deflection: Array, motor_qd: Array, qd: Array | None) -> Array:
+        """Joint torques (nj,) [Nm], by a sensor or from what the encoders of both sides read."""
+        noise = self.options.torque_noise * self._rng["joints"].standard_normal(len(s.tau))
+        if self.options.torque_source == "measured":
+            return self._torque_gain * s.tau + self._torque_bias + noise
+        tau = self._stiffness * deflection
+        return tau if qd is None else tau + self._damping * (motor_qd - qd)
 
     def _link(self, s: Signals) -> tuple[Array, Array | None]:
         """Position and velocity as the joint boards make them from the counts."""
         q = s.q
+        if self.options.encoder_noise:
+            q = q + self.options.encoder_noise * self._rng["encoders"].standard_normal(q.shape)
         if self._count:
             q = self._count * np.round((q - self._grid) / self._count) + self._grid
         if self._last_count is None:
@@ -212,10 +257,13 @@ class Sensors:
         force, moment = wrench[:3], wrench[3:]
         if self._lever is not None:
             moment = moment - cross(self._lever, force)
-        # The errors are the sensor's own, in whichever frame its values are told.
-        told = np.concatenate([force, moment]) + self._wrench_bias[foot]
-        told += self._wrench_noise * rng.standard_normal(6)
-        return WrenchMessage(stamps[foot], frame, told[:3], told[3:])
+        # The errors are the sensor's own, in whichever frame its values are expressed.
+        values = np.concatenate([force, moment])
+        if not self._exact_gain:
+            values = self._wrench_gain[foot] @ values
+        values = values + self._wrench_bias[foot]
+        values += self._wrench_noise * rng.standard_normal(6)
+        return WrenchMessage(stamps[foot], frame, values[:3], values[3:])
 
     def _imu(self, stamp: int, s: Signals) -> ImuMessage:
         o, noise = self.options, self._rng["imu"].standard_normal((4, 3))

@@ -18,6 +18,8 @@ import mujoco
 import numpy as np
 
 from ..core.base.types import Array
+from .contact import Contact, Floor
+from .controller import Controller, Stabiliser
 from .describe import mujoco_spec
 from .disturbances.base import Disturbance, foot_body, overrides
 from .disturbances.floor import plate_body
@@ -27,7 +29,7 @@ from .robot_table import COMAN, RobotTable
 from .sensors import Readings, SensorOptions, Sensors, Signals, cross
 
 START_NS = 1_700_000_000_000_000_000  # stamp at t = 0; fixed, so that a seed gives the same bag at any time
-Motion = Callable[[Array], "tuple[Array, Array]"]  # times (n,) -> motor positions, velocities (n, 12)
+Motion = Callable[[Array], "tuple[Array, Array]"]  # times (n,) -> motor positions, velocities (n, nj)
 
 
 @dataclass(slots=True)
@@ -43,11 +45,11 @@ class Truth:
     T_right: Array  # (4, 4)
     left_wrench: Array  # (6,) of the ground on the foot, in its sole frame [N, Nm]
     right_wrench: Array  # (6,)
-    q: Array  # (12,) [rad]
-    qd: Array  # (12,) [rad/s]
-    motor_q: Array  # (12,) [rad]
-    motor_qd: Array  # (12,) [rad/s]
-    tau: Array  # (12,) [Nm] transmitted
+    q: Array  # (nj,) [rad]
+    qd: Array  # (nj,) [rad/s]
+    motor_q: Array  # (nj,) [rad]
+    motor_qd: Array  # (nj,) [rad/s]
+    tau: Array  # (nj,) [Nm] transmitted
 
 
 class VirtualRobot:
@@ -57,7 +59,7 @@ class VirtualRobot:
         t: time since `reset` [s].
         truth: the last step's truth; None before the first one.
         table, model, data: the robot, and MuJoCo's model and state of it.
-        stiffness, damping: of the joints (12,), as they really are [Nm/rad, Nms/rad].
+        stiffness, damping: of the joints (nj,), as they really are [Nm/rad, Nms/rad].
         start_ns: stamp at t = 0 [ns].
     """
 
@@ -69,6 +71,9 @@ class VirtualRobot:
         motors: MotorOptions | None = None,
         seed: int = 0,
         start_ns: int = START_NS,
+        contact: Contact | None = None,
+        floor: Floor | None = None,
+        controller: Controller | None = None,
     ):
         """Builds it.
 
@@ -79,12 +84,14 @@ class VirtualRobot:
             motors: None: the motors follow their references exactly (A1).
             seed: of all random numbers.
             start_ns: stamp at t = 0 [ns].
+            contact, floor: how soles meet the floor, and its shape; default: a hard plane.
+            controller: a stabiliser; default: the motors follow their plan, open loop.
 
         Raises:
             ConfigError: an option or a disturbance is not possible.
         """
         self.table = table
-        spec = mujoco_spec(table)
+        spec = mujoco_spec(table, contact, floor)
         for disturbance in disturbances:
             disturbance.edit_model(spec, table)
             motors = disturbance.motor_loop(motors)
@@ -94,6 +101,7 @@ class VirtualRobot:
         self.t = 0.0
         self._motor_options, self._seed, self.start_ns = motors, seed, start_ns
         self._options = sensors or SensorOptions()
+        self._controller = controller or Controller()
         self.disturbances = list(disturbances)
         self.stiffness = self.model.actuator_gainprm[:, 0].copy()
         self.damping = -self.model.actuator_biasprm[:, 2]
@@ -124,7 +132,7 @@ class VirtualRobot:
         """Sets the robot on its feet and lets it come to rest on its springs.
 
         Args:
-            motion: motor positions and velocities (n, 12) at times (n,) from now on.
+            motion: motor positions and velocities (n, nj) at times (n,) from now on.
             start: where it stands; default: `motion.start`.
             settle_s: [s] spent with the motors still, before t = 0.
         """
@@ -135,6 +143,7 @@ class VirtualRobot:
         data.qpos[3:7] = [np.cos(start.yaw[0] / 2.0), 0.0, 0.0, np.sin(start.yaw[0] / 2.0)]
         data.qpos[self._q] = start.q[0]
         self.sensors = Sensors(self._options, self.table, model.opt.timestep, self.start_ns, self._seed)
+        self._stabiliser = Stabiliser(self._controller, self.table, self.period)
         for disturbance in self.disturbances:
             disturbance.start(self.table, model, rng)
         self._move = overrides(self.disturbances, "move_motors")
@@ -149,7 +158,7 @@ class VirtualRobot:
         self.t = -steps * model.opt.timestep
         for first in range(0, steps, 100):
             n = min(100, steps - first)
-            self._physics(np.tile(theta, (n, 1)), np.zeros((n, 12)), {})
+            self._physics(np.tile(theta, (n, 1)), np.zeros((n, len(theta))), {})
         self.motion, self._period_index, self.truth = motion, 0, None
 
     def step(self) -> Readings:
@@ -158,6 +167,9 @@ class VirtualRobot:
         self.t = t = self._period_index * n * dt
         times = t + dt * np.arange(n)
         theta, rate = self.motion(times)
+        if self._controller.kind != "none":
+            offset, offset_rate = self._stabiliser.over(n, dt)
+            theta, rate = theta + offset, rate + offset_rate
         samples: dict[int, list[str]] = {}
         for name, phase in self.sensors.phase.items():
             samples.setdefault(phase, []).append(name)
@@ -167,14 +179,18 @@ class VirtualRobot:
         self.t = self._period_index * n * dt
         for disturbance in self._sense:
             disturbance.sense(t, self._signals)
-        return self.sensors.read(t, self._signals)
+        readings = self.sensors.read(t, self._signals)
+        self._stabiliser.update(readings)
+        if not self._options.imu:  # the robot may have one without publishing it
+            readings.imu = None
+        return readings
 
     def advance(self, dt: float) -> list[Readings]:
         """Steps until dt [s] more have passed, to the nearest period."""
         return [self.step() for _ in range(round(dt / self.period))]
 
     def _physics(self, theta: Array, rate: Array, samples: dict[int, list[str]]) -> None:
-        """Physics steps, one a row of the motor references (n, 12); samples: streams to read at a step."""
+        """Physics steps, one a row of the motor references (n, nj); samples: streams to read at a step."""
         model, data, dt = self.model, self.data, self.model.opt.timestep
         self._command = theta, rate
         if self._move:
@@ -182,7 +198,7 @@ class VirtualRobot:
             for disturbance in self._move:
                 theta, rate = disturbance.move_motors(times, theta, rate)
         ctrl = theta + self._lead * rate
-        history = np.empty((len(theta), 12))
+        history = np.empty(theta.shape)
         slow = bool(self._springs or self._forces or self._motors)
         for i in range(len(theta)):
             history[i] = data.qpos[self._q]
@@ -219,7 +235,7 @@ class VirtualRobot:
             theta, rate = self._motors.theta, self._motors.rate
             ctrl[i] = theta + self._lead * rate
         deflection, deflection_rate = theta - data.qpos[self._q], rate - data.qvel[self._v]
-        extra = np.zeros(12)
+        extra = np.zeros_like(deflection)
         for disturbance in self._springs:
             extra += disturbance.spring_torque(t, deflection, deflection_rate)
         data.qfrc_applied[:] = 0.0

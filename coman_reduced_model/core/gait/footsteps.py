@@ -75,9 +75,11 @@ def place_footsteps(p: GaitParameters, left: Array, right: Array) -> list[Footst
         stance = swing.other
         body = compose(feet[stance], 0.0, -side(stance) * p.step_width_m / 2)
         if i < p.steps - 1:
-            lateral = 2.0 * p.lateral_m if p.lateral_m * side(swing) > 0.0 else 0.0
-            c, s = math.cos(p.turn_rad / 2), math.sin(p.turn_rad / 2)  # along the chord of the arc
-            body = compose(body, c * p.step_length_m - s * lateral, s * p.step_length_m + c * lateral, p.turn_rad)
+            share = 1.0 + p.variation * math.sin(math.tau * i / 8.0)
+            length, turn = share * p.step_length_m, share * p.turn_rad
+            lateral = 2.0 * share * p.lateral_m if share * p.lateral_m * side(swing) > 0.0 else 0.0
+            c, s = math.cos(turn / 2), math.sin(turn / 2)  # along the chord of the arc
+            body = compose(body, c * length - s * lateral, s * length + c * lateral, turn)
         feet[swing] = compose(body, 0.0, side(swing) * p.step_width_m / 2)
         t_lift = p.stand_before_s + p.double_support_s + i * (p.single_support_s + p.double_support_s)
         steps.append(Footstep(swing, feet[swing], t_lift, t_lift + p.single_support_s))

@@ -29,6 +29,9 @@ class GaitParameters:
     steps: int = par(14, "", "number of steps; the last brings the feet together; 0 stands", 0, 10_000)
     turn_rad: float = par(0.0, "rad", "yaw of a step, positive to the left", -0.5, 0.5)
     lateral_m: float = par(0.0, "m", "mean sideways advance of a step, positive to the left", -0.5, 0.5)
+    variation: float = par(
+        0.0, "1", "length, turn and sideways advance of a step vary by this share, over 8 steps", 0.0, 3.0
+    )
     stand_before_s: float = par(1.0, "s", "standing before the first load transfer", 0.1, 1e6)
     stand_after_s: float = par(1.0, "s", "standing after the last load transfer", 0.1, 1e6)
     zmp_offset_x_m: float = par(0.0, "m", "ZMP ahead of the sole origin", -0.5, 0.5)
@@ -56,6 +59,7 @@ GAITS: Mapping[str, GaitParameters] = {
     "turn": GaitParameters(step_length_m=0.02, turn_rad=0.1),
     "sideways": GaitParameters(step_length_m=0.0, lateral_m=0.015),
     "wide": GaitParameters(step_width_m=0.18),
+    "changing": GaitParameters(turn_rad=0.05, variation=1.2),
 }
 
 

@@ -13,20 +13,48 @@ from typing import Any
 from ...errors import ConfigError
 from .base import Disturbance, Later, feet, joint_indices, overrides
 from .floor import ExternalForce, FootSlip, GroundCompliance, GroundSlope, TouchdownImpact
-from .masses import ComOffset, Payload, Scatter
+from .imperfections import Imperfections
+from .masses import BodyMass, ComOffset, Payload, Scatter
 from .motors import MotorCompliance, MotorLag, TransportDelay
-from .outside import EccentricEncoder, PeriodicPush, SloshingLoad, SwingingArms, TwistedSensor
-from .sensors import EncoderBias, EncoderDelay, WrenchBias, WrenchDelay, WrenchScale
-from .springs import Backlash, JointDamping, JointFriction, JointStiffness, SpringNonlinearity
+from .outside import (
+    CableDrag,
+    Cogging,
+    EccentricEncoder,
+    LateClock,
+    PeriodicPush,
+    SloshingLoad,
+    StaleStream,
+    SwingingArms,
+    ThermalDrift,
+)
+from .sensors import (
+    EncoderBias,
+    EncoderDelay,
+    SensorRotation,
+    WrenchBias,
+    WrenchCrossTalk,
+    WrenchDelay,
+    WrenchScale,
+)
+from .springs import (
+    Backlash,
+    Hysteresis,
+    JointDamping,
+    JointFriction,
+    JointStiffness,
+    SpringNonlinearity,
+    StiffnessDrift,
+)
 
 _ALL: tuple[type[Disturbance], ...] = (
-    *(SpringNonlinearity, Backlash, JointFriction, JointStiffness, JointDamping),
+    *(SpringNonlinearity, Backlash, Hysteresis, JointFriction, JointStiffness, StiffnessDrift, JointDamping),
     *(MotorLag, TransportDelay, MotorCompliance),
-    *(Payload, ComOffset),
+    *(Payload, ComOffset, BodyMass),
     *(GroundCompliance, GroundSlope, ExternalForce, FootSlip, TouchdownImpact),
-    *(EncoderBias, EncoderDelay, WrenchDelay, WrenchScale, WrenchBias),
-    *(SloshingLoad, SwingingArms, PeriodicPush, EccentricEncoder, TwistedSensor),
-    Scatter,
+    *(EncoderBias, EncoderDelay, WrenchDelay, WrenchScale, WrenchBias, SensorRotation, WrenchCrossTalk),
+    *(SloshingLoad, SwingingArms, PeriodicPush, CableDrag),
+    *(EccentricEncoder, ThermalDrift, Cogging, StaleStream, LateClock),
+    *(Scatter, Imperfections),
 )
 DISTURBANCES: dict[str, type[Disturbance]] = {kind.name: kind for kind in _ALL}
 

@@ -37,8 +37,8 @@ class Disturbance:
             parameter = replace(f.metadata["parameter"], name=f.name)
             setattr(self, f.name, parameter.check(getattr(self, f.name), self.name))
 
-    def told(self) -> dict[str, Any]:
-        """Name, place and parameters, as a verdict tells them."""
+    def to_dict(self) -> dict[str, Any]:
+        """Name, place and parameters, as a verdict has them."""
         values = asdict(self)
         return {"name": self.name, "where": values.pop("where", ""), "parameters": values}
 
@@ -57,18 +57,18 @@ class Disturbance:
 
         Args:
             t: (n,) [s] consecutive physics steps.
-            theta: (n, 12) [rad] references.
-            theta_rate: (n, 12) [rad/s].
+            theta: (n, nj) [rad] references.
+            theta_rate: (n, nj) [rad/s].
         """
         return theta, theta_rate
 
     def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
-        """Torque (12,) [Nm] that springs transmit beside k deflection + d rate.
+        """Torque (nj,) [Nm] that springs transmit beside k deflection + d rate.
 
         Args:
             t: [s].
-            deflection: (12,) motor minus link [rad].
-            rate: (12,) its derivative [rad/s].
+            deflection: (nj,) motor minus link [rad].
+            rate: (nj,) its derivative [rad/s].
         """
         return np.zeros_like(deflection)
 
@@ -99,8 +99,8 @@ class Later(Disturbance):
     def __repr__(self) -> str:
         return f"Later({self.effect!r}, {self.after:g} s)"
 
-    def told(self) -> dict[str, Any]:
-        return {**self.effect.told(), "after": self.after}
+    def to_dict(self) -> dict[str, Any]:
+        return {**self.effect.to_dict(), "after": self.after}
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         self.effect.start(table, model, rng)
@@ -130,15 +130,16 @@ def overrides(disturbances: Sequence[Disturbance], hook: str) -> list[Disturbanc
 
 
 def joint_indices(table: RobotTable, where: str) -> list[int]:
-    """Joints that a place names: a joint (LKneeSag), a kind (KneeSag: both sides), left, right, or "" for all.
+    """Joints of the legs that a place names: a joint (LKneeSag), a kind (KneeSag: both sides), left, right, "" for all.
 
     Raises:
         ConfigError: no joint has that name.
     """
+    legs = [joint.name for joint in table.leg_joints()]
     side = {"left": "L", "right": "R"}.get(where)
-    found = [i for i, name in enumerate(table.joint_names) if where in ("", name, name[1:]) or name[0] == side]
+    found = [i for i, name in enumerate(legs) if where in ("", name, name[1:]) or name[0] == side]
     if not found:
-        places = ", ".join((*table.links, *table.joint_names))
+        places = ", ".join((*table.links, *legs))
         raise ConfigError(f"where = {where!r}: allowed: left, right, {places}, or nothing for all")
     return found
 

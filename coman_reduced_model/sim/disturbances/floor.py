@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...core.base.parameter import par
 from ...core.base.types import Array
@@ -98,9 +99,8 @@ class GroundSlope(Disturbance):
 
     def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
         """See Disturbance."""
-        g = float(np.linalg.norm(spec.option.gravity))
-        cr, sr, cp, sp = np.cos(self.roll), np.sin(self.roll), np.cos(self.pitch), np.sin(self.pitch)
-        spec.option.gravity = [g * sp, -g * sr * cp, -g * cr * cp]
+        turn = Rotation.from_euler("xyz", [self.roll, self.pitch, 0.0])  # two slopes add up
+        spec.option.gravity = turn.inv().apply(spec.option.gravity)
 
     def sense(self, t: float, signals: Signals) -> None:
         """See Disturbance."""
@@ -155,16 +155,21 @@ class _Landings:
             yield foot, t - self.since[foot]
 
 
+_SLIDES = {"smooth": (0.05, 0.15), "sudden": (0.1, 0.03), "creep": (0.0, 0.5)}  # begin, length [s] after landing
+
+
 @dataclass
 class FootSlip(Disturbance):
     """A foot that bears slides back along its own x axis in each step, from 0.05 to 0.2 s after it came down.
 
-    Its plate on the floor stays, driven against the foot by `distance`, and goes back under the lifted foot.
+    Its plate on the floor stays, driven against the foot by `distance`, and goes back under the lifted foot. Other
+    forms: `sudden` (0.1 to 0.13 s), `creep` (steadily for 0.5 s).
     """
 
     name: ClassVar[str] = "foot_slip"
     where: str = par("", "", "left or right foot; empty: both")
     distance: float = par(0.0, "m", "backwards, in each step", -0.1, 0.1)
+    form: str = par("smooth", "", "when it slides", choices=("smooth", "sudden", "creep"))
 
     def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
         """See Disturbance."""
@@ -186,8 +191,9 @@ class FootSlip(Disturbance):
         for foot, since in self._landings(t, data):
             at = self._target[foot]
             if since >= 0.0:
-                s = min(max((since - 0.05) / 0.15, 0.0), 1.0)
-                model.qpos_spring[at] = self.distance * s * s * (3.0 - 2.0 * s)
+                begin, length = _SLIDES[self.form]
+                s = min(max((since - begin) / length, 0.0), 1.0)
+                model.qpos_spring[at] = self.distance * (s if self.form == "creep" else s * s * (3.0 - 2.0 * s))
             else:
                 now = model.qpos_spring[at]
                 model.qpos_spring[at] = now - np.clip(now, -self._rate, self._rate)
@@ -197,14 +203,16 @@ class FootSlip(Disturbance):
 class TouchdownImpact(Disturbance):
     """A hard floor: each landing brings `impulse` more than the planned soft one, upwards along the leg.
 
-    A half sine of 10 ms from when the falling sole is 1 mm above the floor. For so short a blow the motors hold the
+    A half sine of 10 ms from when the falling sole is 1 mm above the floor; or `decay`: it falls off from the first
+    instant, with 8 ms; or `double`: two half sines with a pause, heel and toe. For so short a blow the motors hold the
     leg stiff: the force acts on the trunk at the hip, and the foot's sensor, through which it came, feels it on the
     line from ankle to hip. So forces and moments balance.
     """
 
     name: ClassVar[str] = "touchdown_impact"
     impulse: float = par(0.0, "Ns", "upwards, at each landing", 0.0, 20.0)
-    DURATION: ClassVar[float] = 0.01  # [s]
+    form: str = par("half_sine", "", "of the force over time", choices=("half_sine", "decay", "double"))
+    DURATION: ClassVar[float] = 0.01  # [s] of a half sine
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
@@ -219,13 +227,24 @@ class TouchdownImpact(Disturbance):
         """See Disturbance."""
         self._force[:] = 0.0
         for foot, since in self._landings(t, data):
-            if 0.0 <= since < self.DURATION:
+            if (share := self._share(since)) > 0.0:
                 hip = data.xpos[self._hips[foot]]
                 leg = hip - data.xpos[self._feet[foot]]
-                size = self.impulse * np.pi / (2.0 * self.DURATION) * np.sin(np.pi * since / self.DURATION)
-                self._force[foot] = size * leg / np.linalg.norm(leg)
+                self._force[foot] = self.impulse * share * leg / np.linalg.norm(leg)
                 data.xfrc_applied[self._trunk, :3] += self._force[foot]
                 data.xfrc_applied[self._trunk, 3:] += cross(hip - data.xipos[self._trunk], self._force[foot])
+
+    def _share(self, since: float) -> float:
+        """Of the impulse, by time [1/s], since the landing [s]."""
+        if self.form == "decay":
+            return float(np.exp(-since / 0.008) / 0.008) if 0.0 <= since < 0.05 else 0.0
+        if self.form == "double":
+            return 0.5 * (self._half_sine(since) + self._half_sine(since - 2.0 * self.DURATION))
+        return self._half_sine(since)
+
+    def _half_sine(self, since: float) -> float:
+        inside = 0.0 <= since < self.DURATION
+        return float(np.pi / (2.0 * self.DURATION) * np.sin(np.pi * since / self.DURATION)) if inside else 0.0
 
     def bear(self, foot: int, data: mujoco.MjData) -> Array:
         """See Disturbance."""

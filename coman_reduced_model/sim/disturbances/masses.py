@@ -12,7 +12,7 @@ import numpy as np
 from ...core.base.parameter import par
 from ..describe import set_spring
 from ..robot_table import RobotTable
-from .base import Disturbance
+from .base import Disturbance, joint_indices
 
 
 @dataclass
@@ -47,6 +47,24 @@ class ComOffset(Disturbance):
         """See Disturbance."""
         trunk = spec.body("base_link")
         trunk.ipos = trunk.ipos + [self.x, self.y, self.z]
+
+
+@dataclass
+class BodyMass(Disturbance):
+    """A link that is heavier or lighter than the URDF says, its inertia with it; the COM of the link stays."""
+
+    name: ClassVar[str] = "body_mass"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", "joint that moves the link, or kind of joint, left, right; empty: the trunk")
+    scale: float = par(1.0, "1", "real over nominal mass", 0.05, 20.0)
+
+    def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
+        """See Disturbance."""
+        joints = table.joints()
+        bodies = [joints[i].child for i in joint_indices(table, self.where)] if self.where else ["base_link"]
+        for name in bodies:
+            body = spec.body(name)
+            body.mass, body.inertia = self.scale * body.mass, self.scale * body.inertia
 
 
 @dataclass

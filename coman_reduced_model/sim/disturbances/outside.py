@@ -12,7 +12,7 @@ import numpy as np
 from ...core.base.parameter import par
 from ...core.base.types import Array
 from ..robot_table import RobotTable
-from ..sensors import Signals, cross
+from ..sensors import Signals
 from .base import Disturbance, feet, joint_indices, take_mass
 from .sensors import WRENCHES
 
@@ -131,26 +131,105 @@ class EccentricEncoder(Disturbance):
 
 
 @dataclass
-class TwistedSensor(Disturbance):
-    """A foot's sensor was mounted turned about its z or x axis."""
+class ThermalDrift(Disturbance):
+    """A link encoder whose zero wanders: slowly, steadily."""
 
-    name: ClassVar[str] = "twisted_sensor"
+    name: ClassVar[str] = "thermal_drift"
     catalogued: ClassVar[bool] = False
-    where: str = par("", "", "left or right foot; empty: both")
-    axis: str = par("z", "", "it is turned about", choices=("x", "z"))
-    angle: float = par(0.0, "rad", "of the turn", -3.2, 3.2)
+    where: str = par("", "", "joint, kind of joint, left, right; empty: all")
+    rate: float = par(0.0, "rad/s", "of the zero", -0.1, 0.1)
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] if self.axis == "z" else None
-        self._turn: Array = np.array(turn or [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        self._lever = np.array([0.0, 0.0, table.ankle_height - table.sensor_below_ankle])
+        self._joints = joint_indices(table, self.where)
 
     def sense(self, t: float, signals: Signals) -> None:
-        """See Disturbance: what is measured along turned axes is told as if they were straight."""
+        """See Disturbance."""
+        signals.q[:, self._joints] += self.rate * t
+
+
+@dataclass
+class Cogging(Disturbance):
+    """A drive whose torque ripples with the motor's position, between motor and spring: torque sensors miss it."""
+
+    name: ClassVar[str] = "cogging"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", "joint, kind of joint, left, right; empty: all")
+    amplitude: float = par(0.0, "Nm", "of the ripple", 0.0, 50.0)
+    per_turn: int = par(24, "", "ripples in a turn of the joint", 1, 10_000)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        names = [table.joint_names[i] for i in joint_indices(table, self.where)]
+        self._q = [int(model.joint(name).qposadr[0]) for name in names]
+        self._v = [int(model.joint(name).dofadr[0]) for name in names]
+
+    def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """See Disturbance."""
+        data.qfrc_applied[self._v] += self.amplitude * np.sin(self.per_turn * data.qpos[self._q])
+
+
+@dataclass
+class CableDrag(Disturbance):
+    """A cable at the trunk that drags over the floor: a pull against the motion, the stronger the farther it is."""
+
+    name: ClassVar[str] = "cable_drag"
+    catalogued: ClassVar[bool] = False
+    friction: float = par(0.0, "N", "against the motion", 0.0, 1e3)
+    spring: float = par(0.0, "N/m", "back to where it hangs", 0.0, 1e4)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._trunk = model.body("base_link").id
+
+    def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """See Disturbance."""
+        drag = -self.friction * np.tanh(data.qvel[:2] / 0.02)
+        data.xfrc_applied[self._trunk, :2] += drag - self.spring * data.xpos[self._trunk, :2]
+
+
+@dataclass
+class StaleStream(Disturbance):
+    """A driver that hangs now and then: a foot's wrench repeats its last value for a while."""
+
+    name: ClassVar[str] = "stale_stream"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", "left or right foot; empty: both")
+    length: float = par(0.1, "s", "of a hang", 0.0, 5.0)
+    every: float = par(1.0, "s", "from hang to hang", 0.01, 100.0)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._last: dict[str, Array] = {}
+
+    def sense(self, t: float, signals: Signals) -> None:
+        """See Disturbance."""
+        hangs = t > 0.0 and t % self.every < self.length
         for foot in feet(self.where):
-            wrench = getattr(signals, WRENCHES[foot])
-            force = self._turn.T @ wrench[:3]
-            moment = self._turn.T @ (wrench[3:] - cross(self._lever, wrench[:3])) + cross(self._lever, force)
-            setattr(signals, WRENCHES[foot], np.concatenate([force, moment]))
+            name = WRENCHES[foot]
+            if hangs and name in self._last:
+                setattr(signals, name, self._last[name].copy())
+            else:
+                self._last[name] = getattr(signals, name).copy()
+
+
+@dataclass
+class LateClock(Disturbance):
+    """The clock of both foot sensors runs slow: their values are the later, the longer the recording is."""
+
+    name: ClassVar[str] = "late_clock"
+    catalogued: ClassVar[bool] = False
+    rate: float = par(0.0, "1", "delay gained in a second [s/s]", 0.0, 0.05)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._past: dict[str, list[tuple[float, Array]]] = {name: [] for name in WRENCHES}
+
+    def sense(self, t: float, signals: Signals) -> None:
+        """See Disturbance: the value of the period that is nearest to the late time."""
+        late = t - self.rate * max(t, 0.0)
+        for name, past in self._past.items():
+            past.append((t, getattr(signals, name).copy()))
+            while len(past) > 1 and past[1][0] <= late:
+                past.pop(0)
+            setattr(signals, name, past[0][1].copy())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sensors that err: the physics is as described, what is told of it is not."""
+"""Sensors that err: the physics is as described, what is published of it is not."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...core.base.parameter import par
 from ...core.base.types import Array
 from ..robot_table import RobotTable
-from ..sensors import Signals
+from ..sensors import Signals, cross
 from .base import Disturbance, feet, joint_indices
 
 WRENCHES = ("left_wrench", "right_wrench")
@@ -20,7 +21,7 @@ _FOOT = "left or right foot; empty: both"
 
 
 class _Late:
-    """A signal sampled once a period, told late by linear interpolation; before the first sample it stood still."""
+    """A signal sampled once a period, delayed by linear interpolation; before the first sample it stood still."""
 
     def __init__(self) -> None:
         self._past: list[Array] = []
@@ -103,7 +104,7 @@ class WrenchScale(Disturbance):
 
     name: ClassVar[str] = "wrench_scale"
     where: str = par("", "", _FOOT)
-    scale: float = par(1.0, "1", "told over true", 0.1, 10.0)
+    scale: float = par(1.0, "1", "measured over true", 0.1, 10.0)
 
     def sense(self, t: float, signals: Signals) -> None:
         """See Disturbance."""
@@ -129,3 +130,45 @@ class WrenchBias(Disturbance):
         bias = np.array([self.fx, self.fy, self.fz, self.tx, self.ty, self.tz])
         for foot in feet(self.where):
             setattr(signals, WRENCHES[foot], getattr(signals, WRENCHES[foot]) + bias)
+
+
+@dataclass
+class SensorRotation(Disturbance):
+    """A foot's sensor whose axes are turned against its frame in the URDF; it stays where it is."""
+
+    name: ClassVar[str] = "sensor_rotation"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", _FOOT)
+    axis: str = par("z", "", "it is turned about", choices=("x", "y", "z"))
+    angle: float = par(0.0, "rad", "of the turn", -3.2, 3.2)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._turn = Rotation.from_euler(self.axis, self.angle).inv().as_matrix()
+        self._lever = np.array([0.0, 0.0, table.ankle_height - table.sensor_below_ankle])
+
+    def sense(self, t: float, signals: Signals) -> None:
+        """See Disturbance: values along turned axes are published as if they were straight."""
+        for foot in feet(self.where):
+            wrench = getattr(signals, WRENCHES[foot])
+            force = self._turn @ wrench[:3]
+            moment = self._turn @ (wrench[3:] - cross(self._lever, wrench[:3])) + cross(self._lever, force)
+            setattr(signals, WRENCHES[foot], np.concatenate([force, moment]))
+
+
+@dataclass
+class WrenchCrossTalk(Disturbance):
+    """A foot's sensor in which a share of the vertical force shows in the shear forces."""
+
+    name: ClassVar[str] = "wrench_cross_talk"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", _FOOT)
+    fx: float = par(0.0, "1", "share of fz that shows in fx", -1.0, 1.0)
+    fy: float = par(0.0, "1", "share of fz that shows in fy", -1.0, 1.0)
+
+    def sense(self, t: float, signals: Signals) -> None:
+        """See Disturbance."""
+        for foot in feet(self.where):
+            wrench = getattr(signals, WRENCHES[foot])
+            more = np.array([self.fx * wrench[2], self.fy * wrench[2], 0.0, 0.0, 0.0, 0.0])
+            setattr(signals, WRENCHES[foot], wrench + more)

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
+from scipy.optimize import brentq
 
 from ...core.base.parameter import par
 from ...core.base.types import Array
@@ -52,15 +53,73 @@ class JointDamping(Disturbance):
 
 
 @dataclass
+class StiffnessDrift(Disturbance):
+    """Springs that change while the robot walks, as they warm up: by `change`, reached as 1 - exp(-t / time)."""
+
+    name: ClassVar[str] = "stiffness_drift"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", _JOINT)
+    change: float = par(0.0, "1", "of the stiffness, relative, in the end", -0.95, 5.0)
+    time: float = par(10.0, "s", "constant of the change", 0.1, 1e4)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._more = np.zeros(model.nu)
+        joints = joint_indices(table, self.where)
+        self._more[joints] = self.change * model.actuator_gainprm[joints, 0]
+
+    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+        """See Disturbance."""
+        return self._more * (1.0 - np.exp(-max(t, 0.0) / self.time)) * deflection
+
+
+@dataclass
+class Hysteresis(Disturbance):
+    """Lost motion that depends on the past: the spring's end slips against the gear within `width`, held by friction.
+
+    An element of Prandtl in series with the spring: within the width it follows the deflection as far as the torque
+    exceeds `friction`; unlike play it stays where it is when the load goes.
+    """
+
+    name: ClassVar[str] = "hysteresis"
+    catalogued: ClassVar[bool] = False
+    where: str = par("", "", _JOINT)
+    width: float = par(0.0, "rad", "lost motion, full", 0.0, 0.5)
+    friction: float = par(0.5, "Nm", "torque at which it slips", 0.0, 100.0)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._joints = joint_indices(table, self.where)
+        self._stiffness = model.actuator_gainprm[self._joints, 0].copy()
+        self._reach = self.friction / self._stiffness
+        self._slip = np.zeros(len(self._joints))
+
+    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+        """See Disturbance."""
+        stretch = deflection[self._joints] - self._slip
+        slipped = self._slip + stretch - np.clip(stretch, -self._reach, self._reach)
+        self._slip = np.clip(slipped, -0.5 * self.width, 0.5 * self.width)
+        out = np.zeros_like(deflection)
+        out[self._joints] = -self._stiffness * self._slip
+        return out
+
+
+FORMS = ("cubic", "tanh", "steps")
+
+
+@dataclass
 class SpringNonlinearity(Disturbance):
     """Torque k d (1 + cubic d^2): hardening above zero, softening below.
 
-    A softening spring goes on straight where its tangent has fallen to a fifth: it never pushes the wrong way.
+    A softening spring goes on straight where its tangent has fallen to a fifth: it never pushes the wrong way. Other
+    forms have the same secant stiffness as the cubic one at a deflection of 0.05 rad: `tanh` saturates (softening) or
+    grows like sinh (hardening), `steps` changes its slope at 0.02 rad.
     """
 
     name: ClassVar[str] = "spring_nonlinearity"
     where: str = par("", "", _JOINT)
     cubic: float = par(0.0, "1/rad^2", "relative change of the secant stiffness over the squared deflection", -1e6, 1e6)
+    form: str = par("cubic", "", "law of the spring", choices=FORMS)
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
@@ -68,12 +127,34 @@ class SpringNonlinearity(Disturbance):
         self._cubic[joint_indices(table, self.where)] = self.cubic
         self._stiffness = model.actuator_gainprm[:, 0].copy()
         self._straight_from = np.sqrt(0.8 / (3.0 * -self.cubic)) if self.cubic < 0.0 else np.inf
+        self._change = np.clip(self.cubic * _SECANT_AT**2, -0.6, 3.0)
+        self._bent = _bend_of(float(self._change)) if self.form == "tanh" else 0.0
 
     def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
         """See Disturbance."""
+        k = self._stiffness * (self._cubic != 0.0)
+        if self.form == "tanh":
+            if self._bent == 0.0:
+                return 0.0 * k
+            law = np.tanh if self._change < 0.0 else np.sinh
+            return k * (law(self._bent * deflection) / self._bent - deflection)
+        if self.form == "steps":
+            beyond = np.sign(deflection) * np.maximum(np.abs(deflection) - _STEP_AT, 0.0)
+            return k * self._change * _SECANT_AT / (_SECANT_AT - _STEP_AT) * beyond
         bent = np.clip(deflection, -self._straight_from, self._straight_from)
         beyond = deflection - bent
         return self._stiffness * self._cubic * (bent**3 + 3.0 * bent**2 * beyond)
+
+
+_SECANT_AT, _STEP_AT = 0.05, 0.02  # [rad]
+
+
+def _bend_of(change: float) -> float:
+    """Of tanh(b d) / b or sinh(b d) / b, the b [1/rad] at which the secant stiffness changes by that share."""
+    if abs(change) < 1e-9:
+        return 0.0
+    law = np.tanh if change < 0.0 else np.sinh
+    return float(brentq(lambda b: law(b * _SECANT_AT) / (b * _SECANT_AT) - 1.0 - change, 1e-3, 200.0))
 
 
 @dataclass

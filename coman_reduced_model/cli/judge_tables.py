@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What `coman judge` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .common import print_table
+
+_ROWS = (
+    ("right_on_medium_and_strong", "right name or class, medium and strong", ">= 92 %"),
+    ("wrong_name", "wrong name, singles and pairs", "<= 2 %"),
+    ("false_alarms_on_clean", "false alarms on clean robots", "<= 1 %"),
+    ("unknown_recall_on_strong", "unknown, strong and outside the catalogue", ">= 90 %"),
+    ("named_outside_catalogue", "named although outside the catalogue", ""),
+    ("both_of_a_pair", "both of a pair", ">= 75 %"),
+    ("one_of_a_pair", "one of a pair, nothing wrong", ""),
+    ("failed", "no verdict", ""),
+)
+
+
+def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
+    """Shares, kinds of worlds, confusion, oracles, times, seeds."""
+    _show_shares(result)
+    _show_kinds(result)
+    _show_cases(result["confusion"], result["rows"])
+    levels = ", ".join(f"{level} {share(value)}" for level, value in result["by_level"].items())
+    print(f"right by level: {levels}; right place: {share(result['right_place'])}")
+    gap, time, redrawn = result["gap_reduction"], result["seconds"], result["redrawn"]
+    print(
+        f"held-out gap reduction, share of the oracle's that is given the effect: median "
+        f"{_number(gap['median_share_of_oracle'])} (target 0.8)"
+    )
+    ranking = result["ranking"]
+    print(
+        f"oracle that is given the variability, medium and strong: ranks the effect first {share(ranking['first_1'])}, "
+        f"among the first three {share(ranking['first_3'])}"
+    )
+    print(f"one diagnosis: median {_number(time['median'])} s, longest {_number(time['largest'])} s (target 60 s)")
+    print(_redrawn(redrawn["cases"], redrawn["lowered"]))
+    if result["round"] > 1:
+        print(f"round {result['round']}: the answers to these bags were opened before")
+    print(
+        f"verdicts sealed as {result['verdicts_sha256'][:16]} before the answers were opened; all in {out}/score.json"
+    )
+    _show_how_to_record(result["seeds"])
+
+
+def show_prediction(result: Mapping[str, Any], out: Path) -> None:
+    """Errors and skills by kind, the worst first."""
+    rows = [["all", "", *_errors(result["all"])]]
+    kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
+    kinds.sort(key=lambda each: -max(share for share in each[2]["worse_than_rigid"] if share is not None))
+    rows += [[axis, kind, *_errors(found)] for axis, kind, found in kinds]
+    print_table(
+        "clean walks: medians of the free run's RMS error, the rigid robot's, and the skill 0.2 s ahead; x, y, z",
+        ["axis", "kind", "walks", "model [mm]", "rigid [mm]", "walks worse than rigid", "skill", "none"],
+        rows,
+    )
+    print(f"none: nothing could be predicted. {_redrawn_walks(result['all'])}; all in {out}/prediction.json")
+
+
+def show_monitor(result: Mapping[str, Any], out: Path) -> None:
+    """Alarms and delays by kind, the worst first."""
+    rows = [["all", "", *_alarms(result["alarms"], result["delays"])]]
+    kinds = []
+    for axis, by in result["alarms_by_kind"].items():
+        for kind, found in by.items():
+            kinds.append((axis, kind, found, result["delays_by_kind"].get(axis, {}).get(kind)))
+    kinds.sort(key=lambda each: -(each[2]["alarms_per_hour"] or 0.0))
+    rows += [[axis, kind, *_alarms(found, delays)] for axis, kind, found, delays in kinds]
+    print_table(
+        "monitor: clean walks; and effects of medium size that begin in mid-walk",
+        ["axis", "kind", "hours", "alarms in an hour", "walks with an alarm", "detected within 5 s", "median [s]"],
+        rows,
+    )
+    families = [
+        [name, share(found["detected"]), _number(found["median_s"])]
+        for name, found in result["delays_by_family"].items()
+    ]
+    print_table("by effect", ["effect", "detected within 5 s", "median [s]"], families)
+    channels = ", ".join(f"{name} {n}" for name, n in result["alarms"]["channels"].items())
+    print(f"channels of the false alarms: {channels or 'none'}; all in {out}/monitor.json")
+
+
+def show_folder(result: Mapping[str, Any], out: Path) -> None:
+    """Outcomes by kind, and each case."""
+    kinds = [("all", "", result["all"])]
+    kinds += [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
+    print_table(
+        "cases of others",
+        ["axis", "kind", "right", "missed", "wrong", "false alarms"],
+        [
+            [axis, kind, *(share(found[key]) for key in ("right", "miss", "wrong", "false_alarms"))]
+            for axis, kind, found in kinds
+        ],
+    )
+    print_table(
+        "by case",
+        ["case", "hidden", "verdict", ""],
+        [[row["case"], row["hidden"] or "clean", " + ".join(row["named"]), row["result"]] for row in result["rows"]],
+    )
+    print(f"all in {out}/score.json")
+
+
+def _show_shares(result: Mapping[str, Any]) -> None:
+    """Seeds, and the shares of workflow and baselines beside their targets."""
+    methods = {"workflow": result["workflow"], **result["baselines"]}
+    count = ", ".join(f"{number} {kind}" for kind, number in result["cases"].items())
+    seeds, of = result["seeds"], len(result["rows"])
+    state = f"{of - seeds['fresh']} of {of} spent" if seeds["spent"] else "fresh"
+    print_table(
+        f"seeds {seeds['first']} to {seeds['last']} ({state}): {count}",
+        ["", "target", *methods],
+        [[title, target, *(share(method[key]) for method in methods.values())] for key, title, target in _ROWS],
+    )
+    for entry in seeds["spent"]:
+        print(f"spent: {entry['seeds']} {entry['purpose']} ({entry['commit']})")
+
+
+def _show_kinds(result: Mapping[str, Any]) -> None:
+    """Shares by kind of world, those with most false alarms first."""
+    rows = [
+        ["only kinds that something was chosen on", "", *_kind(result["only_kinds_chosen_on"])],
+        ["a kind that nothing was chosen on", "", *_kind(result["some_new_kind"])],
+    ]
+    kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
+    kinds.sort(key=lambda each: -(each[2]["false_alarms_on_clean"]["share"] or 0.0))
+    rows += [[axis, kind, *_kind(found)] for axis, kind, found in kinds]
+    print_table(
+        "by kind of world",
+        ["axis", "kind", "cases", "false alarms", "right", "wrong", "outside: unknown", "redrawn, lowered"],
+        rows,
+    )
+
+
+def _kind(found: Mapping[str, Any]) -> list[str]:
+    keys = ("false_alarms_on_clean", "right_on_medium_and_strong", "wrong_name", "unknown_recall_on_strong")
+    return [str(found["cases"]), *(share(found[key]) for key in keys), f"{found['redrawn']}, {found['lowered']}"]
+
+
+def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Confusion table, and the cases with a wrong name, a false alarm or no verdict."""
+    counts = [[truth, ", ".join(f"{named} {n}" for named, n in row.items())] for truth, row in confusion.items()]
+    print_table("hidden effects and verdicts", ["hidden", "verdicts"], counts)
+    bad = [row for row in rows if row["result"] in ("wrong", "failed") or _is_false_alarm(row)]
+    listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
+    if listed:
+        print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed)
+
+
+def _show_how_to_record(seeds: Mapping[str, Any]) -> None:
+    """The line that records seeds as spent, if some were fresh."""
+    from ..judge.seeds import FILE, entry_to_add
+
+    if seeds["fresh"]:
+        print(f"these seeds are spent now; add to {FILE.name} under worlds, with the purpose:")
+        print(entry_to_add((seeds["first"], seeds["last"])))
+
+
+def _errors(found: Mapping[str, Any]) -> list[str]:
+    return [
+        str(found["walks"]),
+        _three(found["rmse_m"], lambda v: f"{1e3 * v:.2f}"),
+        _three(found["rigid_m"], lambda v: f"{1e3 * v:.2f}"),
+        _three(found["worse_than_rigid"], lambda v: f"{100 * v:.0f} %"),
+        _three(found["skill"], lambda v: f"{v:.2f}"),
+        str(found["failed"]),
+    ]
+
+
+def _three(values: Sequence[float | None], text: Callable[[float], str]) -> str:
+    return ", ".join("-" if value is None else text(value) for value in values)
+
+
+def _alarms(found: Mapping[str, Any], delays: Mapping[str, Any] | None) -> list[str]:
+    detected = ["-", "-"] if delays is None else [share(delays["detected"]), _number(delays["median_s"])]
+    walks = share(found["walks_with_alarm"])
+    return [f"{found['hours']:.2f}", _number(found["alarms_per_hour"]), walks, *detected]
+
+
+def _redrawn(cases: int, lowered: int) -> str:
+    return f"cases drawn again because the robot fell: {cases}; at a lower level than wanted: {lowered}"
+
+
+def _redrawn_walks(found: Mapping[str, Any]) -> str:
+    return f"walks of cases that were drawn again because the robot fell: {found['redrawn']}"
+
+
+def _is_false_alarm(row: Mapping[str, Any]) -> bool:
+    return row["kind"] == "clean" and row["result"] not in ("none", "not_excited")
+
+
+def _truth(row: Mapping[str, Any]) -> str:
+    pairs = zip(row["families"], row["levels"], strict=True)
+    return " + ".join(f"{level} {family}" for family, level in pairs) or "clean"
+
+
+def share(value: Mapping[str, Any]) -> str:
+    """A share with its 95 % interval."""
+    if value["share"] is None:
+        return "-"
+    low, high = value["interval"]
+    return f"{100 * value['share']:.0f} % ({value['hits']}/{value['of']}; {100 * low:.0f}-{100 * high:.0f})"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Cases that this project did not make: a folder of recordings with their answers.
+
+    DIR/CASE/train, DIR/CASE/heldout_*   bags
+    DIR/CASE/robot.yaml or DIR/robot.yaml  the robot's data sheet; else the configuration that is given
+    DIR/answers.json                     {"cases": {CASE: {"hidden": text or null, "right": [names or verdicts], ...}}}
+
+Every other value of a case that is one word or text, such as its soles, is a kind by which the result is reported. A
+name that is right for the clean case of a kind is true of that kind: named instead of the hidden effect, it is a miss
+and not a wrong name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import ConfigError, OutputError
+from ..progress import Progress
+from ..resources import config_path, version
+from .by_kind import by_kind
+from .run import DIAGNOSE, run_all, run_diagnosis
+from .score import OTHER, rate
+
+NOT_KINDS = ("hidden", "right", "parameters")
+
+
+def read_answers(folder: Path) -> dict[str, dict[str, Any]]:
+    """The answers of a folder, by case.
+
+    Raises:
+        ConfigError: the folder has none, or they are of another form.
+    """
+    path = folder / "answers.json"
+    try:
+        cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
+        for answer in cases.values():
+            answer["hidden"], list(answer["right"])
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(f"{path}: not of the form that judge/foreign.py describes: {error!r}") from None
+    return dict(cases)
+
+
+def judge_folder(
+    folder: Path,
+    out: Path,
+    config: Path | None = None,
+    jobs: int = 1,
+    command: Sequence[str] = DIAGNOSE,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Diagnose every case of a folder, then open its answers; writes OUT/score.json.
+
+    Args:
+        folder: of the cases.
+        out: gets `verdicts/`; what exists is kept.
+        config: data sheet of a robot that has none in the folder; default: the shipped one.
+        jobs: processes at a time.
+        command: the workflow, to which bags and options are appended.
+        progress: called with the fraction done and a text.
+
+    Raises:
+        ConfigError: the folder holds no cases.
+        OutputError: `out` cannot be written.
+    """
+    cases = sorted(path.parent for path in folder.glob("*/train"))
+    if not cases:
+        raise ConfigError(f"{folder}: no case in it (wanted: CASE/train, CASE/heldout_*, answers.json)")
+    try:
+        (out / "verdicts").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    tasks = [(case, out / "verdicts" / case.name, _data_sheet(case, config), tuple(command)) for case in cases]
+    run_all(_diagnose, tasks, jobs, progress, "cases")
+    return score_folder(folder, out, [case.name for case in cases])
+
+
+def _data_sheet(case: Path, config: Path | None) -> Path:
+    for path in (case / "robot.yaml", case.parent / "robot.yaml"):
+        if path.is_file():
+            return path
+    return config or config_path()
+
+
+def _diagnose(case: Path, verdict: Path, config: Path, command: Sequence[str]) -> None:
+    if not (verdict / "run.json").is_file():
+        held_out = sorted(path for path in case.iterdir() if path.is_dir() and path.name != "train")
+        run_diagnosis([case / "train", *held_out], config, verdict, command)
+
+
+def score_folder(folder: Path, out: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Outcomes by kind; writes OUT/score.json."""
+    answers = read_answers(folder)
+    rows = []
+    for name in names:
+        path, answer = out / "verdicts" / name / "diagnosis.json", answers[name]
+        verdict = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+        kinds = {key: str(value) for key, value in answer.items() if key not in NOT_KINDS and isinstance(value, str)}
+        kinds = {key: value for key, value in kinds.items() if not key.startswith("said")}
+        rows.append({
+            "case": name,
+            "hidden": answer["hidden"],
+            "right": list(answer["right"]),
+            "worlds": kinds,
+            **outcome(answer, verdict, _true_of(kinds, answers)),
+        })  # fmt: skip
+    result = {"version": version(), "all": measure(rows), "by_kind": by_kind(rows, measure), "rows": rows}
+    (out / "score.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
+    return result
+
+
+def _true_of(kinds: Mapping[str, str], answers: Mapping[str, Mapping[str, Any]]) -> set[str]:
+    """Names that are right for a clean case of the same kind."""
+    clean = [
+        a for a in answers.values() if a["hidden"] is None and any(a.get(key) == kind for key, kind in kinds.items())
+    ]
+    return {name for answer in clean for name in answer["right"]}.difference(OTHER)
+
+
+def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None, also_true: set[str]) -> dict[str, Any]:
+    """`right`, `miss`, `wrong` or `failed`, and what was named.
+
+    Args:
+        answer: hidden and right.
+        verdict: of diagnosis.json; None: there is none.
+        also_true: names that are no mistake.
+    """
+    kind = (verdict or {}).get("verdict")
+    if verdict is None or kind not in ("effect", *OTHER):
+        return {"result": "failed", "named": []}
+    if kind in OTHER:
+        return {"result": "right" if kind in answer["right"] else "miss", "named": [kind]}
+    named = sorted({str(effect["name"]) for effect in verdict["effects"]})
+    right = set(answer["right"])
+    if not right.intersection(named):
+        result = "miss" if set(named) <= also_true else "wrong"
+    else:
+        result = "right" if set(named) <= right | also_true else "wrong"
+    return {"result": result, "named": named}
+
+
+def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Shares of right, missed and wrong ones, and false alarms on clean robots."""
+    hidden, clean = ([row for row in rows if (row["hidden"] is None) == is_clean] for is_clean in (False, True))
+
+    def share(of: Sequence[Mapping[str, Any]], *results: str) -> dict[str, Any]:
+        return rate(sum(row["result"] in results for row in of), len(of))
+
+    return {
+        "right": share(hidden, "right"),
+        "miss": share(hidden, "miss", "failed"),
+        "wrong": share(hidden, "wrong"),
+        "false_alarms": share(clean, "miss", "wrong", "failed"),
+    }

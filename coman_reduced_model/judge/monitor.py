@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The monitor on all kinds of worlds: alarms per hour of clean walking, and how soon it detects what begins later.
+
+OUT/predictions/CASE/   the clean walks, as `judge/prediction.py` leaves them
+OUT/monitor/SEED.json   a walk in which an effect of medium size begins after 7 to 10 s
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bag.session import Session
+from ..core.config.files import load_config
+from ..errors import ComanError
+from ..output import to_json
+from ..progress import Progress
+from ..resources import version
+from ..sim.disturbances import Disturbance, make
+from ..sim.worlds import World, draw_world, record_world
+from .by_kind import by_kind
+from .cases import data_sheet
+from .families import FAMILIES, LEVELS, draw_effect
+from .prediction import prediction_rows
+from .run import RunFolder, run_all
+from .score import rate
+from .sudden import beginning
+
+MEDIUM = LEVELS.index("medium")
+SECONDS, WITHIN = 17.0, 5.0  # [s] of a walk; after the effect begins, within which a detection counts
+ATTEMPTS = 4  # draws until the robot does not fall
+
+
+@dataclass(frozen=True)
+class Onset:
+    """A walk in which an effect begins."""
+
+    seed: int
+    world: World
+    family: str
+    after: float  # [s]
+    effect: Disturbance
+
+
+def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = None) -> Onset:
+    """Draw the walk of a seed; families take turns. `attempt`: see draw_case."""
+    able = families_with_onset()
+    family = able[seed % len(able)]
+    world = draw_world(seed, worlds)
+    if attempt:
+        world = draw_world(seed + 1_000_003 * attempt, world.kinds)
+    rng = np.random.default_rng([23, seed, attempt])
+    after = float(rng.uniform(7.0, 10.0))
+    values, _ = draw_effect(family, rng, MEDIUM, world)
+    effect = beginning(make(FAMILIES[family].effect, values), after)
+    assert effect is not None
+    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect)
+
+
+def families_with_onset() -> list[str]:
+    """Families whose effect can begin in mid-walk."""
+    world, rng = draw_world(0), np.random.default_rng(0)
+    return [
+        name
+        for name, family in FAMILIES.items()
+        if beginning(make(family.effect, draw_effect(name, rng, MEDIUM, world)[0]), 1.0) is not None
+    ]
+
+
+def run_onsets(
+    out: str | Path, seeds: Sequence[int], jobs: int = 1, progress: Progress | None = None, **fixed: Any
+) -> None:
+    """Record and watch one walk a seed; what exists is kept.
+
+    Raises:
+        OutputError: `out` cannot be written.
+    """
+    folder = RunFolder(Path(out).absolute())
+    (folder.out / "monitor").mkdir(parents=True, exist_ok=True)
+    run_all(_watch_seed, [(folder, seed, fixed) for seed in seeds], jobs, progress, "walks with an onset")
+
+
+def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
+    target = folder.out / "monitor" / f"{seed}.json"
+    if target.is_file():
+        return
+    for attempt in range(ATTEMPTS):
+        onset = draw_onset(seed, attempt, **fixed)
+        with tempfile.TemporaryDirectory() as temporary:
+            found = watch(onset, Path(temporary) / "walk")
+        if not found["fell"]:
+            break
+    partial = target.with_suffix(".part")
+    partial.write_text(to_json({**found, "attempt": attempt}), encoding="utf-8")
+    shutil.move(partial, target)
+
+
+def watch(onset: Onset, bag: Path) -> dict[str, Any]:
+    """Record a walk and run the monitor on it: detections, in seconds after the effect began."""
+    fallen = record_world(onset.world, bag, [onset.effect], onset.seed).fallen_s
+    config = bag.with_suffix(".yaml")
+    config.write_text(data_sheet(onset.world.table), encoding="utf-8")
+    row = {
+        "seed": onset.seed,
+        "family": onset.family,
+        "worlds": onset.world.kinds,
+        "fell": fallen is not None,
+        "failed": "",
+        "detections": [],
+    }
+    try:
+        with Session(bag, load_config(config).replaced({"prediction.horizons": []})) as session:
+            for _ in session.predictions():
+                pass
+            monitor, start_ns = session.pipeline.monitor, session.bag.start_ns
+            assert monitor is not None
+            row["detections"] = [
+                {"after_s": (each.detected_ns - start_ns) * 1e-9 - onset.after, "channel": each.channel}
+                for each in monitor.first.values()
+            ]
+    except ComanError as error:
+        row["failed"] = str(error).replace(str(bag.parent), "")
+    return row
+
+
+def score_monitor(out: str | Path, names: Sequence[str], seeds: Sequence[int]) -> dict[str, Any]:
+    """Alarms on the clean walks and delays of detections, by kind of world; writes OUT/monitor.json.
+
+    Args:
+        out: folder of the run.
+        names: of the clean cases, predicted before.
+        seeds: of the walks with an onset.
+    """
+    folder = RunFolder(Path(out).absolute())
+    clean = prediction_rows(folder, names)
+    onsets = [json.loads((folder.out / "monitor" / f"{seed}.json").read_text(encoding="utf-8")) for seed in seeds]
+    result = {
+        "version": version(),
+        "alarms": alarms(clean),
+        "alarms_by_kind": by_kind(clean, alarms),
+        "delays": delays(onsets),
+        "delays_by_kind": by_kind(onsets, delays),
+        "delays_by_family": {
+            family: delays([row for row in onsets if row["family"] == family])
+            for family in sorted({row["family"] for row in onsets})
+        },
+        "onsets": onsets,
+    }
+    (folder.out / "monitor.json").write_text(to_json(result), encoding="utf-8")
+    return result
+
+
+def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Hours of clean walking, alarms in an hour, walks with an alarm, channels that raise them."""
+    good = [walk for walk in walks if not walk["failed"]]
+    hours = sum(walk["seconds"] for walk in good) / 3600.0
+    channels = [channel for walk in good for channel in walk["alarms"]]
+    counts = {channel: channels.count(channel) for channel in set(channels)}
+    return {
+        "hours": hours,
+        "alarms_per_hour": len(channels) / hours if hours else None,
+        "walks_with_alarm": rate(sum(bool(walk["alarms"]) for walk in good), len(good)),
+        "channels": dict(sorted(counts.items(), key=lambda item: -item[1])[:5]),
+    }
+
+
+def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Share of effects that are detected within 5 s, and the median delay of those; walks with an earlier alarm.
+
+    A walk with an alarm before its effect begins, or whose robot fell, says nothing about the delay.
+    """
+    watched = [row for row in rows if not (row["fell"] or row["failed"])]
+    quiet = [row for row in watched if not any(each["after_s"] < 0.0 for each in row["detections"])]
+    first = [min((each["after_s"] for each in row["detections"]), default=np.inf) for row in quiet]
+    within = [delay for delay in first if delay < WITHIN]
+    return {
+        "walks": len(rows),
+        "fell": sum(row["fell"] for row in rows),
+        "alarm_before": len(watched) - len(quiet),
+        "detected": rate(len(within), len(quiet)),
+        "median_s": float(np.median(within)) if within else None,
+    }

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The prediction on clean robots of all kinds of worlds: its free run and horizons against their baselines.
+
+    OUT/predictions/CASE/BAG.json   what `coman predict` says of each bag of a clean case
+
+The same runs serve the monitor, whose false alarms they hold.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bag.session import Session
+from ..core.config.files import load_config
+from ..errors import ComanError
+from ..offline import predict_bag
+from ..output import to_json
+from ..progress import Progress
+from ..resources import version
+from .by_kind import by_kind
+from .cases import BAGS
+from .run import RunFolder, chosen_cases, make_case, run_all
+
+AXES_XYZ = ("x", "y", "z")
+HORIZON = "0.2"  # [s] of the skill that is reported
+
+
+def run_predictions(
+    out: str | Path, seeds: Sequence[int], jobs: int = 1, progress: Progress | None = None, **fixed: Any
+) -> list[str]:
+    """Predict every bag of the clean cases; what exists is kept.
+
+    Args:
+        out: folder of the run.
+        seeds: one for each case.
+        jobs: processes at a time.
+        progress: called with the fraction done and a text.
+        fixed: see draw_case.
+
+    Returns:
+        The names of the clean cases.
+
+    Raises:
+        ConfigError: no clean case is among the seeds.
+        OutputError: `out` cannot be written.
+    """
+    folder, cases = chosen_cases(out, seeds, ["clean"], **fixed)
+    run_all(_predict_case, [(folder, case.seed, fixed) for case in cases], jobs, progress, "cases")
+    return [case.name for case in cases]
+
+
+def _predict_case(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
+    name = make_case(folder, seed, **fixed)
+    target = folder.out / "predictions" / name
+    target.mkdir(parents=True, exist_ok=True)
+    for bag in BAGS:
+        if not (target / f"{bag}.json").is_file():
+            summary = predicted(folder.bags(name) / bag, folder.bags(name) / "robot.yaml")
+            (target / f"{bag}.json").write_text(to_json(summary), encoding="utf-8")
+
+
+def predicted(bag: Path, config: Path) -> dict[str, Any]:
+    """What `coman predict` says of a bag, without the configuration; `failed` and why, if it says nothing."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with Session(bag, load_config(config)) as session:
+                summary = predict_bag(session, Path(folder) / "out")
+        except ComanError as error:
+            return {"failed": str(error).replace(str(bag.parent), "")}
+    return {key: value for key, value in summary.items() if key not in ("config", "bag", "robot", "streams")}
+
+
+def score_predictions(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
+    """Errors and skills by kind of world; writes OUT/prediction.json."""
+    folder = RunFolder(Path(out).absolute())
+    rows = prediction_rows(folder, names)
+    result = {
+        "version": version(),
+        "cases": len(names),
+        "walks": len(rows),
+        "all": measure(rows),
+        "by_kind": by_kind(rows, measure),
+        "rows": rows,
+    }
+    (folder.out / "prediction.json").write_text(to_json(result), encoding="utf-8")
+    return result
+
+
+def prediction_rows(folder: RunFolder, names: Sequence[str]) -> list[dict[str, Any]]:
+    """A row for each walk of the clean cases."""
+    rows = []
+    for name in names:
+        answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
+        for bag in BAGS:
+            found = json.loads((folder.out / "predictions" / name / f"{bag}.json").read_text(encoding="utf-8"))
+            worlds = {**answer["worlds"], "gait": answer["gaits"][bag]}
+            row = {"case": name, "seed": answer["seed"], "bag": bag, "worlds": worlds, "attempt": answer["attempt"]}
+            rows.append({**row, **_figures_of(found)})
+    return rows
+
+
+def _figures_of(found: Mapping[str, Any]) -> dict[str, Any]:
+    if "failed" in found:
+        return {"failed": found["failed"]}
+    skill = found["skill"].get(HORIZON, {})
+    return {
+        "failed": "",
+        "seconds": found["duration_s"],
+        "rmse_m": [found["rmse_m"][axis] for axis in AXES_XYZ],
+        "rigid_m": [found["rmse_rigid_m"][axis] for axis in AXES_XYZ],
+        "skill": [skill.get(axis) for axis in AXES_XYZ],
+        "alarms": [f"{each['channel']}" for each in found["mismatches"]],
+    }
+
+
+def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Medians over walks of the free run's error, the rigid robot's and the skill, by axis x, y, z.
+
+    `worse_than_rigid` is the share of walks on which the free run is worse than to assume no springs, by axis.
+    """
+    good = [row for row in rows if not row["failed"]]
+    error, rigid, skill = (_array([row[key] for row in good]) for key in ("rmse_m", "rigid_m", "skill"))
+    known = np.isfinite(error) & np.isfinite(rigid)
+    return {
+        "walks": len(rows),
+        "failed": len(rows) - len(good),
+        "rmse_m": _median(error),
+        "rigid_m": _median(rigid),
+        "worst_rmse_m": [float(np.nanmax(column)) if np.isfinite(column).any() else None for column in error.T],
+        "worse_than_rigid": [
+            float(np.mean((error > rigid)[known[:, k], k])) if known[:, k].any() else None for k in range(3)
+        ],
+        "skill": _median(skill),
+        "redrawn": sum(row["attempt"] > 0 for row in rows),
+    }
+
+
+def _array(values: Sequence[Any]) -> Any:
+    return np.array(values, dtype=float).reshape(-1, 3)
+
+
+def _median(values: Any) -> list[float | None]:
+    return [float(np.nanmedian(column)) if np.isfinite(column).any() else None for column in values.T]

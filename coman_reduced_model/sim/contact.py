@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How soles meet the floor, and the shape of the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ..errors import ConfigError
+
+CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
+TILED_M = 2.4  # [m] edge of the square about the start that tiles cover
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact of soles and floor.
+
+    The defaults are a hard floor that is still many steps of the integrator: soles sink in by 0.1 mm (harder, and edges
+    chatter), and a standing foot hardly creeps.
+
+    Raises:
+        ConfigError: a value is not possible.
+    """
+
+    cone: str = "elliptic"  # of friction: elliptic or pyramidal
+    impratio: float = 10.0  # how much stiffer friction is than the normal direction; low: soles creep under load
+    noslip_iterations: int = 0  # of MuJoCo's solver against creep
+    solref: tuple[float, float] = (0.007, 1.0)  # time constant [s] and damping ratio of MuJoCo's contact
+    solimp: tuple[float, float, float, float, float] = (0.95, 0.99, 0.001, 0.5, 2.0)
+    friction: float = 0.0  # coefficient of sliding; 0: that of the robot's table
+    torsional: float = 0.02  # [m] friction about the vertical over the normal force
+
+    def __post_init__(self) -> None:
+        if self.cone not in CONES:
+            raise ConfigError(f"contact: cone = {self.cone!r}: allowed: {', '.join(CONES)}")
+        if not (self.impratio > 0.0 and self.solref[0] > 0.0 and self.friction >= 0.0 and self.torsional >= 0.0):
+            raise ConfigError("contact: impratio, solref: allowed: positive; friction, torsional: not negative")
+        if not 0 <= self.noslip_iterations <= 100:
+            raise ConfigError(f"contact: noslip_iterations = {self.noslip_iterations}: allowed: 0 to 100")
+
+    def set_options(self, option: Any) -> None:
+        """Set what MuJoCo has once for the whole model."""
+        option.cone = CONES[self.cone]
+        option.impratio = self.impratio
+        option.noslip_iterations = self.noslip_iterations
+
+    def of_geom(self, friction: float) -> dict[str, Any]:
+        """Arguments of a geom that touches; `friction` of the robot's table, where the contact has none of its own."""
+        return {
+            "friction": [self.friction or friction, self.torsional, 0.0001],
+            "solref": list(self.solref),
+            "solimp": list(self.solimp),
+            "condim": 4,
+        }
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Shape of the floor; a slope is a disturbance (`ground_slope`).
+
+    Raises:
+        ConfigError: a value is not possible.
+    """
+
+    tile_height: float = 0.0  # [m] between the lowest and the highest possible tile; 0: a plane
+    tile_size: float = 0.15  # [m] edge of a square tile
+    seed: int = 0  # of the heights
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tile_height <= 0.02:
+            raise ConfigError(f"floor: tile_height = {self.tile_height:g}: allowed: 0 to 0.02 m")
+        if not 0.05 <= self.tile_size <= 1.0:
+            raise ConfigError(f"floor: tile_size = {self.tile_size:g}: allowed: 0.05 to 1 m")
+
+    def heights(self) -> Any:
+        """Tops of the tiles (n, n) [m], about zero."""
+        n = int(np.ceil(TILED_M / self.tile_size))
+        return self.tile_height * np.random.default_rng([31, self.seed]).uniform(-0.5, 0.5, (n, n))
+
+    def add_to(self, world: mujoco.MjsBody, geom: dict[str, Any]) -> None:
+        """Add the plane, and tiles that stand out of it; `geom`: arguments of the contact."""
+        below = [0.0, 0.0, -0.5 * self.tile_height]
+        world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=below, size=[10, 10, 0.1], **geom)
+        if self.tile_height == 0.0:
+            return
+        heights, thick = self.heights(), 0.05
+        start = -0.5 * self.tile_size * len(heights)
+        for (i, j), height in np.ndenumerate(heights):
+            centre = [start + (i + 0.5) * self.tile_size, start + (j + 0.5) * self.tile_size, float(height) - thick]
+            world.add_geom(
+                name=f"tile_{i}_{j}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=centre,
+                size=[0.5 * self.tile_size, 0.5 * self.tile_size, thick],
+                **geom,
+            )

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What every healthy robot has, all at once: small play, friction, lags, zeros, gains, cross-talk, clocks, a slope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...core.base.parameter import par
+from ...core.base.types import Array
+from ..robot_table import COMAN, RobotTable
+from ..sensors import Signals, cross
+from .base import Disturbance
+from .floor import GroundSlope
+from .sensors import WRENCHES, EncoderDelay, WrenchDelay
+
+# Standard deviations, or the largest of an even distribution, for an amount of 1.
+PLAY, FRICTION = 1.2e-3, 0.2  # [rad] full width, [Nm] on COMAN: largest, of each joint
+LAG, DELAY = 3e-3, 2e-3  # [s] of all motors: largest; the lags of single joints differ by a fifth
+ENCODER_ZERO, ECCENTRICITY = 1e-3, 5e-4  # [rad] of each link encoder: deviation, largest amplitude
+TORQUE_GAIN = 0.03  # of each joint torque: deviation
+WRENCH_GAIN, CROSS_TALK, WRENCH_TURN = 0.015, 0.01, 0.007  # of each foot sensor: deviations; [rad] about each axis
+WRENCH_LATE, LINK_LATE = 4e-3, 1.5e-3  # [s] largest
+SLOPE = 0.0045  # [rad] deviation in roll and pitch; three deviations at most
+PER_TURN = (1, 2, 16)  # periods of an encoder's error in a turn
+
+
+@dataclass
+class Imperfections(Disturbance):
+    """Small imperfections of every joint, motor, sensor, clock and of the floor, each drawn for itself.
+
+    Foot sensors and clocks are drawn for the robot, not for each recording. The upper body has only springs.
+    """
+
+    name: ClassVar[str] = "imperfections"
+    catalogued: ClassVar[bool] = False
+    seed: int = par(0, "", "of the draw", 0, 2**62)
+    amount: float = par(1.0, "1", "by which all are multiplied", 0.0, 5.0)
+
+    def drawn(self, table: RobotTable) -> dict[str, Any]:
+        """All values, by name; arrays are in the order of the joints of the legs."""
+        rng, n, a = np.random.default_rng([41, self.seed]), len(table.leg_joints()), self.amount
+        torque = table.mass * table.gait["com_height_m"] / (COMAN.mass * COMAN.gait["com_height_m"])
+        clipped = np.clip(rng.standard_normal(2), -3.0, 3.0)
+        return {
+            "play": a * PLAY * rng.uniform(0.1, 1.0, n),
+            "friction": a * FRICTION * torque * rng.uniform(0.1, 1.0, n),
+            "lag": a * LAG * rng.uniform() * rng.uniform(0.8, 1.2, n),
+            "delay": a * DELAY * rng.uniform(),
+            "encoder_zero": a * ENCODER_ZERO * rng.standard_normal(n),
+            "eccentricity": a * ECCENTRICITY * rng.uniform(0.0, 1.0, n),
+            "eccentric_per_turn": rng.choice(PER_TURN, n),
+            "eccentric_phase": rng.uniform(-np.pi, np.pi, n),
+            "torque_gain": 1.0 + a * TORQUE_GAIN * rng.standard_normal(n),
+            "wrench_gain": 1.0 + a * WRENCH_GAIN * rng.standard_normal((2, 6)),
+            "cross_talk": a * CROSS_TALK * rng.standard_normal((2, 6, 6)),
+            "wrench_turn": a * WRENCH_TURN * rng.standard_normal((2, 3)),
+            "wrench_late": a * WRENCH_LATE * rng.uniform(0.0, 1.0, 2),
+            "link_late": a * LINK_LATE * rng.uniform(),
+            "slope": a * SLOPE * clipped,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """See Disturbance."""
+        return {"name": self.name, "where": "", "parameters": {"seed": self.seed, "amount": self.amount}}
+
+    def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
+        """See Disturbance."""
+        values = self.drawn(table)
+        for joint, friction in zip(table.leg_joints(), values["friction"], strict=True):
+            body = spec.joint(joint.name)
+            body.frictionloss = max(float(np.max(body.frictionloss)), float(friction))
+        self._slope = GroundSlope(*(float(angle) for angle in values["slope"]))
+        self._slope.edit_model(spec, table)
+
+    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+        """See Disturbance."""
+        self._values = v = self.drawn(table)
+        self._legs = slice(0, len(v["play"]))
+        self._half, self._stiffness = 0.5 * v["play"], model.actuator_gainprm[self._legs, 0].copy()
+        self._damping = -model.actuator_biasprm[self._legs, 2]
+        self._dt = model.opt.timestep
+        self._steps = round(v["delay"] / self._dt)
+        self._past: Array | None = None
+        self._moved: Array | None = None
+        units = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # moments at 0.1 m
+        self._mix = {}
+        for k, foot in enumerate(WRENCHES):
+            mix = np.diag(v["wrench_gain"][k])
+            mix += np.outer(units, 1.0 / units) * (1.0 - np.eye(6)) * v["cross_talk"][k]
+            self._mix[foot] = mix, Rotation.from_rotvec(v["wrench_turn"][k]).as_matrix().T
+        self._lever = np.array([0.0, 0.0, table.ankle_height - table.sensor_below_ankle])
+        late = zip(("left", "right"), v["wrench_late"], strict=True)
+        self._clocks: list[Disturbance] = [WrenchDelay(foot, float(delay)) for foot, delay in late]
+        self._clocks.append(EncoderDelay(float(v["link_late"])))
+        for clock in self._clocks:
+            clock.start(table, model, rng)
+
+    def move_motors(self, t: Array, theta: Array, theta_rate: Array) -> tuple[Array, Array]:
+        """See Disturbance: the references arrive late, and the motors follow them with a lag."""
+        if self._past is None:
+            self._past, self._moved = np.tile(theta[0], (self._steps, 1)), theta[0].copy()
+        known = np.concatenate([self._past, theta])
+        wanted, self._past = known[: len(theta)], known[len(theta) :]
+        lag = np.zeros(theta.shape[1])
+        lag[self._legs] = self._values["lag"]
+        share = self._dt / (lag + self._dt)
+        moved, position = np.empty_like(theta), self._moved
+        for i, reference in enumerate(wanted):
+            position = position + share * (reference - position)
+            moved[i] = position
+        rate = np.diff(moved, axis=0, prepend=self._moved[None]) / self._dt
+        self._moved = position
+        return moved, rate
+
+    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+        """See Disturbance: play, as in `Backlash`."""
+        out = np.zeros_like(deflection)
+        leg = deflection[self._legs]
+        free = (np.abs(leg) < self._half) * self._damping * rate[self._legs]
+        out[self._legs] = -self._stiffness * np.clip(leg, -self._half, self._half) - free
+        return out
+
+    def sense(self, t: float, signals: Signals) -> None:
+        """See Disturbance: encoders, torques, foot sensors, clocks, and the IMU on a sloping floor."""
+        v, legs = self._values, self._legs
+        error = v["eccentricity"] * np.sin(v["eccentric_per_turn"] * signals.q[:, legs] + v["eccentric_phase"])
+        signals.q[:, legs] += v["encoder_zero"] + error
+        signals.tau[legs] *= v["torque_gain"]
+        for foot, (mix, turn) in self._mix.items():
+            wrench = getattr(signals, foot)
+            force, moment = wrench[:3], wrench[3:] - cross(self._lever, wrench[:3])
+            read = mix @ np.concatenate([turn @ force, turn @ moment])
+            setattr(signals, foot, np.concatenate([read[:3], read[3:] + cross(self._lever, read[:3])]))
+        for clock in self._clocks:
+            clock.sense(t, signals)
+        self._slope.sense(t, signals)

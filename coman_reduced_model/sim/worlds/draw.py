@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A world from a seed, a kind or a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import ConfigError
+from .kinds import AXES, kind_named
+from .world import World, read_world
+
+PLAIN = "plain"  # the virtual robot without anything unusual: the first kind of each axis
+ROBOT_CHOICES = ("coman", "coman", "tall", "small")
+
+
+def draw_world(seed: int, fixed: Mapping[str, str] | None = None) -> World:
+    """Draw a world.
+
+    Args:
+        seed: not negative; the same seed gives the same world.
+        fixed: by axis, a kind that is given instead of drawn.
+
+    Raises:
+        ConfigError: there is no such axis or kind.
+    """
+    for axis, kind in (fixed or {}).items():
+        if kind not in AXES.get(axis, {}):
+            raise ConfigError(f"world: {axis}: {kind!r}: unknown (allowed: {', '.join(AXES.get(axis, AXES))})")
+    rng = np.random.default_rng([21, seed])
+    world = World(seed=seed, robot=str(rng.choice(ROBOT_CHOICES)))
+    chosen: dict[str, str] = {}
+    for number, (axis, kinds) in enumerate(AXES.items()):
+        own = np.random.default_rng([22, seed, number])  # to fix one axis leaves the others as they were
+        weights = np.array([kind.weight for kind in kinds.values()])
+        drawn = str(own.choice(list(kinds), p=weights / weights.sum()))
+        name = (fixed or {}).get(axis, drawn)
+        chosen[axis] = name
+        world = replace(world, **kinds[name].draw(own, world))
+    return replace(world, kinds=chosen)
+
+
+def plain_kinds() -> dict[str, str]:
+    """The first kind of each axis."""
+    return {axis: next(iter(kinds)) for axis, kinds in AXES.items()}
+
+
+def world_of(text: str) -> World:
+    """The world that a user names: a file, a kind, or a seed.
+
+    A kind stands for the plain virtual robot but for that one axis.
+
+    Raises:
+        ConfigError: none of these.
+    """
+    if text.isdigit():
+        return draw_world(int(text))
+    if text == PLAIN:
+        return draw_world(0, plain_kinds())
+    if Path(text).suffix in (".yaml", ".yml") or Path(text).is_file():
+        return read_world(text)
+    axis, _ = kind_named(text)
+    return draw_world(0, {**plain_kinds(), axis: text})

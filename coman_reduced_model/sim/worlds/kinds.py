@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The kinds of worlds, by axis. The first kind of each axis is that of the plain virtual robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import ConfigError
+from ..contact import Contact, Floor
+from ..controller import Controller
+from ..upper_motion import UpperMotion
+from .world import World
+
+Draw = Callable[[np.random.Generator, World], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of world on one axis.
+
+    Attributes:
+        name: as in `coman record --world`.
+        sentence: what is special about it.
+        draw: fields of `World` that it sets, drawn.
+        weight: how often it is drawn, beside the others of its axis.
+        chosen_on: whether something of diagnosis, monitor or prediction was chosen on robots of this kind.
+    """
+
+    name: str
+    sentence: str
+    draw: Draw
+    weight: float = 1.0
+    chosen_on: bool = False
+
+
+GAITS: dict[str, tuple[str, dict[str, float]]] = {  # name and changes of the gait generator
+    **{name: (name, {}) for name in ("test1", "test2", "in_place", "backwards", "turn", "sideways", "wide")},
+    "slow": ("test1", {"single_support_s": 0.8}),
+    "between": ("test1", {"step_length_m": 0.045, "single_support_s": 0.55}),
+    "quick": ("test1", {"single_support_s": 0.4, "double_support_s": 0.15}),
+    "changing": ("changing", {}),
+}
+_GAIT_SENTENCES = {
+    "test1": "the first gait of the paper: steps of 3 cm, 0.5 s on one leg",
+    "test2": "the second gait of the paper: steps of 6 cm, 0.6 s on one leg",
+    "in_place": "steps on the spot",
+    "backwards": "steps backwards",
+    "turn": "a turn of 6 degrees a step",
+    "sideways": "sidesteps",
+    "wide": "feet farther apart",
+    "slow": "0.8 s on one leg",
+    "between": "between the two gaits of the paper",
+    "quick": "0.4 s on one leg, 0.15 s on both",
+    "changing": "speed and direction change from step to step",
+}
+
+
+def _contact(**drawn: Callable[[np.random.Generator], Any]) -> Draw:
+    return lambda rng, world: {"contact": Contact(**{name: draw(rng) for name, draw in drawn.items()})}
+
+
+def _even(low: float, high: float) -> Callable[[np.random.Generator], float]:
+    return lambda rng: round(float(rng.uniform(low, high)), 4)
+
+
+def _always(value: Any) -> Callable[[np.random.Generator], Any]:
+    return lambda rng: value
+
+
+def _nothing(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
+    return {}
+
+
+def _soft(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
+    depth = round(float(rng.uniform(0.002, 0.004)), 4)
+    return {
+        "contact": Contact(
+            solref=(round(float(rng.uniform(0.015, 0.022)), 4), 1.0), solimp=(0.8, 0.95, depth, 0.5, 2.0)
+        )
+    }
+
+
+def _uneven(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
+    height = round(float(rng.uniform(0.001, 0.0025)), 4)
+    return {"floor": Floor(tile_height=height, tile_size=0.15, seed=int(rng.integers(1000)))}
+
+
+def _controller(**values: Any) -> Draw:
+    return lambda rng, world: {"controller": Controller(**values)}
+
+
+def _whole_body(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
+    motion = UpperMotion(
+        arms=round(float(rng.uniform(0.1, 0.4)), 3),
+        together=bool(rng.random() < 0.3),
+        waist_yaw=round(float(rng.uniform(0.0, 0.12)), 3),
+        waist_pitch=round(float(rng.uniform(0.0, 0.03)), 3),
+    )
+    return {"upper_body": True, "upper": motion}
+
+
+def _gait(kind: str) -> Draw:
+    name, changes = GAITS[kind]
+    return lambda rng, world: {"gait": name, "gait_changes": dict(changes)}
+
+
+def _sensors(**drawn: Callable[[np.random.Generator], Any]) -> Draw:
+    """Sensors drawn; other options of sensors are set by the axis `streams`, which comes later."""
+    return lambda rng, world: {"sensors": replace(world.sensors, **{name: draw(rng) for name, draw in drawn.items()})}
+
+
+def _streams(reference: bool = True, **switches: bool) -> Draw:
+    return lambda rng, world: {"reference": reference, "sensors": replace(world.sensors, **switches)}
+
+
+def _length(low: float, high: float) -> Draw:
+    return lambda rng, world: {"duration_s": round(float(rng.uniform(low, high)), 1)}
+
+
+def _tilted_imu(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
+    turn = tuple(round(float(angle), 3) for angle in rng.uniform([-0.3, -0.5, -3.1], [0.3, 0.5, 3.1]))
+    return {"imu_turn": turn, "sensors": replace(world.sensors, tilt_bias=0.015)}
+
+
+def _imperfect(low: float, high: float) -> Draw:
+    return lambda rng, world: {"imperfections": round(float(rng.uniform(low, high)), 2)}
+
+
+_KINDS: dict[str, tuple[Kind, ...]] = {
+    "engine": (
+        Kind("mujoco", "MuJoCo: soft constraints", lambda rng, world: {"engine": "mujoco"}, 1.0, chosen_on=True),
+    ),
+    "contact": (
+        Kind("firm", "a hard floor; soles creep by 0.1 to 0.3 mm a step", _nothing, chosen_on=True),
+        Kind(
+            "creeping",
+            "soles creep by millimetres while the load passes: regularised friction, pyramidal cones",
+            _contact(
+                cone=_always("pyramidal"),
+                impratio=_even(1.0, 2.0),
+                solref=lambda rng: (round(float(rng.uniform(0.012, 0.02)), 4), 1.0),
+                solimp=_always((0.9, 0.95, 0.001, 0.5, 2.0)),
+            ),
+        ),
+        Kind(
+            "holding",
+            "soles hold: stiff friction, and a solver step against slip",
+            _contact(impratio=_even(50.0, 200.0), noslip_iterations=_always(4), friction=_even(0.6, 1.2)),
+        ),
+        Kind("soft_soles", "soles give way by a millimetre or two", _soft),
+        Kind("slippery", "a coefficient of friction of 0.3 to 0.5", _contact(friction=_even(0.3, 0.5))),
+    ),
+    "floor": (
+        Kind("level", "a level plane", _nothing, 2.0, chosen_on=True),
+        Kind("uneven", "tiles that differ by 1 to 2.5 mm", _uneven),
+    ),
+    "controller": (
+        Kind("open_loop", "motors follow their plan, whatever happens", _nothing, chosen_on=True),
+        Kind(
+            "imu_control",
+            "ankle and hip strategy fed by the IMU: motors leave their plan by some milliradians",
+            _controller(kind="imu"),
+        ),
+        Kind(
+            "feet_control",
+            "ankle and hip strategy fed by the foot sensors",
+            _controller(kind="feet", ankle=0.07, hip=0.07, rate=0.07),
+        ),
+    ),
+    "body": (
+        Kind("legs", "twelve joints, a rigid trunk", _nothing, 2.0, chosen_on=True),
+        Kind("whole_body", "24 joints: waist and arms move in step, and a head", _whole_body),
+    ),
+    "gait": tuple(
+        Kind(name, _GAIT_SENTENCES[name], _gait(name), 2.0 if name in ("test1", "test2") else 1.0, name != "changing")
+        for name in GAITS
+    ),
+    "sensors": (
+        Kind("usual", "12-bit link encoders, 200 Hz, foot sensors zeroed with care", _nothing, chosen_on=True),
+        Kind(
+            "rich",
+            "16 to 19 bits, 500 Hz, foot sensors at 500 Hz, little noise",
+            _sensors(
+                rate_hz=_always(500.0),
+                encoder_bits=lambda rng: int(rng.integers(16, 20)),
+                torque_noise=_always(0.02),
+                force_noise=_always((0.3, 0.3, 0.5)),
+            ),
+            0.5,
+        ),
+        Kind(
+            "coarse",
+            "10 or 11 bits with white noise, 100 Hz, noisy torques and foot sensors with gains off",
+            _sensors(
+                rate_hz=_always(100.0),
+                encoder_bits=lambda rng: int(rng.integers(10, 12)),
+                encoder_noise=_even(1e-4, 5e-4),
+                torque_noise=_even(0.1, 0.5),
+                torque_bias=_even(0.1, 0.5),
+                wrench_gain=_even(0.0, 0.02),
+                force_noise=_always((3.0, 3.0, 4.0)),
+                moment_noise=_always((0.1, 0.1, 0.08)),
+            ),
+        ),
+        Kind(
+            "unzeroed",
+            "zeros of the foot sensors of up to 300 N, drifting, with cross-talk",
+            _sensors(
+                wrench_zero=_even(20.0, 300.0), force_walk=_even(0.1, 1.0), cross_talk=_even(0.0, 0.02),
+                wrench_gain=_even(0.0, 0.02),
+            ),
+        ),
+        Kind(
+            "slow_feet",
+            "joints at 500 Hz, foot sensors at 100 Hz",
+            _sensors(rate_hz=_always(500.0), wrench_every=_always(5), imu_every=_always(5)),
+            0.5,
+        ),
+        Kind(
+            "deflection_torque",
+            "torques are computed from the deflection of the springs by the data sheet",
+            _sensors(torque_source=_always("deflection")),
+        ),
+        Kind("tilted_imu", "an IMU that is mounted otherwise, as the URDF has it, and a degree off", _tilted_imu, 0.5),
+    ),
+    "streams": (
+        Kind("all_streams", "torques, motor states, IMU, reference", _nothing, 2.0, chosen_on=True),
+        Kind("no_reference", "no com/reference", _streams(reference=False)),
+        Kind("no_torques", "no joint torques", _streams(effort=False)),
+        Kind("no_imu", "no IMU", _streams(imu=False)),
+        Kind("no_motors", "no motor states: the springs' other end is unknown", _streams(motor_states=False), 0.5),
+        Kind("commanded", "motor states repeat the command", lambda rng, world: {
+            "sensors": replace(world.sensors, motor_source="commanded")}, chosen_on=True),
+        Kind("bare", "neither torques, IMU nor reference", _streams(reference=False, effort=False, imu=False)),
+    ),
+    "imperfections": (
+        Kind("tolerances", "springs, dampers and masses off by some per cent", _nothing, 1.0, chosen_on=True),
+        Kind("imperfect", "all small imperfections at once: play, friction, lag, zeros, gains, clocks, a slope",
+             _imperfect(0.6, 1.4), 2.0),
+    ),
+    "length": (
+        Kind("some_seconds", "a training walk of 13 s", _length(13.0, 13.0), 4.0, chosen_on=True),
+        Kind("short", "5 to 9 s", _length(5.0, 9.0)),
+        Kind("long", "25 to 60 s", _length(25.0, 60.0), 0.2, chosen_on=True),
+    ),
+}  # fmt: skip
+AXES: dict[str, dict[str, Kind]] = {axis: {kind.name: kind for kind in kinds} for axis, kinds in _KINDS.items()}
+
+
+def kind_named(name: str) -> tuple[str, Kind]:
+    """Axis and kind of a name.
+
+    Raises:
+        ConfigError: no kind has that name.
+    """
+    for axis, kinds in AXES.items():
+        if name in kinds:
+            return axis, kinds[name]
+    known = ", ".join(kind for kinds in AXES.values() for kind in kinds)
+    raise ConfigError(f"world: {name!r}: no file, no seed and no kind (allowed: plain, {known})")

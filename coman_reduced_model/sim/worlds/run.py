@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Record a world."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ...core.gait.parameters import GaitParameters
+from ...progress import Progress
+from ..disturbances import Disturbance, Imperfections, Scatter
+from ..record import RecordedBag, plan_recording, record, robot_gait
+from ..virtual_robot import VirtualRobot
+from .kinds import GAITS
+from .world import World, world_yaml
+
+
+def healthy_variations(world: World) -> list[Disturbance]:
+    """What this robot has although it is healthy: tolerances, and small imperfections of each joint and sensor."""
+    varied: list[Disturbance] = [Scatter(seed=world.seed)] if world.tolerances else []
+    if world.imperfections > 0.0:
+        varied.append(Imperfections(seed=world.seed, amount=world.imperfections))
+    return varied
+
+
+def robot_of(
+    world: World, hidden: Sequence[Disturbance] = (), seed: int = 0, start_ns: int | None = None
+) -> VirtualRobot:
+    """The virtual robot of a world.
+
+    Args:
+        world: see World.
+        hidden: effects beyond what is healthy.
+        seed: of the noise of the sensors.
+        start_ns: stamp at t = 0; default: that of VirtualRobot.
+
+    Raises:
+        ConfigError: the world is not possible.
+    """
+    start = {} if start_ns is None else {"start_ns": start_ns}
+    return VirtualRobot(
+        world.table,
+        world.sensors,
+        [*healthy_variations(world), *hidden],
+        seed=seed,
+        contact=world.contact,
+        floor=world.floor,
+        controller=world.controller,
+        **start,
+    )
+
+
+def with_gait(world: World, kind: str, duration_s: float) -> World:
+    """The same world on another gait, by a kind of the axis `gait`."""
+    name, changes = GAITS[kind]
+    return replace(world, gait=name, gait_changes=dict(changes), duration_s=duration_s)
+
+
+def record_world(
+    world: World,
+    out: str | Path,
+    hidden: Sequence[Disturbance] = (),
+    seed: int = 0,
+    force: bool = False,
+    progress: Progress | None = None,
+    store: bool = True,
+) -> RecordedBag:
+    """Walk the robot of a world and record the bag `out`, its truth, and the world beside it (`out`.world.yaml).
+
+    Args:
+        world: see World.
+        out: folder of the bag.
+        hidden: effects beyond what is healthy.
+        seed: of the noise of the sensors.
+        force: replace what exists.
+        progress: called now and then.
+        store: write the world beside the bag.
+
+    Raises:
+        ConfigError: the world is not possible.
+        OutputError: `out` exists, or cannot be written.
+    """
+    result = record(
+        _walk(world),
+        out,
+        robot=world.table,
+        sensors=world.sensors,
+        disturbances=[*healthy_variations(world), *hidden],
+        seed=seed,
+        contact=world.contact,
+        floor=world.floor,
+        controller=world.controller,
+        reference=world.reference,
+        planned=_planned(world),
+        force=force,
+        progress=progress,
+    )
+    if store:
+        Path(f"{out}.world.yaml").write_text(world_yaml(world), encoding="utf-8")
+    return result
+
+
+def _walk(world: World) -> GaitParameters:
+    return robot_gait(world.table, world.gait, world.duration_s, **world.gait_changes)
+
+
+def _planned(world: World) -> Any:
+    """Motion and plan; those of the last worlds are kept: many walk the same gait."""
+    return _plan(world.robot, world.upper_body, world.upper, _walk(world))
+
+
+@functools.lru_cache(maxsize=64)
+def _plan(robot: str, upper_body: bool, upper: Any, walk: GaitParameters) -> Any:
+    table = World(robot=robot, upper_body=upper_body).table
+    return plan_recording(walk, table, upper=upper)
