@@ -35,6 +35,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         *shared_files("config", "launch", "bags", "msg_defs/msg"),
     ],
+    extras_require={"drake": ["drake"]},  # a second physics engine for the virtual robot
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The hidden effects of the judge, their places, and their sizes: weak, medium and strong.
 
-A size is a multiple of what healthy robots of the population appear to vary by: weak 2 to 4, medium 5 to 7, strong 10
-to 14 standard deviations (sizes.yaml, which says how each was found). It is given for COMAN (17.3 kg, COM at 0.38 m);
+A size is a multiple of what healthy robots of the population vary by, or of what a recording leaves open, if that is
+more: weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM at 0.38 m);
 on another robot forces scale with its weight, torques with weight times COM height. Where a size would be beyond what a
 walking robot can have (`most`), the level is lower, and the result counts that.
 
@@ -70,9 +70,9 @@ class Family:
 
 @functools.cache
 def deviations() -> dict[str, float]:
-    """By family, the standard deviation over healthy robots, for COMAN."""
+    """By family, the standard deviation for COMAN: over healthy robots, or of what a recording leaves open."""
     read = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
-    return {name: float(entry["deviation"]) for name, entry in read.items()}
+    return {name: max(float(entry["healthy"]), float(entry.get("recorded", 0.0))) for name, entry in read.items()}
 
 
 def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -> tuple[dict[str, Any], int]:
@@ -240,7 +240,7 @@ FAMILIES: dict[str, Family] = {
     "motor_compliance": Family(
         "motor_compliance", "rad/Nm", 0.0012, lambda rng, s, table: {"compliance": s}, "1/torque", "compliance"
     ),
-    "payload": Family("payload", "kg", 2.0, _payload, "mass", "mass"),
+    "payload": Family("payload", "kg", 3.0, _payload, "mass", "mass"),
     "com_offset": Family("com_offset", "m", 0.03, lambda rng, s, table: _axis(rng, s, "x", "y"), "length", "x"),
     "ground_compliance": Family("ground_compliance", "m/N", 1.5e-5, _soft_ground, "1/mass"),
     "ground_slope": Family(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much healthy robots of a world vary, and how large effects appear that they do not have.
+"""How much healthy robots of a world vary, and how well their recordings determine the size of an effect.
 
 python -m coman_reduced_model.judge.variability OUT      # of a run with clean cases: measures sizes.yaml
 """
@@ -64,8 +64,10 @@ def _zeros(sensors: Any) -> dict[str, float]:
     return out
 
 
-def appearing_sizes(bags: Path, world: World) -> dict[str, list[float]]:
-    """By family, the sizes that a clean robot appears to have: estimates of an effect alone, at each of its places.
+def recorded_deviations(bags: Path, world: World) -> dict[str, list[float]]:
+    """By family, how well the recordings of a clean robot determine its size: the posterior's standard deviation.
+
+    Of each effect alone, at each of its places, when healthy robots vary as they do in this world.
 
     Raises:
         ComanError: the bags cannot be used.
@@ -83,8 +85,8 @@ def appearing_sizes(bags: Path, world: World) -> dict[str, list[float]]:
 
 
 def _size(name: str, family: Family, row: Mapping[str, Any], world: World) -> float | None:
-    """The size, for COMAN, that an estimate stands for; None: not at a place of this family."""
-    where, value = row["where"], abs(float(row["parameters"][family.parameter]["value"]))
+    """The deviation in units of the size, for COMAN; None: not at a place of this family."""
+    where, value = row["where"], float(row["parameters"][family.parameter]["deviation"])
     if name in ("hardening", "softening"):
         if where[1:] not in ("KneeSag", "AnkSag"):
             return None
@@ -94,19 +96,19 @@ def _size(name: str, family: Family, row: Mapping[str, Any], world: World) -> fl
     return value / family.factor(world.table)
 
 
-def _sizes_of_case(task: tuple[Path, str]) -> dict[str, list[float]]:
+def _deviations_of_case(task: tuple[Path, str]) -> dict[str, list[float]]:
     from ..sim.worlds.world import world_from_yaml
 
     bags, world = task
     try:
-        return appearing_sizes(bags, world_from_yaml(world))
+        return recorded_deviations(bags, world_from_yaml(world))
     except ComanError as error:
         print(f"{bags.name}: {error}", file=sys.stderr)
         return {}
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Measure sizes.yaml on the clean cases of a run: the robust standard deviation over cases and places."""
+    """Measure `recorded` of sizes.yaml on the clean cases of a run: the median over cases and places."""
     import json
 
     from .run import RunFolder
@@ -118,14 +120,12 @@ def main(arguments: Sequence[str]) -> None:
     tasks = [(folder.bags(n), a["world"]) for n, a in zip(names, answers, strict=True) if a["kind"] == "clean"]
     found: dict[str, list[float]] = {}
     with ProcessPoolExecutor(2) as pool:
-        for sizes in pool.map(_sizes_of_case, tasks):
+        for sizes in pool.map(_deviations_of_case, tasks):
             for name, values in sizes.items():
                 found.setdefault(name, []).extend(values)
     entries = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
     for name, values in found.items():
-        deviation = float(np.median(values) / 0.6745)
-        entries[name] = {"deviation": float(f"{deviation:.3g}"), "unit": FAMILIES[name].unit,
-                         "from": f"measured on {len(tasks)} clean cases"}  # fmt: skip
+        entries[name]["recorded"] = float(f"{np.median(values):.3g}")
     head = "".join(line for line in SIZES.read_text(encoding="utf-8").splitlines(True) if line.startswith("#"))
     SIZES.write_text(head + yaml.safe_dump(entries, sort_keys=False, default_flow_style=None), encoding="utf-8")
 

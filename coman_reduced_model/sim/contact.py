@@ -33,12 +33,16 @@ class Contact:
     solimp: tuple[float, float, float, float, float] = (0.95, 0.99, 0.001, 0.5, 2.0)
     friction: float = 0.0  # coefficient of sliding; 0: that of the robot's table
     torsional: float = 0.02  # [m] friction about the vertical over the normal force
+    modulus: float = 3e6  # [Pa] of the floor in Drake, a layer of 10 mm
+    dissipation: float = 1000.0  # [s/m] of Hunt and Crossley, in Drake
 
     def __post_init__(self) -> None:
         if self.cone not in CONES:
             raise ConfigError(f"contact: cone = {self.cone!r}: allowed: {', '.join(CONES)}")
         if not (self.impratio > 0.0 and self.solref[0] > 0.0 and self.friction >= 0.0 and self.torsional >= 0.0):
             raise ConfigError("contact: impratio, solref: allowed: positive; friction, torsional: not negative")
+        if not (1e4 <= self.modulus <= 1e9 and self.dissipation >= 0.0):
+            raise ConfigError("contact: modulus: allowed: 1e4 to 1e9 Pa; dissipation: not negative")
         if not 0 <= self.noslip_iterations <= 100:
             raise ConfigError(f"contact: noslip_iterations = {self.noslip_iterations}: allowed: 0 to 100")
 

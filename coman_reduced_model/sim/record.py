@@ -117,6 +117,7 @@ def record(
     contact: Contact | None = None,
     floor: Floor | None = None,
     controller: Controller | None = None,
+    engine: str = "mujoco",
     reference: bool = True,
 ) -> RecordedBag:
     """Plans a gait, walks the virtual robot through it, writes the bag `out` and the truth `out`.truth.npz.
@@ -136,7 +137,7 @@ def record(
         progress: called now and then.
         planned: what `plan_recording` makes of the same walk and robot, if it is known already.
         upper: how the upper body moves, if the robot has one.
-        contact, floor, controller: see VirtualRobot.
+        contact, floor, controller, engine: see VirtualRobot.
         reference: whether `com/reference` is published.
 
     Raises:
@@ -151,7 +152,8 @@ def record(
         walk = robot_gait(robot, walk, duration_s, **(changes or {}))
     elif duration_s is not None or changes:
         raise ConfigError("duration, changes: only with a named gait; GaitParameters have all of it")
-    body = VirtualRobot(robot, sensors, disturbances, motors, seed, contact=contact, floor=floor, controller=controller)
+    world = {"contact": contact, "floor": floor, "controller": controller, "engine": engine}
+    body = VirtualRobot(robot, sensors, disturbances, motors, seed, **world)  # type: ignore[arg-type]
     destination = _Destination(out, force)
     if progress:
         progress(0.0, "planning the motion")

@@ -23,10 +23,11 @@ from .controller import Controller, Stabiliser
 from .describe import mujoco_spec
 from .disturbances.base import Disturbance, foot_body, overrides
 from .disturbances.floor import plate_body
+from .engines import make_engine
 from .motion import Posture
 from .motors import MotorOptions, Motors
 from .robot_table import COMAN, RobotTable
-from .sensors import Readings, SensorOptions, Sensors, Signals, cross
+from .sensors import Readings, SensorOptions, Sensors, Signals
 
 START_NS = 1_700_000_000_000_000_000  # stamp at t = 0; fixed, so that a seed gives the same bag at any time
 Motion = Callable[[Array], "tuple[Array, Array]"]  # times (n,) -> motor positions, velocities (n, nj)
@@ -74,6 +75,7 @@ class VirtualRobot:
         contact: Contact | None = None,
         floor: Floor | None = None,
         controller: Controller | None = None,
+        engine: str = "mujoco",
     ):
         """Builds it.
 
@@ -86,6 +88,7 @@ class VirtualRobot:
             start_ns: stamp at t = 0 [ns].
             contact, floor: how soles meet the floor, and its shape; default: a hard plane.
             controller: a stabiliser; default: the motors follow their plan, open loop.
+            engine: of the physics: mujoco or drake.
 
         Raises:
             ConfigError: an option or a disturbance is not possible.
@@ -111,9 +114,9 @@ class VirtualRobot:
         self._q, self._v = (np.array([int(getattr(j, a)[0]) for j in joints]) for a in ("qposadr", "dofadr"))
         # What the ground does to a foot it does to the foot or to the plate that a disturbance puts below it.
         bodies = {self.model.body(i).name: i for i in range(self.model.nbody)}
-        self._feet = [[bodies[n] for n in (foot_body(k), plate_body(k)) if n in bodies] for k in (0, 1)]
+        feet = [[bodies[n] for n in (foot_body(k), plate_body(k)) if n in bodies] for k in (0, 1)]
         self._soles = [self.model.site(name).id for name in ("l_sole", "r_sole")]
-        self._root = self.model.body("base_link").id
+        self._engine = make_engine(engine, self.model, feet, self._soles, contact or Contact())
         self._imu = self.model.site("imu_link").id
         self.sensors = Sensors(self._options, table, self.model.opt.timestep, start_ns, seed)
 
@@ -151,6 +154,7 @@ class VirtualRobot:
         self._forces = overrides(self.disturbances, "apply")
         self._bear = overrides(self.disturbances, "bear")
         self._sense = overrides(self.disturbances, "sense")
+        self._engine.reset(data)
         theta = motion(np.zeros(1))[0][0]
         self._motors = Motors(self._motor_options, theta) if self._motor_options else None
         self._q_history = np.tile(data.qpos[self._q], (self.sensors.steps, 1))
@@ -191,7 +195,7 @@ class VirtualRobot:
 
     def _physics(self, theta: Array, rate: Array, samples: dict[int, list[str]]) -> None:
         """Physics steps, one a row of the motor references (n, nj); samples: streams to read at a step."""
-        model, data, dt = self.model, self.data, self.model.opt.timestep
+        data, dt = self.data, self.model.opt.timestep
         self._command = theta, rate
         if self._move:
             times = self.t + dt * np.arange(len(theta))
@@ -209,9 +213,7 @@ class VirtualRobot:
             if streams := samples.get(i):
                 state = data.qpos.copy(), data.qvel.copy()
                 data.ctrl[:] = ctrl[i]
-                mujoco.mj_step(model, data)
-                # Poses, velocities and forces in `data` are still those of the state before the step.
-                mujoco.mj_rnePostConstraint(model, data)
+                self._engine.sampled_step(data)
                 # The integrator damps with the velocity after the step: this is the torque that it has applied.
                 tau = data.actuator_force - self.damping * (data.qvel - state[1])[self._v]
                 if extra is not None:
@@ -222,7 +224,7 @@ class VirtualRobot:
                     self._signals.motor_q, self._signals.motor_qd = (part[i].copy() for part in self._command)
             else:
                 data.ctrl[:] = ctrl[i]
-                mujoco.mj_step(model, data)
+                self._engine.step(data)
         self.t += dt * len(theta)
         self._q_history = history
 
@@ -295,9 +297,5 @@ class VirtualRobot:
 
     def _ground_wrench(self, foot: int) -> Array:
         """Force and moment (6,) of the ground on a foot, in and about its sole frame."""
-        data, sole = self.data, self._soles[foot]
-        wrench = data.cfrc_ext[self._feet[foot]].sum(axis=0)  # moment about the COM of the robot, then force
-        lever = data.subtree_com[self._root] - data.site_xpos[sole]
-        moment = wrench[:3] + cross(lever, wrench[3:])
-        R = data.site_xmat[sole].reshape(3, 3)
-        return sum((d.bear(foot, data) for d in self._bear), np.concatenate([wrench[3:] @ R, moment @ R]))
+        wrench = self._engine.ground_wrench(self.data, foot)
+        return sum((d.bear(foot, self.data) for d in self._bear), wrench)

@@ -35,8 +35,9 @@ def draw_world(seed: int, fixed: Mapping[str, str] | None = None) -> World:
     chosen: dict[str, str] = {}
     for number, (axis, kinds) in enumerate(AXES.items()):
         own = np.random.default_rng([22, seed, number])  # to fix one axis leaves the others as they were
-        weights = np.array([kind.weight for kind in kinds.values()])
-        drawn = str(own.choice(list(kinds), p=weights / weights.sum()))
+        able = [kind for kind in kinds.values() if kind.only_engine in ("", world.engine)]
+        weights = np.array([kind.weight for kind in able])
+        drawn = str(own.choice([kind.name for kind in able], p=weights / weights.sum()))
         name = (fixed or {}).get(axis, drawn)
         chosen[axis] = name
         world = replace(world, **kinds[name].draw(own, world))

@@ -28,6 +28,7 @@ class Kind:
         draw: fields of `World` that it sets, drawn.
         weight: how often it is drawn, beside the others of its axis.
         chosen_on: whether something of diagnosis, monitor or prediction was chosen on robots of this kind.
+        only_engine: the engine that has it; empty: all.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Kind:
     draw: Draw
     weight: float = 1.0
     chosen_on: bool = False
+    only_engine: str = ""
 
 
 GAITS: dict[str, tuple[str, dict[str, float]]] = {  # name and changes of the gait generator
@@ -76,12 +78,9 @@ def _nothing(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
 
 
 def _soft(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
-    depth = round(float(rng.uniform(0.002, 0.004)), 4)
-    return {
-        "contact": Contact(
-            solref=(round(float(rng.uniform(0.015, 0.022)), 4), 1.0), solimp=(0.8, 0.95, depth, 0.5, 2.0)
-        )
-    }
+    depth, time = round(float(rng.uniform(0.002, 0.004)), 4), round(float(rng.uniform(0.015, 0.022)), 4)
+    modulus = round(float(rng.uniform(1e5, 3e5)))
+    return {"contact": Contact(solref=(time, 1.0), solimp=(0.8, 0.95, depth, 0.5, 2.0), modulus=float(modulus))}
 
 
 def _uneven(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
@@ -132,7 +131,8 @@ def _imperfect(low: float, high: float) -> Draw:
 
 _KINDS: dict[str, tuple[Kind, ...]] = {
     "engine": (
-        Kind("mujoco", "MuJoCo: soft constraints", lambda rng, world: {"engine": "mujoco"}, 1.0, chosen_on=True),
+        Kind("mujoco", "MuJoCo: soft constraints", _nothing, 3.0, chosen_on=True),
+        Kind("drake", "Drake: rigid soles on a compliant floor; soles hold", lambda rng, world: {"engine": "drake"}),
     ),
     "contact": (
         Kind("firm", "a hard floor; soles creep by 0.1 to 0.3 mm a step", _nothing, chosen_on=True),
@@ -145,6 +145,7 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
                 solref=lambda rng: (round(float(rng.uniform(0.012, 0.02)), 4), 1.0),
                 solimp=_always((0.9, 0.95, 0.001, 0.5, 2.0)),
             ),
+            only_engine="mujoco",
         ),
         Kind(
             "holding",

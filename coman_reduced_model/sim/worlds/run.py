@@ -49,6 +49,7 @@ def robot_of(
         contact=world.contact,
         floor=world.floor,
         controller=world.controller,
+        engine=world.engine,
         **start,
     )
 
@@ -93,6 +94,7 @@ def record_world(
         contact=world.contact,
         floor=world.floor,
         controller=world.controller,
+        engine=world.engine,
         reference=world.reference,
         planned=_planned(world),
         force=force,

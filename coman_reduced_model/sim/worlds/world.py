@@ -13,11 +13,10 @@ import yaml
 from ...errors import ConfigError
 from ..contact import Contact, Floor
 from ..controller import Controller
+from ..engines import ENGINES
 from ..robot_table import ROBOTS, RobotTable, with_upper_body
 from ..sensors import SensorOptions
 from ..upper_motion import UpperMotion
-
-ENGINES = ("mujoco",)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Physics engines of the virtual robot: one physics step, and what the ground exerts on the feet.
+
+MuJoCo's model and data describe the robot for all engines: disturbances, sensors and truth read poses there, whichever
+engine moves it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from ...errors import ConfigError
+from ..contact import Contact
+from .base import Engine
+from .mujoco_engine import MujocoEngine
+
+ENGINES = ("mujoco", "drake")
+
+
+def make_engine(
+    name: str, model: mujoco.MjModel, feet: Sequence[Sequence[int]], soles: Sequence[int], contact: Contact
+) -> Engine:
+    """An engine by its name.
+
+    Args:
+        name: one of ENGINES.
+        model: compiled; bodies, joints, springs, geometry of soles and floor.
+        feet: of the left and the right foot, the bodies on which the ground acts.
+        soles: sites of the left and the right sole.
+        contact: what an engine needs of it beside the model.
+
+    Raises:
+        ConfigError: there is no such engine, it is not installed, or it cannot simulate this model.
+    """
+    if name == "mujoco":
+        return MujocoEngine(model, feet, soles)
+    if name != "drake":
+        raise ConfigError(f"engine: {name!r}: allowed: {', '.join(ENGINES)}")
+    try:
+        from .drake_engine import DrakeEngine
+    except ImportError:
+        raise ConfigError("engine: drake is not installed (pip install drake)") from None
+    return DrakeEngine(model, feet, soles, contact)
+
+
+__all__ = ["ENGINES", "Engine", "make_engine"]
