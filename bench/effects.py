@@ -70,10 +70,12 @@ MODELS = {
 
 def with_effect(base: Config, hidden: Disturbance) -> Config:
     """The configuration with the hidden effect as it is."""
-    told = hidden.told()
-    active = [*base.flat()["effects.active"], told["name"]]  # type: ignore[misc]
-    values = {f"effects.{told['name']}.{key}": [value] for key, value in told["parameters"].items()}
-    return base.replaced({"effects.active": active, f"effects.{told['name']}.where": [told["where"]], **values})
+    described = hidden.to_dict()
+    active = [*base.flat()["effects.active"], described["name"]]  # type: ignore[misc]
+    values = {f"effects.{described['name']}.{key}": [value] for key, value in described["parameters"].items()}
+    return base.replaced(
+        {"effects.active": active, f"effects.{described['name']}.where": [described["where"]], **values}
+    )
 
 
 def errors(path: Path, config: Config) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -79,7 +79,8 @@ def _deal(choices: list[Any], number: int, salt: int) -> Any:
 def _families_and_levels(kind: str, number: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What is hidden in the case of a kind with a number."""
     if kind == "single":
-        family, level = _deal([(family, level) for family in CATALOGUED for level in LEVELS], number, 12)
+        family = _deal(list(CATALOGUED), number, 12)
+        level = _deal(list(LEVELS), number // len(CATALOGUED), 100 + list(CATALOGUED).index(family))
         return (family,), (level,)
     if kind == "unknown":  # strong ones twice as often: the target is set for those
         levels = (*LEVELS, "strong")
@@ -98,6 +99,7 @@ def draw_case(
     families: tuple[str, ...] = (),
     level: str | None = None,
     worlds: Mapping[str, str] | None = None,
+    duration_s: float | None = None,
 ) -> HiddenCase:
     """Draw the case of a seed.
 
@@ -107,6 +109,7 @@ def draw_case(
             place of the effect are drawn again, and after every `ATTEMPTS` draws the level is one lower.
         kind, families, level: given instead of drawn.
         worlds: by axis, the kind of world, given instead of drawn.
+        duration_s: of the training walk; held-out ones are no longer than it.
     """
     drawn, number = _kind_and_number(seed)
     kind = kind or drawn
@@ -118,6 +121,8 @@ def draw_case(
     world = draw_world(seed, worlds)
     if attempt:
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
+    if duration_s is not None:
+        world = replace(world, duration_s=duration_s)
     effects, levels = [], []
     for family, one in zip(families, wanted, strict=True):
         lowest = max(LEVELS.index(one) - attempt // ATTEMPTS, 0)

@@ -2,9 +2,9 @@
 """The hidden effects of the judge, their places, and their sizes: weak, medium and strong.
 
 A size is a multiple of what healthy robots of the population vary by, or of what a recording leaves open, if that is
-more: weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM at 0.38 m);
-on another robot forces scale with its weight, torques with weight times COM height. Where a size would be beyond what a
-walking robot can have (`most`), the level is lower, and the result counts that.
+more: weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM
+at 0.38 m); on another robot forces scale with its weight, torques with weight times COM height. Where a size would be
+beyond what a walking robot can have (`most`), the level is lower, and the result counts that.
 
 The effects themselves are those of sim/disturbances, which knows nothing of the models and the diagnosis.
 """
@@ -131,7 +131,7 @@ def _axis(rng: np.random.Generator, size: float, *axes: str) -> dict[str, Any]:
 
 
 def working_stretch(joint: str, table: RobotTable) -> float:
-    """Largest deflection of a joint's spring in a plain walk [rad], measured on clean robots; joint without its side."""
+    """Largest deflection of a joint's spring in a plain walk [rad], measured; joint without its side."""
     torque = {"KneeSag": 0.14, "AnkSag": 0.065}[joint] * 9.81 * table.mass * com_height(table)
     return torque / table.stiffness[joint]
 

@@ -29,7 +29,7 @@ HIDDEN = {
     "foot_slip": ("foot_slip", {"where": "right", "distance": 0.012}),
     "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
     "wrench_bias": ("wrench_bias", {"where": "right", "fz": 25.0}),  # the foot never seems to be in the air
-    "twisted_sensor": ("twisted_sensor", {"where": "left", "axis": "x", "angle": 0.35}),
+    "sensor_rotation": ("sensor_rotation", {"where": "left", "axis": "x", "angle": 0.35}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
 MADE_OTHERWISE = {  # sensors of healthy robots
@@ -198,7 +198,7 @@ def test_a_healthy_robot_lacks_nothing(name, bags, diagnose):
 
 @pytest.mark.slow
 def test_what_no_effect_explains_is_unknown(bags, diagnose):
-    train, held = bags("twisted_sensor")
+    train, held = bags("sensor_rotation")
     result, _ = diagnose(train, "--holdout", held)
     assert result["verdict"] == "unknown" and result["effects"] == [] and result["too_much"], result["sentence"]
 

@@ -7,6 +7,7 @@ import json
 import re
 import sys
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +24,13 @@ from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
-from coman_reduced_model.judge.families import FAMILIES, LEVELS
+from coman_reduced_model.judge.families import FAMILIES, LEVELS, draw_effect
 from coman_reduced_model.judge.run import RunFolder, choose_seeds, run
 from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, score_run
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make
 from coman_reduced_model.sim.robot_table import ROBOTS
+from coman_reduced_model.sim.worlds import AXES, World
 
 REPORTED = range(1000, 1200)
 MODEL_OPTIONS = {"gravity_stiffness", "lateral_compliance", "swing_momentum", "trunk_rotation"}
@@ -42,12 +44,14 @@ def test_a_seed_gives_the_same_case_in_any_range_and_any_order():
 
 def test_the_reported_seeds_hold_what_the_targets_ask_for():
     drawn = [draw_case(seed) for seed in REPORTED]
-    assert Counter(case.kind for case in drawn) == {"clean": 60, "single": 90, "pair": 25, "unknown": 25}
+    assert Counter(case.kind for case in drawn) == {"clean": 100, "single": 60, "pair": 20, "unknown": 20}
     singles = Counter(case.families[0] for case in drawn if case.kind == "single")
-    assert set(singles) == set(families.CATALOGUED) and min(singles.values()) >= 3
-    for kind, least in (("single", 25), ("unknown", 5)):
-        assert min(Counter(case.levels[0] for case in drawn if case.kind == kind).values()) >= least
-    assert set(Counter(case.robot for case in drawn)) == set(ROBOTS)
+    assert set(singles) == set(families.CATALOGUED) and min(singles.values()) >= 2
+    for kind, least in (("single", 15), ("unknown", 3)):
+        assert min(Counter(case.wanted[0] for case in drawn if case.kind == kind).values()) >= least
+    assert {case.world.robot for case in drawn} == set(ROBOTS)
+    every_kind = {kind for kinds in AXES.values() for kind in kinds}
+    assert {kind for case in drawn for kind in case.world.kinds.values()} == every_kind
     for case in drawn:
         assert len(set(case.gaits.values())) == 3  # the held-out walks are others
         assert len({families.class_of(e["name"]) for e in case.effects}) == len(case.families)
@@ -57,23 +61,28 @@ def test_the_reported_seeds_hold_what_the_targets_ask_for():
 @pytest.mark.parametrize("family", FAMILIES)
 def test_levels_grow_and_can_be_built_on_every_robot(family):
     f = FAMILIES[family]
+    same = {"cable_drag": {"spring"}}.get(family, {"friction", "time", "frequency"})  # not of the size
     for table in ROBOTS.values():
         sizes = []
+        reached = []
         for level in range(3):
-            values = f.parameters(np.random.default_rng(4), level, table)
+            values, got = draw_effect(family, np.random.default_rng(4), level, World(robot=table.name))
             effect = make(f.effect, values)
+            reached.append(got)
             sizes.append(
                 sum(
                     abs(np.log(v)) if key == "scale" else abs(v)
-                    for key, v in effect.told()["parameters"].items()
-                    if isinstance(v, float)
+                    for key, v in effect.to_dict()["parameters"].items()
+                    if isinstance(v, float) and key not in same
                 )
             )
-        assert sizes[0] < sizes[1] < sizes[2], (table.name, sizes)
+        grew = [b > a for a, b in pairwise(sizes)]
+        assert grew == [b > a for a, b in pairwise(reached)], (table.name, sizes, reached)
+        assert reached[0] == 0
 
 
 def test_every_effect_that_can_be_hidden_is_drawn():
-    assert {f.effect for f in FAMILIES.values()} == set(DISTURBANCES) - {"scatter"}
+    assert {f.effect for f in FAMILIES.values()} == set(DISTURBANCES) - {"scatter", "imperfections"}
 
 
 def test_effects_have_the_same_names_for_the_judge_the_model_and_the_diagnosis():
@@ -90,7 +99,9 @@ def test_after_falls_the_level_goes_down_and_that_is_recorded():
     seed = next(seed for seed in range(1000) if draw_case(seed).levels == ("strong",))
     levels = [draw_case(seed, attempt).levels for attempt in range(12)]
     assert levels == [("strong",)] * 4 + [("medium",)] * 4 + [("weak",)] * 4
-    assert draw_case(seed, 5).attempt == 5 and draw_case(seed, 5).families == draw_case(seed).families
+    first, later = draw_case(seed), draw_case(seed, 5)
+    assert (later.attempt, later.families, later.wanted) == (5, first.families, ("strong",))
+    assert later.world.kinds == first.world.kinds and later.world != first.world
 
 
 # --- bags ---
@@ -100,13 +111,9 @@ def test_after_falls_the_level_goes_down_and_that_is_recorded():
 def written(tmp_path_factory) -> tuple[Path, cases.HiddenCase, dict]:
     """A case with short walks."""
     folder = tmp_path_factory.mktemp("bags")
-    case = draw_case(3, kind="pair", families=("backlash", "wrench_scale"), level="medium")
-    before = dict(cases.SECONDS)
-    cases.SECONDS.update(dict.fromkeys(BAGS, 3.6))
-    try:
-        found = write_case(case, folder / case.name)
-    finally:
-        cases.SECONDS.update(before)
+    fixed = {"kind": "pair", "families": ("backlash", "wrench_scale"), "level": "medium"}
+    case = draw_case(3, **fixed, worlds={"engine": "mujoco"}, duration_s=3.6)
+    found = write_case(case, folder / case.name)
     assert found is not None
     return folder / case.name, case, found
 
@@ -115,7 +122,8 @@ def test_bags_hold_no_label(written):
     folder, case, found = written
     assert sorted(path.name for path in folder.iterdir()) == ["hold1", "hold2", "robot.yaml", "train"]
     assert [e["name"] for e in found["effects"]] == ["backlash", "wrench_scale"] and found["seed"] == 3
-    words = [*DISTURBANCES, *FAMILIES, *LEVELS, "truth", "clean", "seed", *set(case.gaits.values())]
+    drawn = {*case.gaits.values(), *case.world.kinds.values()}
+    words = [*DISTURBANCES, *FAMILIES, *LEVELS, "truth", "clean", "seed", *drawn]
     files = [path for path in folder.rglob("*") if path.is_file()]
     assert {path.suffix for path in files} == {".mcap", ".yaml"}
     spoken = {path: path.read_text() for path in files if path.suffix == ".yaml"}
@@ -124,7 +132,7 @@ def test_bags_hold_no_label(written):
             assert reader.message_count > 1000
             description = [c for c in reader.connections if c.topic == "/robot_description"]
             connection, _, raw = next(reader.messages(description))
-            assert reader.deserialize(raw, connection.msgtype).data == urdf(ROBOTS[case.robot])
+            assert reader.deserialize(raw, connection.msgtype).data == urdf(case.world.table)
         path = folder / bag / f"{bag}.mcap"
         with path.open("rb") as stream:
             mcap = make_reader(stream)
@@ -138,15 +146,15 @@ def test_bags_hold_no_label(written):
 def test_name_and_robot_do_not_depend_on_what_is_hidden():
     for seed in range(100):
         clean, other = draw_case(seed, kind="clean"), draw_case(seed, kind="single", families=("payload",))
-        assert (clean.robot, clean.name) == (other.robot, other.name)
+        assert (clean.world, clean.name) == (other.world, other.name)
 
 
 def test_the_data_sheet_is_a_configuration_with_nominal_constants(written):
     folder, case, _ = written
     robot = load_config(folder / "robot.yaml").robot
-    table = ROBOTS[case.robot]
+    table = case.world.table
     assert robot.name == table.name
-    assert [*robot.left.stiffness, *robot.right.stiffness] == [joint.stiffness for joint in table.joints()]
+    assert [*robot.left.stiffness, *robot.right.stiffness] == [joint.stiffness for joint in table.leg_joints()]
 
 
 # --- the workflow sees bags and nothing else ---
@@ -197,9 +205,9 @@ def test_the_workflow_has_no_path_to_the_answers(judged, spy):
     calls = [call for call in seen(spy) if not call["assume"]]
     assert len(calls) == len(names) == 3
     for call in calls:
-        told = json.dumps([call["argv"], call["cwd"], call["files"], call["environment"]])
-        assert str(layout.out) not in told and str(layout.sealed) not in told and layout.out.name not in told
-        assert not any(name in told for name in names)
+        given = json.dumps([call["argv"], call["cwd"], call["files"], call["environment"]])
+        assert str(layout.out) not in given and str(layout.sealed) not in given and layout.out.name not in given
+        assert not any(name in given for name in names)
         for file in call["files"]:
             assert Path(file).name in (*BAGS, "robot.yaml", "metadata.yaml")
         up = Path(call["argv"][0]).parent
@@ -207,13 +215,13 @@ def test_the_workflow_has_no_path_to_the_answers(judged, spy):
     assert not any(path.is_relative_to(layout.out) for path in layout.sealed.iterdir())
 
 
-def test_oracles_are_told_only_after_the_verdicts_are_sealed(judged, spy):
+def test_oracles_run_only_after_the_verdicts_are_sealed(judged, spy):
     layout, names, seeds = judged
     calls = seen(spy)
     assert [call["assume"] for call in calls] == [False] * 3 + [True]
     effect = draw_case(seeds[1]).effects[0]
-    told = calls[-1]["argv"][calls[-1]["argv"].index("--assume") + 1]
-    assert told == (f"{effect['name']}:where={effect['where']}" if effect["where"] else effect["name"])
+    assumed = calls[-1]["argv"][calls[-1]["argv"].index("--assume") + 1]
+    assert assumed == (f"{effect['name']}:where={effect['where']}" if effect["where"] else effect["name"])
     sealed = (layout.out / "verdicts.sha256").stat().st_mtime_ns
     assert sealed < (layout.oracle(draw_case(seeds[1]).name) / "run.json").stat().st_mtime_ns
 
@@ -246,20 +254,21 @@ def test_a_workflow_that_breaks_counts_as_failed_and_the_round_is_counted(judged
 
 
 @pytest.mark.slow
-def test_a_run_from_the_first_draw_to_the_score(tmp_path, spy, monkeypatch):
-    monkeypatch.setattr(cases, "SECONDS", dict.fromkeys(BAGS, 3.6))
+def test_a_run_from_the_first_draw_to_the_score(tmp_path, spy):
+    short = {"duration_s": 4.0, "worlds": {"engine": "mujoco", "floor": "level"}}
     seeds = [next(s for s in REPORTED if draw_case(s).kind == kind) for kind in ("clean", "single")]
-    names = run(tmp_path / "judged", seeds, jobs=2, command=[sys.executable, str(spy)], baselines=())
+    names = run(tmp_path / "judged", seeds, jobs=2, command=[sys.executable, str(spy)], baselines=(), **short)
     result = score_run(tmp_path / "judged", names)
     assert result["cases"] == {"clean": 1, "single": 1} and result["workflow"]["failed"]["hits"] == 0
-    assert {row["truth"][0] for row in result["rows"] if row["truth"]} == {draw_case(seeds[1]).effects[0]["name"]}
+    hidden = draw_case(seeds[1], **short).effects[0]["name"]
+    assert {row["truth"][0] for row in result["rows"] if row["truth"]} == {hidden}
     assert all(oct(path.stat().st_mode)[-3:] == "600" for path in RunFolder(tmp_path / "judged").sealed.iterdir())
 
 
 # --- the score, on verdicts that are known ---
 
 
-def told(*effects: tuple[str, str], **values: float) -> dict:
+def verdict_of(*effects: tuple[str, str], **values: float) -> dict:
     parameters = {name: {"value": value} for name, value in values.items()}
     return {"verdict": "effect", "effects": [{"name": n, "where": w, "parameters": parameters} for n, w in effects]}
 
@@ -270,6 +279,8 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
         "kind": kind,
         "robot": "coman",
         "attempt": 0,
+        "worlds": {"engine": "mujoco", "contact": "creeping"},
+        "wanted": [level] * len(effects),
         "families": [name for name, _ in effects],
         "levels": [level] * len(effects),
         "effects": [{"name": n, "where": w, "parameters": values} for n, w in effects],
@@ -280,19 +291,19 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
     ("answer", "verdict", "result"),
     [
         (hidden("clean"), {"verdict": "none"}, "none"),
-        (hidden("clean"), told(("payload", "")), "wrong"),
-        (hidden("single", ("backlash", "LKneeSag")), told(("backlash", "RKneeSag")), "right"),
-        (hidden("single", ("backlash", "LKneeSag")), told(("backlash", "LKneeSag"), ("payload", "")), "wrong"),
-        (hidden("single", ("motor_lag", "")), told(("transport_delay", "")), "right"),
-        (hidden("single", ("motor_lag", "")), told(("motor_compliance", "")), "wrong"),
-        (hidden("single", ("ground_slope", "")), told(("external_force", "")), "right"),
+        (hidden("clean"), verdict_of(("payload", "")), "wrong"),
+        (hidden("single", ("backlash", "LKneeSag")), verdict_of(("backlash", "RKneeSag")), "right"),
+        (hidden("single", ("backlash", "LKneeSag")), verdict_of(("backlash", "LKneeSag"), ("payload", "")), "wrong"),
+        (hidden("single", ("motor_lag", "")), verdict_of(("transport_delay", "")), "right"),
+        (hidden("single", ("motor_lag", "")), verdict_of(("motor_compliance", "")), "wrong"),
+        (hidden("single", ("ground_slope", "")), verdict_of(("external_force", "")), "right"),
         (hidden("single", ("backlash", "LKneeSag")), {"verdict": "unknown"}, "unknown"),
         (hidden("single", ("backlash", "LKneeSag")), {"verdict": "not_excited"}, "not_excited"),
-        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""), ("backlash", "")), "right"),
-        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", "")), "partly"),
-        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""), ("com_offset", "")), "wrong"),
+        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("backlash", "")), "right"),
+        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", "")), "partly"),
+        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("com_offset", "")), "wrong"),
         (hidden("unknown", ("sloshing_load", "")), {"verdict": "unknown"}, "unknown"),
-        (hidden("unknown", ("sloshing_load", "")), told(("payload", "")), "wrong"),
+        (hidden("unknown", ("sloshing_load", "")), verdict_of(("payload", "")), "wrong"),
         (hidden("clean"), None, "failed"),
         (hidden("clean"), {"verdict": "maybe"}, "failed"),
         (hidden("clean"), {"verdict": "effect", "effects": []}, "failed"),
@@ -304,9 +315,9 @@ def test_what_a_verdict_is_worth(answer, verdict, result):
 
 def test_place_and_parameters_of_a_right_name():
     answer = hidden("single", ("joint_stiffness", "left"), scale=0.8)
-    found = outcome(answer, told(("joint_stiffness", "left"), scale=0.85))
+    found = outcome(answer, verdict_of(("joint_stiffness", "left"), scale=0.85))
     assert found["place"] == [True] and found["error"] == {"joint_stiffness.scale": pytest.approx(0.25)}
-    assert outcome(answer, told(("joint_stiffness", ""), scale=0.8))["place"] == [False]
+    assert outcome(answer, verdict_of(("joint_stiffness", ""), scale=0.8))["place"] == [False]
 
 
 def test_the_figures_of_known_verdicts():
@@ -319,19 +330,19 @@ def test_the_figures_of_known_verdicts():
         (hidden("clean"), {"verdict": "none"}),
         (hidden("clean"), {"verdict": "none"}),
         (hidden("clean"), {"verdict": "unknown"}),
-        (hidden("clean"), told(("payload", ""))),
+        (hidden("clean"), verdict_of(("payload", ""))),
         (hidden("single", ("backlash", ""), level="weak"), {"verdict": "none"}),
-        (hidden("single", ("backlash", "")), {**told(("backlash", "")), **gap(2.0)}),
-        (hidden("single", ("motor_lag", ""), level="strong"), told(("transport_delay", ""))),
-        (hidden("single", ("payload", ""), level="strong"), told(("com_offset", ""))),
-        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""), ("backlash", ""))),
-        (hidden("pair", ("payload", ""), ("backlash", "")), told(("payload", ""))),
+        (hidden("single", ("backlash", "")), {**verdict_of(("backlash", "")), **gap(2.0)}),
+        (hidden("single", ("motor_lag", ""), level="strong"), verdict_of(("transport_delay", ""))),
+        (hidden("single", ("payload", ""), level="strong"), verdict_of(("com_offset", ""))),
+        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("backlash", ""))),
+        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""))),
         (slosh, {"verdict": "unknown"}),
-        (slosh, told(("payload", ""))),
+        (slosh, verdict_of(("payload", ""))),
     ]
     judged = [
         {"name": str(k), "answer": answer, "verdict": verdict, "oracle": gap(1.0), "run": {"seconds": 10.0 + k},
-         "baselines": {"always": told(("payload", ""))}}
+         "baselines": {"always": verdict_of(("payload", ""))}}
         for k, (answer, verdict) in enumerate(rows)
     ]  # fmt: skip
     result = score(judged)
@@ -357,7 +368,7 @@ def test_the_figures_of_known_verdicts():
     assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
 
 
-def test_a_gap_that_is_not_told_is_not_zero():
+def test_a_gap_that_is_not_given_is_not_zero():
     assert np.isnan(gap_reduction(None)) and np.isnan(gap_reduction({"gap": {}})) and np.isnan(gap_reduction({}))
 
 

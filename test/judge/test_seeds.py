@@ -24,14 +24,14 @@ NO_VERDICT = [sys.executable, "-c", ""]
 
 @pytest.fixture
 def listed(tmp_path, monkeypatch):
-    """A list of seeds of its own: judge 0:40, 70:80 and 75:78."""
+    """A list of seeds of its own: worlds 0:40, 70:80 and 75:78."""
     path = tmp_path / "seeds.yaml"
     entries = [
         {"seeds": "0:40", "purpose": "choosing limits", "commit": "1234567"},
         {"seeds": "70:80", "purpose": "reported", "commit": "abc1234"},
         {"seeds": "75:78", "purpose": "looked at again", "commit": "abc1235"},
     ]
-    path.write_text(yaml.safe_dump({"judge": entries}))
+    path.write_text(yaml.safe_dump({"worlds": entries}))
     monkeypatch.setattr(judge_seeds, "FILE", path)
     spent.cache_clear()
     yield path
@@ -52,7 +52,7 @@ def recorded(out: Path, seeds: list[int]) -> None:
 
 def test_every_entry_has_a_range_a_purpose_and_a_commit():
     uses = yaml.safe_load(FILE.read_text())
-    assert set(uses) == {"judge", "monitor", "walks"}
+    assert set(uses) == {"worlds", "judge", "monitor", "walks"}
     for use, entries in uses.items():
         assert [set(entry) for entry in entries] == [{"seeds", "purpose", "commit"}] * len(entries)
         assert len(spent(use)) == len(entries)
@@ -63,6 +63,7 @@ def test_every_entry_has_a_range_a_purpose_and_a_commit():
 @pytest.mark.parametrize(
     ("use", "known"),
     [
+        ("worlds", [0, 999]),
         ("judge", [0, 999, 1000, 1280, 1480, 1879, 2079, 2080, 2479, 2559, 2639, 9000, 9079]),
         ("monitor", [600, 1000, 6000, 14000, 33000, 34019, 42019, 42999, 43002]),
         ("walks", [1, 1000, 3000, 5005]),
@@ -78,22 +79,22 @@ def test_seeds_of_earlier_figures_are_spent_and_the_default_is_not(use, known):
     [(30, 1, range(40, 70)), (31, 1, range(80, 111)), (20, 40, range(40, 60)), (40, 40, range(80, 120))],
 )
 def test_the_next_fresh_range_is_the_first_one_without_a_spent_seed(listed, size, step, fresh):
-    assert fresh_range("judge", size, step) == fresh
+    assert fresh_range("worlds", size, step) == fresh
 
 
 def test_a_label_says_how_many_seeds_are_spent_and_on_what(listed):
-    assert describe("judge", range(40, 70)) == "fresh"
-    assert describe("judge", range(60, 80)) == (
+    assert describe("worlds", range(40, 70)) == "fresh"
+    assert describe("worlds", range(60, 80)) == (
         "10 of 20 spent: 70:80 reported (abc1234); 75:78 looked at again (abc1235)"
     )
 
 
 def test_the_line_to_add_makes_seeds_spent(listed):
     line = entry_to_add(range(40, 70), "reported")
-    listed.write_text(f"judge:\n{line}\n")
+    listed.write_text(f"worlds:\n{line}\n")
     spent.cache_clear()
-    assert describe("judge", [40]).startswith("1 of 1 spent: 40:70 reported (")
-    assert describe("judge", [39]) == describe("judge", [70]) == "fresh"
+    assert describe("worlds", [40]).startswith("1 of 1 spent: 40:70 reported (")
+    assert describe("worlds", [39]) == describe("worlds", [70]) == "fresh"
 
 
 def test_an_interrupted_run_keeps_its_seeds_when_the_next_fresh_range_has_moved(tmp_path, listed):

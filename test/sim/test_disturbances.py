@@ -337,7 +337,7 @@ def test_a_hard_landing_brings_its_impulse_through_the_foot(walking):
         "wrench_scale:where=left,scale=1.1",
         "wrench_bias:where=right,fz=12,tx=0.7",
         "eccentric_encoder:where=LKneeSag,amplitude=0.02,per_turn=8,phase=0.3",
-        "twisted_sensor:where=left,axis=z,angle=0.2",
+        "sensor_rotation:where=left,axis=z,angle=0.2",
     ],
 )
 def test_what_sensors_err_by(walking, walked, hide):
@@ -373,7 +373,7 @@ def test_what_sensors_err_by(walking, walked, hide):
 
 
 def test_a_sensor_turned_about_x_turns_at_the_sensor(standing):
-    run = Run(standing, 0.05, "twisted_sensor:where=right,axis=x,angle=0.1", wrench_frame="sensor")
+    run = Run(standing, 0.05, "sensor_rotation:where=right,axis=x,angle=0.1", wrench_frame="sensor")
     last, true = run.readings[-1].right_wrench, Run(standing, 0.05, wrench_frame="sensor").readings[-1].right_wrench
     turn = pin.rpy.rpyToMatrix(0.1, 0.0, 0.0).T
     assert last.force == pytest.approx(turn @ true.force, abs=1e-9)
@@ -434,7 +434,8 @@ def test_two_effects_of_the_floor_share_one_plate(walking):
 @pytest.mark.parametrize("name", DISTURBANCES)
 def test_every_effect_is_nothing_at_its_nominal(name, standing, still):
     parameters = {f.name for f in fields(DISTURBANCES[name])}
-    zero = {"scatter": "scatter:spring=0,mass=0,com=0", "payload": "payload:mass=0"}.get(name, name)
+    nominal = {"scatter": "spring=0,mass=0,com=0", "payload": "mass=0", "imperfections": "amount=0"}
+    zero = f"{name}:{nominal[name]}" if name in nominal else name
     if "where" in parameters:
         zero += ":where=left"
     run = Run(standing, 0.05, zero)
@@ -458,7 +459,7 @@ def test_every_effect_is_nothing_at_its_nominal(name, standing, still):
         ("payload:mass=1,after=3", "payload: after: it is built into the robot"),
         ("motor_compliance:compliance=0.001,after=3", "after: it is built into the robot"),
         ("backlash:width=0.1,after=soon", "after = 'soon': allowed: seconds"),
-        ("twisted_sensor:axis=y", "allowed: 'x', 'z'"),
+        ("sensor_rotation:axis=w", "allowed: 'x', 'y', 'z'"),
     ],
 )
 def test_what_cannot_be_hidden_is_refused_in_one_line(tmp_path, capsys, text, words):

@@ -86,7 +86,7 @@ class Imperfections(Disturbance):
         self._dt = model.opt.timestep
         self._steps = round(v["delay"] / self._dt)
         self._past: Array | None = None
-        self._moved: Array | None = None
+        self._moved: Array = np.empty(0)
         units = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # moments at 0.1 m
         self._mix = {}
         for k, foot in enumerate(WRENCHES):
@@ -103,7 +103,8 @@ class Imperfections(Disturbance):
     def move_motors(self, t: Array, theta: Array, theta_rate: Array) -> tuple[Array, Array]:
         """See Disturbance: the references arrive late, and the motors follow them with a lag."""
         if self._past is None:
-            self._past, self._moved = np.tile(theta[0], (self._steps, 1)), theta[0].copy()
+            self._past = np.tile(theta[0], (self._steps, 1))
+            self._moved = theta[0].copy()
         known = np.concatenate([self._past, theta])
         wanted, self._past = known[: len(theta)], known[len(theta) :]
         lag = np.zeros(theta.shape[1])

@@ -195,7 +195,7 @@ class StaleStream(Disturbance):
     name: ClassVar[str] = "stale_stream"
     catalogued: ClassVar[bool] = False
     where: str = par("", "", "left or right foot; empty: both")
-    length: float = par(0.1, "s", "of a hang", 0.0, 5.0)
+    length: float = par(0.0, "s", "of a hang", 0.0, 5.0)
     every: float = par(1.0, "s", "from hang to hang", 0.01, 100.0)
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:

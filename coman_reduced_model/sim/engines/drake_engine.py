@@ -152,6 +152,7 @@ class DrakeEngine:
     def _add_geometry(self, g: int, body: Any, contact: Contact) -> None:
         """Soles are rigid; the floor and its tiles give way."""
         model, properties = self._model, ProximityProperties()
+        shape: Any
         mu = float(model.geom_friction[g, 0])
         AddContactMaterial(contact.dissipation, None, CoulombFriction(mu, mu), properties)
         turn = RotationMatrix(Rotation.from_quat(model.geom_quat[g], scalar_first=True).as_matrix())

@@ -112,7 +112,7 @@ def _sensors(**drawn: Callable[[np.random.Generator], Any]) -> Draw:
     return lambda rng, world: {"sensors": replace(world.sensors, **{name: draw(rng) for name, draw in drawn.items()})}
 
 
-def _streams(reference: bool = True, **switches: bool) -> Draw:
+def _streams(reference: bool = True, **switches: Any) -> Draw:
     return lambda rng, world: {"reference": reference, "sensors": replace(world.sensors, **switches)}
 
 

@@ -13,7 +13,7 @@ from ...core.gait.parameters import GaitParameters
 from ...progress import Progress
 from ..disturbances import Disturbance, Imperfections, Scatter
 from ..record import RecordedBag, plan_recording, record, robot_gait
-from ..virtual_robot import VirtualRobot
+from ..virtual_robot import START_NS, VirtualRobot
 from .kinds import GAITS
 from .world import World, world_yaml
 
@@ -40,7 +40,6 @@ def robot_of(
     Raises:
         ConfigError: the world is not possible.
     """
-    start = {} if start_ns is None else {"start_ns": start_ns}
     return VirtualRobot(
         world.table,
         world.sensors,
@@ -50,7 +49,7 @@ def robot_of(
         floor=world.floor,
         controller=world.controller,
         engine=world.engine,
-        **start,
+        start_ns=START_NS if start_ns is None else start_ns,
     )
 
 

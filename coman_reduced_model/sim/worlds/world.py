@@ -119,7 +119,7 @@ def _build(kind: type[Any], values: Any, where: str) -> Any:
             raise ConfigError(f"{where}.{key}: unknown key (allowed: {', '.join(known)})")
         default = _default(known[key])
         if is_dataclass(types[key]):
-            out[key] = _build(types[key], value, f"{where}.{key}")  # type: ignore[arg-type]
+            out[key] = _build(types[key], value, f"{where}.{key}")
         else:
             out[key] = _like(default, value, f"{where}.{key}")
     return kind(**out)
