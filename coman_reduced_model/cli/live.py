@@ -19,6 +19,10 @@ def live(
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="Stop after so long [s]; default: at Ctrl-C.")
     ] = None,
+    world: Annotated[
+        str,
+        typer.Option("--world", metavar="FILE|KIND|SEED", help="World of the virtual robot (coman worlds)."),
+    ] = "",
     config: ConfigOption = None,
 ) -> None:
     """Virtual robot, trajectory and predictor, running live until Ctrl-C, with a view of the prediction."""
@@ -29,12 +33,15 @@ def live(
     from ..ros.runtime.processes import NodeFailed, Nodes, confine, why_not
     from ..ros.runtime.spin import Stop
     from ..sim.robot_table import COMAN, ROBOTS
+    from ..sim.worlds import world_for
 
     stop = Stop()
     confine()
     if problem := why_not():
         raise ComanError(f"live: {problem}")
     table = ROBOTS.get(settings.robot.name, COMAN)
+    if world:
+        world_for(settings.robot.name, world)  # says what is wrong with it before anything is started
     # What suits the robot goes for what the configuration leaves open.
     suits = {f"gait.{key.removesuffix('_m')}": value for key, value in table.gait.items()}
     flat = settings.flat()
@@ -45,7 +52,7 @@ def live(
     plan_walk(gait_of(settings.replaced(walk)))  # says what is wrong with it before anything is started
     try:
         with Nodes(config or config_path()) as nodes:
-            nodes.start("virtual_robot", walk)
+            nodes.start("virtual_robot", {**walk, **({"virtual_robot.world": world} if world else {})})
             nodes.start("predictor")
             nodes.start("trajectory", {**walk, "gait.repeat": True, "gait.autostart": False})
             stop.at_once = False

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array
@@ -55,7 +56,7 @@ class Stabiliser:
         self._joints = {
             kind: [names.index(side + kind) for side in "LR"] for kind in ("HipSag", "HipLat", "AnkSag", "AnkLat")
         }
-        self._mount = Rotation.from_euler("xyz", table.imu_turn)
+        self._mount = Rotation.from_euler("xyz", table.imu_turn).as_matrix()
         self.offset = np.zeros(len(names))
         self.rate = np.zeros(len(names))
         self._zeros: list[Array] = []
@@ -84,9 +85,9 @@ class Stabiliser:
     def _by_imu(self, readings: Readings) -> Array:
         o, target = self._options, np.zeros_like(self.offset)
         if readings.imu is not None:
-            trunk = Rotation.from_quat(readings.imu.orientation) * self._mount.inv()
-            _, pitch, roll = trunk.as_euler("ZYX")
-            self._last = np.array([roll, pitch, *self._mount.apply(readings.imu.angular_velocity)[:2]])
+            R = pin.Quaternion(readings.imu.orientation).toRotationMatrix() @ self._mount.T  # world <- trunk
+            rates = self._mount @ readings.imu.angular_velocity
+            self._last = np.array([np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(R[2, 0]), *rates[:2]])
         if not self._zero_known(self._last):
             return target
         roll, pitch, roll_rate, pitch_rate = self._last - self._zero

@@ -288,7 +288,9 @@ def _pendulum(zmp: Array, dt: float, omega: float) -> Array:
     return solve_banded((1, 1), bands, zmp)
 
 
-def follow(legs: LegKinematics, references: Sequence[Reference], sag: float = 0.8) -> tuple[Array, Posture]:
+def follow(
+    legs: LegKinematics, references: Sequence[Reference], sag: float = 0.8, upper: Array | None = None
+) -> tuple[Array, Posture]:
     """Motor positions (nj,) and posture for a live stream of references.
 
     Args:
@@ -296,6 +298,7 @@ def follow(legs: LegKinematics, references: Sequence[Reference], sag: float = 0.
         references: three consecutive ones, equally spaced in time: the result is for the middle one, and the sag counts
             the inertia of all links. Or a single one, for a robot that stands.
         sag: as in plan_motion.
+        upper: joints of the upper body at each reference (n, nj - 12) [rad]; default: all zero.
 
     Raises:
         ConfigError: the legs cannot do it.
@@ -306,7 +309,7 @@ def follow(legs: LegKinematics, references: Sequence[Reference], sag: float = 0.
         return np.array([getattr(reference, name) for reference in references])
 
     T_left, T_right = stack("T_odom_left"), stack("T_odom_right")
-    posture = legs.inverse(stack("com"), T_left, T_right)
+    posture = legs.inverse(stack("com"), T_left, T_right, upper)
     state = posture.stacked()
     rate = rate2 = np.zeros((1, state.shape[1]))
     if n == 3:

@@ -9,10 +9,17 @@ import numpy as np
 
 from ..core.base.types import Array
 from ..core.gait.gait import WalkPlan
+from ..core.gait.parameters import GaitParameters
 from ..errors import ConfigError
 from .robot_table import RobotTable
 
 _LARGEST = 1.0  # [rad]
+RISE_S = 1.5  # [s] in which the swing rises and falls
+
+
+def stride_s(gait: GaitParameters) -> float:
+    """Time of a stride, two steps [s]."""
+    return 2.0 * (gait.single_support_s + gait.double_support_s)
 
 
 @dataclass(frozen=True)
@@ -37,13 +44,19 @@ class UpperMotion:
     def angles(self, table: RobotTable, plan: WalkPlan, t: Array) -> Array:
         """Joints of the upper body (n, nu) [rad] at times t (n,) [s] of a plan; still while it stands at its ends."""
         p = plan.parameters
-        out = np.zeros((len(t), len(table.upper)))
-        if not table.upper:
-            return out
-        stride = 2.0 * (p.single_support_s + p.double_support_s)
-        ends = np.clip(np.minimum(t - 0.5, plan.duration_s - 0.5 - t) / 1.5, 0.0, 1.0)
-        window = ends**3 * (10.0 + ends * (6.0 * ends - 15.0))
-        phase = 2.0 * np.pi * (t - p.stand_before_s) / stride
+        ends = np.clip(np.minimum(t - 0.5, plan.duration_s - 0.5 - t) / RISE_S, 0.0, 1.0)
+        return self.at(table, 2.0 * np.pi * (t - p.stand_before_s) / stride_s(p), ends)
+
+    def at(self, table: RobotTable, phase: Array, share: Array) -> Array:
+        """Joints of the upper body (n, nu) [rad].
+
+        Args:
+            table: the robot.
+            phase: of the stride (n,) [rad].
+            share: how far the swing has risen (n,), 0 to 1.
+        """
+        out = np.zeros((len(phase), len(table.upper)))
+        window = share**3 * (10.0 + share * (6.0 * share - 15.0))
         swing = window * np.sin(phase)
         opposite = 1.0 if self.together else -1.0
         moves = {
@@ -51,8 +64,8 @@ class UpperMotion:
             "RShSag": opposite * self.arms * swing,
             "WaistYaw": self.waist_yaw * swing,
             "WaistSag": self.waist_pitch * window * np.sin(2.0 * phase),
-            "LElbow": np.full(len(t), self.elbows),
-            "RElbow": np.full(len(t), self.elbows),
+            "LElbow": np.full(len(phase), self.elbows),
+            "RElbow": np.full(len(phase), self.elbows),
         }
         for k, joint in enumerate(table.upper):
             if joint.name in moves:

@@ -237,7 +237,7 @@ class VirtualRobot:
             theta, rate = self._motors.theta, self._motors.rate
             ctrl[i] = theta + self._lead * rate
         deflection, deflection_rate = theta - data.qpos[self._q], rate - data.qvel[self._v]
-        extra = np.zeros_like(deflection)
+        extra = np.zeros(len(deflection))
         for disturbance in self._springs:
             extra += disturbance.spring_torque(t, deflection, deflection_rate)
         data.qfrc_applied[:] = 0.0

@@ -27,13 +27,15 @@ from coman_reduced_model.sim.describe import mujoco_spec, urdf
 from coman_reduced_model.sim.motion import LegKinematics, follow, plan_motion, zmp_of
 from coman_reduced_model.sim.motors import MotorOptions
 from coman_reduced_model.sim.record import load_truth, record, robot_gait
-from coman_reduced_model.sim.robot_table import COMAN, ROBOTS
+from coman_reduced_model.sim.robot_table import COMAN, ROBOTS, with_upper_body
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import START_NS, VirtualRobot
 
 G = 9.81
 COUNT = 2.0 * np.pi / 4096.0
 K, D = COMAN.joint_array(COMAN.stiffness), COMAN.joint_array(COMAN.damping)
+TURNED_IMU = replace(with_upper_body(COMAN), name="turned_imu", imu_turn=(0.2, -0.1, 2.0))
+TABLES = [*ROBOTS.values(), *(with_upper_body(table) for table in ROBOTS.values()), TURNED_IMU]
 STREAMS = ("joint_states", "motor_states", "left_wrench", "right_wrench", "imu")
 
 
@@ -108,7 +110,7 @@ def test_figures_of_the_paper():
     assert {"base_link", "l_sole", "r_sole", "l_ft", "r_ft", "imu_link"} <= {frame.name for frame in model.frames}
 
 
-@pytest.mark.parametrize("table", ROBOTS.values(), ids=list(ROBOTS))
+@pytest.mark.parametrize("table", TABLES, ids=[table.name for table in TABLES])
 def test_mujoco_and_pinocchio_are_the_same_machine(table):
     model = pin.buildModelFromXML(urdf(table), pin.JointModelFreeFlyer())
     data = model.createData()
@@ -121,7 +123,7 @@ def test_mujoco_and_pinocchio_are_the_same_machine(table):
     for _ in range(20):
         quaternion = rng.standard_normal(4)
         quaternion /= np.linalg.norm(quaternion)  # x y z w
-        angles, base, rates = rng.uniform(low, high), rng.standard_normal(3), rng.standard_normal(18)
+        angles, base, rates = rng.uniform(low, high), rng.standard_normal(3), rng.standard_normal(model.nv)
         q, v = pin.neutral(model), np.zeros(model.nv)
         q[:3], q[3:7], q[index + 1] = base, quaternion, angles
         R = pin.Quaternion(quaternion).matrix()
@@ -140,6 +142,8 @@ def test_mujoco_and_pinocchio_are_the_same_machine(table):
         assert state.energy[1] == pytest.approx(pin.computeKineticEnergy(model, data, q, v), rel=1e-8)
         for frame in ("l_sole", "r_sole", "l_ft", "r_ft", "imu_link"):
             assert state.site(frame).xpos == pytest.approx(data.oMf[model.getFrameId(frame)].translation, abs=1e-9)
+        turn = data.oMf[model.getFrameId("imu_link")].rotation
+        assert state.site("imu_link").xmat.reshape(3, 3) == pytest.approx(turn, abs=1e-9)
 
 
 def test_the_simulator_knows_nothing_of_the_reduced_model():

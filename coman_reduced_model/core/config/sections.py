@@ -187,3 +187,4 @@ class VirtualRobotConfig:
     rate: float = par(200.0, "Hz", "rate of its sensors", 50.0, 1000.0)
     seed: int = par(1, "", "of its sensor noise", 0, 2**31 - 1)
     noise: bool = par(True, "", "sensors with noise, bias, jitter and lost messages; false: perfect ones")
+    world: str = par("", "", "file, kind or seed of a world (coman worlds), which then says robot and sensors")

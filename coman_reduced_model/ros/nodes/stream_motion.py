@@ -4,15 +4,23 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.base.types import Array, Reference
+from ...core.base.types import Array, Phase, Reference
 from ...sim.motion import LegKinematics, follow
+from ...sim.upper_motion import RISE_S, UpperMotion
 
 SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad
 DELAY_NS = 90_000_000  # the robot lives so far in the past that the cubic's next two knots are there
 _JUMP = 0.05  # [m] a plan that moves this far from one knot to the next begins anew
+
+
+def at_rest(reference: Reference) -> bool:
+    """Whether a plan stands still on both feet: only there can a robot be put without falling."""
+    still = np.abs(reference.com_vel).max() < 1e-3 and np.abs(reference.com_acc).max() < 2e-2
+    return bool(reference.phase == Phase.DOUBLE and still)
 
 
 class StreamMotion:
@@ -24,16 +32,32 @@ class StreamMotion:
         used: number of references that became a knot.
     """
 
-    def __init__(self, legs: LegKinematics, first: Reference, start_ns: int) -> None:
-        """Where the robot stands, and the stamp of t = 0 [ns].
+    def __init__(
+        self,
+        legs: LegKinematics,
+        first: Reference,
+        start_ns: int,
+        upper: UpperMotion | None = None,
+        stride_s: float = 1.0,
+    ) -> None:
+        """Stands still at first.
+
+        Args:
+            legs: the robot.
+            first: where it stands.
+            start_ns: stamp of t = 0 [ns].
+            upper: how the upper body moves while it walks, if the robot has one.
+            stride_s: time of two steps [s].
 
         Raises:
             ConfigError: the legs cannot reach that posture.
         """
         self._legs = legs
         self._start_ns = start_ns
+        self._upper, self._stride_s, self._swing = upper or UpperMotion(), stride_s, 0.0
+        self._began_ns = first.stamp_ns  # the swing
         self.last = first
-        theta, self.start = follow(legs, [first])
+        theta, self.start = follow(legs, [first], upper=self._arms([first]))
         self._recent = deque([first], maxlen=2)
         self._knots: deque[tuple[float, Array]] = deque([(-1e-9 * SPACING_NS, theta)], maxlen=512)
         self.used = 0
@@ -63,6 +87,7 @@ class StreamMotion:
         if reference.stamp_ns < self.last.stamp_ns + SPACING_NS - 1000:
             return
         before, middle = self._recent[0], self.last
+        self._swing_on(middle, reference)
         self._recent.append(reference)
         self.last = reference
         t = (middle.stamp_ns - self._start_ns) * 1e-9
@@ -70,12 +95,27 @@ class StreamMotion:
             return
         # The torques of the moving legs need their accelerations, which only evenly spaced references give.
         even = abs(reference.stamp_ns + before.stamp_ns - 2 * middle.stamp_ns) < SPACING_NS // 10
-        theta, _ = follow(self._legs, [before, middle, reference] if even else [middle])
+        points = [before, middle, reference] if even else [middle]
+        theta, _ = follow(self._legs, points, upper=self._arms(points))
         self._knots.append((t, theta))
         self.used += 1
 
+    def _swing_on(self, last: Reference, reference: Reference) -> None:
+        """The swing of the arms rises while the robot walks, and falls when it stands."""
+        seconds = 1e-9 * (reference.stamp_ns - last.stamp_ns)
+        if self._swing == 0.0:
+            self._began_ns = reference.stamp_ns
+        change = -seconds if at_rest(reference) else seconds
+        self._swing = float(np.clip(self._swing + change / RISE_S, 0.0, 1.0))
+
+    def _arms(self, references: Sequence[Reference]) -> Array:
+        """Joints of the upper body at references (n, nu) [rad]."""
+        t = np.array([1e-9 * (reference.stamp_ns - self._began_ns) for reference in references])
+        share = np.full(len(t), self._swing)
+        return self._upper.at(self._legs.table, 2.0 * np.pi * t / self._stride_s, share)
+
     def __call__(self, times: Array) -> tuple[Array, Array]:
-        """Motor positions [rad] and velocities [rad/s], each (n, 12), at times (n,) [s] that never go back."""
+        """Motor positions [rad] and velocities [rad/s], each (n, nj), at times (n,) [s] that never go back."""
         knots = self._knots
         while len(knots) > 3 and knots[2][0] <= times[0]:
             knots.popleft()

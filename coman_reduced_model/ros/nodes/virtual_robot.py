@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from coman_reduced_model_msgs.msg import ComReference
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
@@ -21,8 +20,8 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
 from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ...core.base.types import Foot, Phase, Reference
-from ...core.gait.walk import Walk
+from ...core.base.types import Foot, Reference
+from ...core.gait.walk import Walk, gait_of
 from ...core.streams.stream import Refused
 from ...errors import ConfigError
 from ...messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
@@ -30,35 +29,27 @@ from ...sim.describe import urdf
 from ...sim.motion import LegKinematics
 from ...sim.robot_table import COMAN, ROBOTS
 from ...sim.sensors import Readings, SensorOptions
-from ...sim.virtual_robot import VirtualRobot
+from ...sim.upper_motion import stride_s
+from ...sim.worlds import World, robot_of, world_for
 from ...topics import DESCRIPTION, INPUT_TOPICS
 from ..interface import qos
 from ..interface.parameters import declare
-from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion
+from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion, at_rest
 
 NAME = "virtual_robot"
 _HOPELESS_NS = 3_000_000_000  # so far behind, the robot's time is set forward, and that is said
 _PATIENCE_NS = 500_000_000  # so long the robot waits for late references
 
 
-def at_rest(reference: Reference) -> bool:
-    """Whether a plan stands still on both feet: only there can a robot be put without falling."""
-    still = np.abs(reference.com_vel).max() < 1e-3 and np.abs(reference.com_acc).max() < 2e-2
-    return bool(reference.phase == Phase.DOUBLE and still)
-
-
 class VirtualRobotNode(Node):
-    """Adapter around sim.VirtualRobot; its stamps are the simulated time, which follows the clock."""
+    """Adapter around the virtual robot of a world; its stamps are the simulated time, which follows the clock."""
 
     def __init__(self) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
         self.config = declare(self)
         self.types = ros_types()
-        self.table = ROBOTS.get(self.config.robot.name, COMAN)
-        rate = self.config.virtual_robot.rate
-        self._options = (
-            SensorOptions(rate_hz=rate) if self.config.virtual_robot.noise else SensorOptions.exact(rate_hz=rate)
-        )
+        self.world = self._world()
+        self.table = self.world.table
         self._legs = LegKinematics(self.table)
         self._received = self._refused = self._skipped = self._places = 0
         self._placing_ns = 300_000_000  # what the last placing took: the robot settles on its springs meanwhile
@@ -68,6 +59,19 @@ class VirtualRobotNode(Node):
         self._last_report = time.monotonic()
         self._advertise()
         self.todo = self._begin
+
+    def _world(self) -> World:
+        """The world that the parameters name; by default the plain virtual robot, without tolerances.
+
+        Raises:
+            ConfigError: there is none of that name, or it has another robot than the configuration.
+        """
+        options, name = self.config.virtual_robot, self.config.robot.name
+        if not options.world:
+            kind = SensorOptions if options.noise else SensorOptions.exact
+            robot = name if name in ROBOTS else COMAN.name
+            return World(robot=robot, sensors=kind(rate_hz=options.rate), tolerances=False)
+        return world_for(name, options.world)
 
     def _advertise(self) -> None:
         def publisher(kind: type, topic: str) -> Any:
@@ -86,7 +90,7 @@ class VirtualRobotNode(Node):
             ComReference, REFERENCE, self._on_reference, qos.sensor_input(), qos_overriding_options=qos.overridable()
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / self.config.virtual_robot.rate, self._tick, clock=steady)
+        self.create_timer(1.0 / self.world.sensors.rate_hz, self._tick, clock=steady)
         self.create_timer(1.0 / self.config.output.diagnostics_rate, self._report, clock=steady)
         gc.collect()
         gc.freeze()
@@ -96,9 +100,10 @@ class VirtualRobotNode(Node):
         """Put the robot where a reference has it, at rest."""
         began = time.monotonic()
         start = self._now() - DELAY_NS + self._placing_ns  # from when on it can walk
-        options, seed = self._options, self.config.virtual_robot.seed + self._places
-        self.robot = VirtualRobot(self.table, options, seed=seed, start_ns=start)
-        self.motion = StreamMotion(self._legs, reference, start)
+        seed = self.config.virtual_robot.seed + self._places
+        self.robot = robot_of(self.world, seed=seed, start_ns=start)
+        stride = stride_s(gait_of(self.config))
+        self.motion = StreamMotion(self._legs, reference, start, self.world.upper, stride)
         self.robot.reset(self.motion, self.motion.start)
         self._start = start
         self._places += 1

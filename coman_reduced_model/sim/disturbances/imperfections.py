@@ -120,10 +120,10 @@ class Imperfections(Disturbance):
 
     def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
         """See Disturbance: play, as in `Backlash`."""
-        out = np.zeros_like(deflection)
-        leg = deflection[self._legs]
-        free = (np.abs(leg) < self._half) * self._damping * rate[self._legs]
-        out[self._legs] = -self._stiffness * np.clip(leg, -self._half, self._half) - free
+        out = np.zeros(len(deflection))
+        leg, half = deflection[self._legs], self._half
+        free = (np.abs(leg) < half) * self._damping * rate[self._legs]
+        out[self._legs] = -self._stiffness * np.minimum(np.maximum(leg, -half), half) - free
         return out
 
     def sense(self, t: float, signals: Signals) -> None:

@@ -10,7 +10,7 @@ run.py     record a world
 
 from __future__ import annotations
 
-from .draw import PLAIN, draw_world, world_of
+from .draw import PLAIN, draw_world, world_for, world_of
 from .kinds import AXES, Kind, kind_named
 from .run import record_world, robot_of
 from .world import World, read_world, world_yaml
@@ -25,6 +25,7 @@ __all__ = [
     "read_world",
     "record_world",
     "robot_of",
+    "world_for",
     "world_of",
     "world_yaml",
 ]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ConfigError
+from ..robot_table import ROBOTS
 from .kinds import AXES, kind_named
 from .world import World, read_world
 
@@ -47,6 +48,18 @@ def draw_world(seed: int, fixed: Mapping[str, str] | None = None) -> World:
 def plain_kinds() -> dict[str, str]:
     """The first kind of each axis."""
     return {axis: next(iter(kinds)) for axis, kinds in AXES.items()}
+
+
+def world_for(robot: str, text: str) -> World:
+    """The world that a user names, for a robot that is configured.
+
+    Raises:
+        ConfigError: see world_of; or the robot of the world is another one.
+    """
+    world = world_of(text)
+    if robot in ROBOTS and robot != world.robot:
+        raise ConfigError(f"world {text}: its robot is {world.robot}, and robot.name is {robot} (coman worlds {text})")
+    return world
 
 
 def world_of(text: str) -> World:
