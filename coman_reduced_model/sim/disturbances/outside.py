@@ -150,7 +150,7 @@ class ThermalDrift(Disturbance):
 
 @dataclass
 class Cogging(Disturbance):
-    """A drive whose torque ripples with the motor's position, between motor and spring: torque sensors miss it."""
+    """A gear behind the spring whose torque ripples with the joint's angle: torque sensors, in the spring, miss it."""
 
     name: ClassVar[str] = "cogging"
     catalogued: ClassVar[bool] = False
