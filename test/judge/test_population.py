@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The judge by kind of world: prediction, monitor, cases of others, the oracle that knows the variability."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from conftest import ROOT
+
+from coman_reduced_model.cli.main import run as coman
+from coman_reduced_model.errors import ConfigError, OutputError
+from coman_reduced_model.judge import families
+from coman_reduced_model.judge.by_kind import by_kind, new_kinds
+from coman_reduced_model.judge.cases import draw_case, write_case
+from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
+from coman_reduced_model.judge.foreign import judge_folder, outcome
+from coman_reduced_model.judge.monitor import delays, draw_onset, families_with_onset
+from coman_reduced_model.judge.prediction import measure
+from coman_reduced_model.judge.run import RunFolder, chosen_cases
+from coman_reduced_model.judge.sudden import beginning
+from coman_reduced_model.judge.variability import true_deviations
+from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
+from coman_reduced_model.sim.worlds import AXES, World, draw_world
+from coman_reduced_model.sim.worlds.draw import plain_kinds
+
+SHORT = {"duration_s": 4.0, "worlds": plain_kinds() | {"contact": "creeping"}}
+SHARED = ROOT.parent / "shared" / "other_robot_cases"
+
+
+# --- kinds ---
+
+
+def test_figures_by_kind_are_of_the_rows_of_that_kind_only():
+    rows = [
+        {"worlds": {"contact": "firm", "engine": "mujoco"}, "value": 1},
+        {"worlds": {"contact": "creeping", "engine": "mujoco"}, "value": 2},
+        {"worlds": {"contact": "creeping", "engine": "drake"}, "value": 4},
+    ]
+    found = by_kind(rows, lambda those: sum(row["value"] for row in those))
+    assert found == {"engine": {"mujoco": 3, "drake": 4}, "contact": {"firm": 1, "creeping": 6}}
+    assert [set(new_kinds(row)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
+
+
+def test_engines_contacts_and_controllers_have_kinds_that_nothing_was_chosen_on():
+    for axis in ("engine", "contact", "controller", "body", "floor", "sensors"):
+        assert 0 < sum(kind.chosen_on for kind in AXES[axis].values()) < len(AXES[axis])
+
+
+# --- sizes against what healthy robots vary by ---
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_size_is_a_multiple_of_what_healthy_robots_vary_by(monkeypatch, family):
+    """On COMAN; where that is more than a walking robot can have, the level is lower, and that is returned."""
+    entry = yaml.safe_load(families.SIZES.read_text())[family]
+    deviation, sizes = max(float(entry["healthy"]), float(entry.get("recorded", 0.0))), []
+    one = FAMILIES[family]
+
+    def draw(rng, size, table):
+        sizes.append(size)
+        return one.draw(rng, size, table)
+
+    monkeypatch.setitem(FAMILIES, family, replace(one, draw=draw))
+    rng = np.random.default_rng(1)
+    for wanted in range(3):
+        values, reached = draw_effect(family, rng, wanted, World())
+        low, high = MULTIPLES[reached]
+        assert reached <= wanted and min(low * deviation, one.most) * 0.999 <= sizes[-1] <= high * deviation * 1.001
+        if reached < wanted:
+            assert MULTIPLES[reached + 1][1] * deviation > one.most
+        make(one.effect, values)  # within its bounds
+
+
+def test_the_true_variability_is_that_of_the_draws():
+    """Springs scatter by Scatter, all else by Imperfections: measured over draws, as the oracle is given it."""
+    world = World(imperfections=1.0)
+    told = true_deviations(world)
+    zeros = [Imperfections(seed=seed).drawn(world.table)["encoder_zero"] for seed in range(200)]
+    assert told["encoder_bias.bias.spread"] == pytest.approx(np.std(zeros), rel=0.5)
+    assert told["joint_stiffness.scale.spread"] == pytest.approx(Scatter().spring, rel=0.2)
+    calmer = true_deviations(World(imperfections=0.5))
+    assert calmer["encoder_bias.bias.spread"] < told["encoder_bias.bias.spread"]
+
+
+# --- runs ---
+
+
+def test_a_run_goes_on_with_its_own_commit_only(tmp_path):
+    chosen_cases(tmp_path / "run", [0])
+    (tmp_path / "run" / "commit.txt").write_text("0000000\n")
+    with pytest.raises(OutputError, match="was begun at commit 0000000, and this is .* not pooled"):
+        chosen_cases(tmp_path / "run", [0])
+    chosen_cases(tmp_path / "run", [0], again=True)
+    assert (tmp_path / "run" / "commit.txt").read_text().strip() != "0000000"
+
+
+@pytest.fixture(scope="module")
+def clean_run(tmp_path_factory) -> Path:
+    """A run with the bags of one clean case, of short walks."""
+    out = tmp_path_factory.mktemp("judge") / "run"
+    seed = next(seed for seed in range(40) if draw_case(seed).kind == "clean")
+    folder, (case,) = chosen_cases(out, [seed], **SHORT)
+    answer = write_case(case, folder.bags(case.name))
+    assert answer is not None
+    folder.answer(case.name).write_text(json.dumps(answer))
+    return out
+
+
+@pytest.mark.slow
+def test_the_prediction_is_judged_on_clean_robots_by_kind(clean_run, capsys):
+    from coman_reduced_model.judge.prediction import run_predictions, score_predictions
+
+    seeds = json.loads(RunFolder(clean_run).seeds.read_text())
+    names = run_predictions(clean_run, seeds, **SHORT)
+    result = score_predictions(clean_run, names)
+    assert result["walks"] == 3 and result["all"]["failed"] == 0
+    assert set(result["by_kind"]["contact"]) == {"creeping"} and len(result["by_kind"]["gait"]) == 3
+    model, rigid = result["all"]["rmse_m"], result["all"]["rigid_m"]
+    assert 0.0 < model[2] < rigid[2] < 0.01
+    for row in result["rows"]:
+        assert row["seconds"] > 2.5
+    before = {path: path.stat().st_mtime_ns for path in (clean_run / "predictions").rglob("*.json")}
+    run_predictions(clean_run, seeds, **SHORT)
+    assert {path: path.stat().st_mtime_ns for path in before} == before  # resumed: nothing is done twice
+
+
+def test_errors_that_are_missing_are_not_zero():
+    good = {"failed": "", "rmse_m": [1e-3, 2e-3, 3e-3], "rigid_m": [2e-3, 1e-3, None], "skill": [0.5, None, 0.1],
+            "attempt": 0}  # fmt: skip
+    found = measure([good, {"failed": "no clock", "attempt": 1}])
+    assert found["walks"] == 2 and found["failed"] == 1 and found["redrawn"] == 1
+    assert found["worse_than_rigid"] == [0.0, 1.0, None]
+    assert found["skill"] == [0.5, None, 0.1]
+
+
+# --- monitor ---
+
+
+def test_families_take_turns_in_beginning_in_mid_walk():
+    able = families_with_onset()
+    onsets = [draw_onset(seed) for seed in range(len(able))]
+    assert [onset.family for onset in onsets] == able and len(able) > 20
+    for onset in onsets:
+        assert 7.0 <= onset.after <= 10.0 and onset.world.duration_s == 17.0
+    again = draw_onset(3, attempt=1)
+    assert again.family == onsets[3].family and again.world.kinds == onsets[3].world.kinds
+    assert draw_onset(3, worlds={"contact": "creeping"}).world.kinds["contact"] == "creeping"
+
+
+def test_what_changes_the_robots_build_begins_as_forces_or_not_at_all():
+    assert beginning(make("body_mass", {"where": "LKneeSag", "scale": 1.5}), 5.0) is None
+    assert beginning(make("encoder_bias", {"where": "LKneeSag", "bias": 0.01}), 5.0) is not None
+    assert beginning(make("payload", {"mass": 1.0}), 5.0) is not None
+
+
+def test_an_alarm_before_the_effect_says_nothing_of_its_delay():
+    base = {"fell": False, "failed": ""}
+    rows = [
+        {**base, "detections": [{"after_s": 2.0, "channel": "force"}, {"after_s": 1.0, "channel": "spring"}]},
+        {**base, "detections": [{"after_s": -3.0, "channel": "force"}, {"after_s": 1.0, "channel": "force"}]},
+        {**base, "detections": [{"after_s": 5.5, "channel": "force"}]},
+        {**base, "detections": []},
+        {**base, "fell": True, "detections": [{"after_s": 0.5, "channel": "force"}]},
+    ]
+    found = delays(rows)
+    assert (found["walks"], found["fell"], found["alarm_before"]) == (5, 1, 1)
+    assert (found["detected"]["hits"], found["detected"]["of"]) == (1, 3) and found["median_s"] == 1.0
+
+
+@pytest.mark.slow
+def test_the_monitor_is_judged_by_one_command(clean_run, capsys, monkeypatch):
+    from coman_reduced_model.judge import monitor
+
+    monkeypatch.setattr(monitor, "SECONDS", 11.0)
+    seeds = json.loads(RunFolder(clean_run).seeds.read_text())
+    monitor.run_onsets(clean_run, seeds, worlds=SHORT["worlds"])
+    names = [draw_case(seeds[0]).name]
+    result = monitor.score_monitor(clean_run, names, seeds)
+    assert result["alarms"]["hours"] > 6.0 / 3600.0
+    assert result["delays"]["walks"] == 1 and set(result["delays_by_kind"]["contact"]) == {"creeping"}
+    assert json.loads((clean_run / "monitor.json").read_text())["onsets"][0]["seed"] == seeds[0]
+
+
+# --- cases of others ---
+
+SAYS = """
+import json, sys
+from pathlib import Path
+a = sys.argv[1:]
+out = Path(a[a.index("--out") + 1])
+out.mkdir()
+name = {"a": "payload", "b": "backlash"}.get(Path(a[0]).read_text() if Path(a[0]).is_file() else
+        (Path(a[0]) / "what").read_text(), "")
+verdict = {"verdict": "effect", "effects": [{"name": name}]} if name else {"verdict": "none", "effects": []}
+(out / "diagnosis.json").write_text(json.dumps(verdict))
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path) -> Path:
+    """Three cases of somebody else: payload named, a clean one with a false alarm, one missed."""
+    folder = tmp_path / "cases"
+    answers = {
+        "one": {"hidden": "a bag of sand", "right": ["payload"], "soles": "soft", "parameters": {"mass": 2}},
+        "two": {"hidden": None, "right": ["none"], "soles": "soft"},
+        "three": {"hidden": "a loose knee", "right": ["backlash"], "soles": "hard"},
+    }
+    for name, what in (("one", "a"), ("two", "b"), ("three", "c")):
+        for bag in ("train", "heldout_1"):
+            (folder / name / bag).mkdir(parents=True)
+            (folder / name / bag / "what").write_text(what)
+    (folder / "answers.json").write_text(json.dumps({"cases": answers}))
+    return folder
+
+
+def test_recordings_of_others_are_judged_by_their_kinds(tmp_path, foreign, capsys):
+    tool = tmp_path / "says.py"
+    tool.write_text(SAYS)
+    arguments = ["judge", "--cases", str(foreign), "--out", str(tmp_path / "out"), "--jobs", "1", "--json"]
+    assert coman([*arguments, "--workflow", f"{sys.executable} {tool}"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["all"]["right"]["hits"] == 1 and result["all"]["miss"]["hits"] == 1
+    assert result["all"]["false_alarms"]["hits"] == result["all"]["false_alarms"]["of"] == 1
+    assert result["by_kind"]["soles"]["hard"]["miss"]["hits"] == 1
+    assert {row["case"]: row["result"] for row in result["rows"]} == {"one": "right", "two": "wrong", "three": "miss"}
+
+
+def test_a_name_that_is_true_of_the_kind_is_a_miss_and_no_mistake():
+    answer = {"hidden": "x", "right": ["payload"]}
+    verdict = {"verdict": "effect", "effects": [{"name": "foot_slip"}]}
+    assert outcome(answer, verdict, set())["result"] == "wrong"
+    assert outcome(answer, verdict, {"foot_slip"})["result"] == "miss"
+    both = {"verdict": "effect", "effects": [{"name": "foot_slip"}, {"name": "payload"}]}
+    assert outcome(answer, both, {"foot_slip"})["result"] == "right"
+    assert outcome(answer, None, set())["result"] == "failed"
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"cases": {"one": {}}}', '{"cases": 3}'])
+def test_answers_of_another_form_are_refused_in_one_line(tmp_path, foreign, capsys, text):
+    tool = tmp_path / "says.py"
+    tool.write_text(SAYS)
+    (foreign / "answers.json").write_text(text)
+    arguments = ["judge", "--cases", str(foreign), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    assert coman([*arguments, "--workflow", f"{sys.executable} {tool}"]) == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert "answers.json" in message and "not of the form" in message
+
+
+def test_a_folder_without_cases_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="no case in it"):
+        judge_folder(tmp_path, tmp_path / "out")
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not here")
+def test_the_shared_cases_have_the_form_that_is_read():
+    from coman_reduced_model.judge.foreign import read_answers
+
+    answers = read_answers(SHARED)
+    assert {path.parent.name for path in SHARED.glob("*/train")} <= set(answers)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["prophecy"], "allowed: diagnosis, prediction, monitor"),
+        (["--world", "moon"], "no kind"),
+        (["--world", "creeping", "--world", "holding"], "both of the axis contact"),
+        (["monitor", "--cases", "x"], "judges the diagnosis, not the monitor"),
+        (["--only", "dirty"], "allowed: clean"),
+    ],
+)
+def test_what_the_judge_cannot_do_is_said_in_one_line(tmp_path, capsys, options, words):
+    assert coman(["judge", *options, "--out", str(tmp_path / "out"), "--seeds", "0:1"]) == 2
+    message = capsys.readouterr().err
+    assert words in message.splitlines()[-1]
+
+
+def test_worlds_of_a_kind_are_all_of_that_kind():
+    for seed in range(10):
+        case = draw_case(seed, worlds={"contact": "holding"})
+        assert case.world.kinds["contact"] == "holding"
+        assert case.kind == draw_case(seed).kind and case.families == draw_case(seed).families
+        assert draw_world(seed, {"contact": "holding"}).contact.friction >= 0.6
