@@ -24,3 +24,7 @@ class BagError(ComanError):
 
 class OutputError(ComanError):
     """An output location cannot be used: it exists already, or cannot be written."""
+
+
+class EngineError(ComanError):
+    """A physics engine cannot go on: the motion or the contact is beyond what it can simulate."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..errors import ConfigError
+from ..errors import ConfigError, EngineError
 from ..output import OutputFolder
 from ..sim.disturbances import Disturbance, make
 from ..sim.robot_table import RobotTable
@@ -144,16 +144,14 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
         force: replace them.
 
     Returns:
-        The answer; None: the robot fell, and nothing was written.
+        The answer; None: the robot fell or its engine could not go on, and nothing was written.
     """
     seeds = np.random.default_rng([18, case.seed]).integers(0, 2**31, len(BAGS))
     with OutputFolder(folder, force) as temporary:
         for bag, seed in zip(BAGS, seeds, strict=True):
             duration = case.world.duration_s if bag == BAGS[0] else min(case.world.duration_s, HELD_OUT_S)
             walk = with_gait(case.world, case.gaits[bag], duration)
-            result = record_world(walk, temporary / bag, hidden_effects(case), int(seed), store=False)
-            result.truth.unlink()
-            if result.fallen_s is not None:
+            if not _walks(walk, temporary / bag, hidden_effects(case), int(seed)):
                 shutil.rmtree(temporary)
                 temporary.mkdir()
                 break
@@ -161,6 +159,16 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
             (temporary / "robot.yaml").write_text(data_sheet(case.world.table), encoding="utf-8")
             return answer(case)
     return None
+
+
+def _walks(world: World, bag: Path, hidden: Sequence[Disturbance], seed: int) -> bool:
+    """Record a bag without its truth; False: the robot fell, or its engine could not go on."""
+    try:
+        result = record_world(world, bag, hidden, seed, store=False)
+    except EngineError:
+        return False
+    result.truth.unlink()
+    return result.fallen_s is None
 
 
 def hidden_effects(case: HiddenCase) -> list[Disturbance]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..bag.session import Session
 from ..core.config.files import load_config
-from ..errors import ComanError
+from ..errors import ComanError, EngineError
 from ..output import to_json
 from ..progress import Progress
 from ..resources import version
@@ -104,18 +104,18 @@ def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
 
 def watch(onset: Onset, bag: Path) -> dict[str, Any]:
     """Record a walk and run the monitor on it: detections, in seconds after the effect began."""
-    fallen = record_world(onset.world, bag, [onset.effect], onset.seed).fallen_s
-    config = bag.with_suffix(".yaml")
-    config.write_text(data_sheet(onset.world.table), encoding="utf-8")
-    row = {
+    row: dict[str, Any] = {
         "seed": onset.seed,
         "family": onset.family,
         "worlds": onset.world.kinds,
-        "fell": fallen is not None,
+        "fell": False,
         "failed": "",
         "detections": [],
     }
+    config = bag.with_suffix(".yaml")
+    config.write_text(data_sheet(onset.world.table), encoding="utf-8")
     try:
+        row["fell"] = record_world(onset.world, bag, [onset.effect], onset.seed).fallen_s is not None
         with Session(bag, load_config(config).replaced({"prediction.horizons": []})) as session:
             for _ in session.predictions():
                 pass
@@ -125,6 +125,8 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
                 {"after_s": (each.detected_ns - start_ns) * 1e-9 - onset.after, "channel": each.channel}
                 for each in monitor.first.values()
             ]
+    except EngineError:
+        row["fell"] = True
     except ComanError as error:
         row["failed"] = str(error).replace(str(bag.parent), "")
     return row

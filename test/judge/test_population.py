@@ -176,11 +176,12 @@ def test_an_alarm_before_the_effect_says_nothing_of_its_delay():
 @pytest.mark.slow
 def test_the_monitor_is_judged_by_one_command(clean_run, capsys, monkeypatch):
     from coman_reduced_model.judge import monitor
+    from coman_reduced_model.judge.prediction import run_predictions
 
     monkeypatch.setattr(monitor, "SECONDS", 11.0)
     seeds = json.loads(RunFolder(clean_run).seeds.read_text())
     monitor.run_onsets(clean_run, seeds, worlds=SHORT["worlds"])
-    names = [draw_case(seeds[0]).name]
+    names = run_predictions(clean_run, seeds, **SHORT)
     result = monitor.score_monitor(clean_run, names, seeds)
     assert result["alarms"]["hours"] > 6.0 / 3600.0
     assert result["delays"]["walks"] == 1 and set(result["delays_by_kind"]["contact"]) == {"creeping"}

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from coman_reduced_model.core.gait.gait import plan_walk
-from coman_reduced_model.errors import ConfigError
+from coman_reduced_model.errors import ConfigError, EngineError
 from coman_reduced_model.sim.contact import Contact, Floor
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import parse
@@ -184,3 +184,12 @@ def test_an_engine_that_is_not_installed_is_said_in_one_line(monkeypatch):
 def test_an_unknown_engine_is_refused():
     with pytest.raises(ConfigError, match="allowed: mujoco, drake"):
         VirtualRobot(COMAN, engine="bullet")
+
+
+@drake
+def test_where_drake_cannot_go_on_it_is_said_in_one_line(standing):
+    robot, _ = run("drake", standing, 0.01, settle=0.02)
+    robot.data.qvel[2] = np.nan
+    robot._engine.reset(robot.data)  # noqa: SLF001
+    with pytest.raises(EngineError, match="drake cannot go on"):
+        steps(robot, 0.01)

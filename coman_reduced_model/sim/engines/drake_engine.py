@@ -8,7 +8,8 @@ integration are Drake's. Springs act as generalised forces; all dampers of joint
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import mujoco
@@ -34,12 +35,13 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from ...core.base.types import Array
-from ...errors import ConfigError
+from ...errors import ConfigError, EngineError
 from ..contact import Contact
 from ..sensors import cross
 
 logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of half spaces and deformable bodies
 SLAB_M = 0.01  # [m] thickness of the compliant layer of the floor: pressure = modulus * depth / thickness
+SUNK_M = 1e-6  # [m] soles begin in the floor: exactly on it, Drake 1.51 may fail to cut the surfaces
 BRISTLE = 1e-4  # [rad] within which dry friction holds like a spring
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -50,6 +52,19 @@ def _turned(quaternion: Array, vector: Array) -> Array:
     out = np.empty(3)
     mujoco.mju_rotVecQuat(out, vector, quaternion)
     return out
+
+
+@contextmanager
+def _failures() -> Iterator[None]:
+    """Drake's failures, in one line.
+
+    Raises:
+        EngineError: Drake cannot go on.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        raise EngineError(f"engine: drake cannot go on: {str(error).splitlines()[0]}") from None
 
 
 class DrakeEngine:
@@ -196,6 +211,7 @@ class DrakeEngine:
         state = np.zeros(self._nq + self._nv)
         b, v = self._base_q, self._nq + self._base_v
         state[b : b + 4], state[b + 4 : b + 7] = data.qpos[3:7], data.qpos[:3]
+        state[b + 6] -= SUNK_M
         state[self._q] = data.qpos[self._mj_q]
         state[v : v + 3], state[v + 3 : v + 6] = _turned(data.qpos[3:7], data.qvel[3:6]), data.qvel[:3]
         state[self._nq + self._v] = data.qvel[self._mj_v]
@@ -266,7 +282,8 @@ class DrakeEngine:
 
     def _advance(self, data: mujoco.MjData) -> None:
         """One step of the plant; then MuJoCo's data hold the state after it."""
-        self._context.SetDiscreteState(self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context))
+        with _failures():
+            self._context.SetDiscreteState(self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context))
         state = self._own.get_discrete_state_vector().value().copy()
         b, v = self._base_q, self._nq + self._base_v
         data.qpos[3:7], data.qpos[:3] = state[b : b + 4], state[b + 4 : b + 7]
@@ -277,7 +294,8 @@ class DrakeEngine:
 
     def _read_contacts(self) -> None:
         """Force and moment about the origin of the world, of the ground on each foot."""
-        results = self._results.Eval(self._own)
+        with _failures():
+            results = self._results.Eval(self._own)
         self._wrenches[:] = 0.0
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)

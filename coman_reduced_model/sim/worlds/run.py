@@ -7,12 +7,14 @@ import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from ...core.gait.gait import WalkPlan
 from ...core.gait.parameters import GaitParameters
 from ...progress import Progress
 from ..disturbances import Disturbance, Imperfections, Scatter
+from ..motion import MotorMotion
 from ..record import RecordedBag, plan_recording, record, robot_gait
+from ..upper_motion import UpperMotion
 from ..virtual_robot import START_NS, VirtualRobot
 from .kinds import GAITS
 from .world import World, world_yaml
@@ -95,7 +97,7 @@ def record_world(
         controller=world.controller,
         engine=world.engine,
         reference=world.reference,
-        planned=_planned(world),
+        planned=planned(world),
         force=force,
         progress=progress,
     )
@@ -108,12 +110,12 @@ def _walk(world: World) -> GaitParameters:
     return robot_gait(world.table, world.gait, world.duration_s, **world.gait_changes)
 
 
-def _planned(world: World) -> Any:
-    """Motion and plan; those of the last worlds are kept: many walk the same gait."""
+def planned(world: World) -> tuple[MotorMotion, WalkPlan]:
+    """Motion of the motors, and the plan with the COM that it was made for; those of the last worlds are kept."""
     return _plan(world.robot, world.upper_body, world.upper, _walk(world))
 
 
 @functools.lru_cache(maxsize=64)
-def _plan(robot: str, upper_body: bool, upper: Any, walk: GaitParameters) -> Any:
+def _plan(robot: str, upper_body: bool, upper: UpperMotion, walk: GaitParameters) -> tuple[MotorMotion, WalkPlan]:
     table = World(robot=robot, upper_body=upper_body).table
     return plan_recording(walk, table, upper=upper)
