@@ -5,15 +5,18 @@
     python bench/results.py free_run update          # these pages; free_run takes some two minutes
     python bench/results.py --list
 
-A page holds what a command prints, or a table made of its JSON. `free_run` also writes the table of the README and the
-picture beside it. Recordings that are not part of the project are read from ../shared, or --shared DIR; a page says
-which of them it went without.
+`judge`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED names; they
+are written only when they are named. A page holds what a command prints, or a table made of its JSON. `free_run` also
+writes the table of the README and the picture beside it. Recordings that are not part of the project are read from
+../shared, or --shared DIR; a page says which of them it went without.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
+import io
 import json
 import math
 import os
@@ -32,6 +35,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
 AXES = ("x", "y", "z")
+OF_RUNS = ("judge", "prediction", "monitor", "others")  # pages of runs of the judge, which take hours
 BEGIN, END = "<!-- begin: bench/results.py free_run -->", "<!-- end -->"
 
 
@@ -71,7 +75,7 @@ def main() -> None:
     if unknown := set(arguments.pages).difference(PAGES):
         parser.error(f"{min(unknown)}: no such page (there are: {', '.join(PAGES)})")
     (DOC / "results").mkdir(exist_ok=True)
-    for page in arguments.pages or PAGES:
+    for page in arguments.pages or [page for page in PAGES if page not in OF_RUNS]:
         print(f"== {page}", flush=True)
         began, load = datetime.now(timezone.utc), os.getloadavg()[0]
         title, text = PAGES[page](arguments.shared)
@@ -321,6 +325,29 @@ def trimmed(output: str) -> str:
     return "\n".join(line.rstrip() for line in output.strip().splitlines())
 
 
+# --- pages that hold the result of a run of the judge ---
+
+
+def judged(title: str, file: str, show: str, folder: str = "") -> Callable[[Path], tuple[str, str]]:
+    """A page of what `coman judge` says of a finished run: JUDGED, or a folder in it."""
+
+    def page(shared: Path) -> tuple[str, str]:
+        from coman_reduced_model.cli import judge_tables
+
+        run_folder = Path(os.environ.get("JUDGED", "judged")) / folder
+        if not (run_folder / file).is_file():
+            sys.exit(f"{run_folder / file}: not there: run coman judge first (JUDGED is its folder)")
+        found = json.loads((run_folder / file).read_text(encoding="utf-8"))
+        begun = run_folder / "commit.txt"
+        at = f"Judged at commit {begun.read_text().strip()}.\n\n" if begun.is_file() else ""
+        os.environ["COLUMNS"] = "150"
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            getattr(judge_tables, show)(found, Path("judged") / folder)
+        return title, f"{at}```text\n{trimmed(printed.getvalue())}\n```"
+
+    return page
+
+
 PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "free_run": free_run,
     "update": script("Cost of an update", ("predictor",)),
@@ -344,7 +371,12 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
-    "monitor": script("Monitor", ("monitor",)),
+    "engines": script("Two physics engines", ("engines",)),
+    "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
+    "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),
+    "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),
+    "monitor": judged("Monitor by kind of world", "monitor.json", "show_monitor"),
+    "others": judged("Diagnosis of recordings that others simulated", "score.json", "show_folder", "others"),
 }
 
 

@@ -11,7 +11,7 @@ prints {"white_bic": verdict, "pysindy": verdict}, in the form of diagnosis.json
   1 is a large effect; the term that explains most is named. Left out if pysindy is not installed
   (`pip install -r bench/requirements.txt`).
 
-Neither has a prior for the variability of healthy robots.
+Neither has a prior for the variability of clean robots.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The hidden effects of the judge, their places, and their sizes: weak, medium and strong.
 
-A size is a multiple of what healthy robots of the population vary by, or of what a recording leaves open, if that is
+A size is a multiple of what clean robots of the population vary by, or of what a recording leaves open, if that is
 more: weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM
 at 0.38 m); on another robot forces scale with its weight, torques with weight times COM height. Where a size would be
 beyond what a walking robot can have (`most`), the level is lower, and the result counts that.
@@ -70,9 +70,9 @@ class Family:
 
 @functools.cache
 def deviations() -> dict[str, float]:
-    """By family, the standard deviation for COMAN: over healthy robots, or of what a recording leaves open."""
+    """By family, the standard deviation for COMAN: over clean robots, or of what a recording leaves open."""
     read = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
-    return {name: max(float(entry["healthy"]), float(entry.get("recorded", 0.0))) for name, entry in read.items()}
+    return {name: max(float(entry["clean"]), float(entry.get("recorded", 0.0))) for name, entry in read.items()}
 
 
 def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -> tuple[dict[str, Any], int]:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An oracle that knows how much healthy robots of a world vary, but not which effect is hidden.
+"""An oracle that knows how much clean robots of a world vary, but not which effect is hidden.
 
     python -m coman_reduced_model.judge.rank FOLDER        # of a case, with its world.yaml
 
 All candidates of the diagnosis are ranked by their evidence on all bags at once, linear about the nominal robot, with
-the true standard deviations of what varies on healthy robots of this world instead of the diagnosis' own. Nothing is
+the true standard deviations of what varies on clean robots of this world instead of the diagnosis' own. Nothing is
 decided. It is what a diagnosis could reach at most with these residuals; printed as JSON, best first:
 
     [{"name", "where", "evidence": nats, "parameters": {key: {"value", "deviation"}}}, ...]
@@ -38,7 +38,7 @@ BAGS = ("train", "hold1", "hold2")
 
 
 def evidence_with(folder: Path, deviations: Mapping[str, float]) -> Evidence:
-    """Evidence of all bags of a case, with given standard deviations of healthy robots.
+    """Evidence of all bags of a case, with given standard deviations of clean robots.
 
     Args:
         folder: holds the bags and robot.yaml.
@@ -58,7 +58,7 @@ def evidence_with(folder: Path, deviations: Mapping[str, float]) -> Evidence:
 
 
 def with_deviation(unknown: Unknown, deviations: Mapping[str, float]) -> Unknown:
-    """An unknown whose spread over healthy robots is as given; as it is, if nothing is given."""
+    """An unknown whose spread over clean robots is as given; as it is, if nothing is given."""
     for kind in ("spread", "slack"):
         name = unknown.widths.get(kind, "")
         if name in deviations:

@@ -6,7 +6,7 @@
     OUT/verdicts/CASE/  diagnosis.json, baselines.json, run.json (exit code, time)
     OUT/verdicts.sha256 hashes of all verdicts, written before any answer is read
     OUT/oracle/CASE/    diagnosis.json of a diagnosis that is given the name and place of each effect
-    OUT/ranking/CASE/   ranking.json of all candidates by a method that is given how much healthy robots vary
+    OUT/ranking/CASE/   ranking.json of all candidates by a method that is given how much clean robots vary
     OUT/rounds.txt      a hash for each earlier round of verdicts on the same bags (--again)
     OUT/score.json
     OUT.sealed/         CASE.json (the answers) and seeds.json; beside OUT, so that no folder that a diagnosis sees
@@ -181,7 +181,7 @@ def run(
         command: the workflow, to which bags and options are appended.
         baselines: the same for the simpler methods; empty: none.
         oracle: also run the two oracles: diagnoses that are given the name and place of each effect, and rankings
-            (rank.py) that are given the variability of healthy robots of this world.
+            (rank.py) that are given the variability of clean robots of this world.
         again: keep the bags and judge a changed workflow on them; the score counts the rounds.
         progress: called with the fraction done and a text.
         fixed: see draw_case.
@@ -361,7 +361,7 @@ def _run_oracles(folder: RunFolder, name: str, command: Sequence[str]) -> None:
 
 
 def _write_ranking(folder: RunFolder, name: str, world: str) -> None:
-    """Rank the candidates by the method that is given the variability of healthy robots of this world."""
+    """Rank the candidates by the method that is given the variability of clean robots of this world."""
     with _case_copy(folder.bags(name)) as (copy, environment):
         (copy / "world.yaml").write_text(world, encoding="utf-8")
         result = _run_command([*RANK, str(copy)], copy, environment)

@@ -28,7 +28,7 @@ from .variability import true_deviations
 def recorded_deviations(bags: Path, world: World) -> dict[str, list[float]]:
     """By family, how well the recordings of a clean robot determine its size: the posterior's standard deviation.
 
-    Of each effect alone, at each of its places, when healthy robots vary as they do in this world.
+    Of each effect alone, at each of its places, when clean robots vary as they do in this world.
 
     Raises:
         ComanError: the bags cannot be used.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much healthy robots of a world vary, and how well their recordings determine the size of an effect.
+"""How much clean robots of a world vary, and how well their recordings determine the size of an effect.
 
 python -m coman_reduced_model.judge.variability OUT      # of a run with clean cases: measures sizes.yaml
 """
@@ -18,7 +18,7 @@ EVEN = 1.0 / np.sqrt(12.0)  # standard deviation of an even distribution over it
 
 
 def true_deviations(world: World) -> dict[str, float]:
-    """Standard deviations over healthy robots of this world, by the names of core/effects/widths.py.
+    """Standard deviations over clean robots of this world, by the names of core/effects/widths.py.
 
     What is not named keeps the width of the diagnosis. Sensors' zeros are those of the sensors of this world.
     """

@@ -32,7 +32,7 @@ HIDDEN = {
     "sensor_rotation": ("sensor_rotation", {"where": "left", "axis": "x", "angle": 0.35}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
-MADE_OTHERWISE = {  # sensors of healthy robots
+MADE_OTHERWISE = {  # sensors of nominal robots
     "noise_free": SensorOptions.exact(),
     "100_hz": SensorOptions(rate_hz=100.0),
     "noisy_torques": SensorOptions(torque_noise=0.5, torque_bias=0.3),
@@ -174,7 +174,7 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
         law = result["laws"][channel]  # before anything is fitted
         assert law["mean"] == pytest.approx(
             9.81 * value, abs=6.0
-        )  # healthy masses and sensors are some percent of 170 N off
+        )  # nominal masses and sensors are some percent of 170 N off
         assert law["rms"] >= abs(law["mean"]) > 10.0 * law["floor"] > 0.0
 
 
@@ -189,7 +189,7 @@ def test_lagging_motors_that_echo_their_command_are_a_drive_delay(bags, diagnose
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["clean", *MADE_OTHERWISE])
-def test_a_healthy_robot_lacks_nothing(name, bags, diagnose):
+def test_a_nominal_robot_lacks_nothing(name, bags, diagnose):
     train, held = bags(name)
     result, out = diagnose(train, "--holdout", held)
     assert result["verdict"] == "none" and result["effects"] == [], result["sentence"]

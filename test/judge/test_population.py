@@ -52,14 +52,14 @@ def test_engines_contacts_and_controllers_have_kinds_that_nothing_was_chosen_on(
         assert 0 < sum(kind.chosen_on for kind in AXES[axis].values()) < len(AXES[axis])
 
 
-# --- sizes against what healthy robots vary by ---
+# --- sizes against what clean robots vary by ---
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_size_is_a_multiple_of_what_healthy_robots_vary_by(monkeypatch, family):
+def test_a_size_is_a_multiple_of_what_clean_robots_vary_by(monkeypatch, family):
     """On COMAN; where that is more than a walking robot can have, the level is lower, and that is returned."""
     entry = yaml.safe_load(families.SIZES.read_text())[family]
-    deviation, sizes = max(float(entry["healthy"]), float(entry.get("recorded", 0.0))), []
+    deviation, sizes = max(float(entry["clean"]), float(entry.get("recorded", 0.0))), []
     one = FAMILIES[family]
 
     def draw(rng, size, table):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Options of the sensors, and what all healthy robots have: small imperfections of everything at once."""
+"""Options of the sensors, and what all clean robots have: small imperfections of everything at once."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class ComOffset(Effect):
         trunk = about.robot.model.frames[about.robot.base_id]
         out = []
         for key, axis in zip("xyz", trunk.placement.rotation.T, strict=True):
-            # Walking hardly shows the height of a COM: healthy robots' scatter of it, and no more.
+            # Walking hardly shows the height of a COM: nominal robots' scatter of it, and no more.
             prior = widths("com_offset.z" if key == "z" else "com_offset", "reach")
             out.append(cls.unknown(key, lever_plus(trunk.parentJoint, axis.copy()), step=0.005, **prior))
         return out

@@ -24,6 +24,6 @@ def scaled_joints(effect: type[Effect], about: About, field: str, low: float) ->
     out = []
     for where, which in about.joints_and_legs.items() if about.motors else ():
         change = world_elements(field, which, lambda each, x: each * (1.0 + x))
-        healthy = "spread" if where in about.joints else "slack"  # of one joint, of many alike
-        out.append(effect.unknown("scale", change, where, low=low, **widths(f"{effect.name}.scale", healthy, "reach")))
+        nominal = "spread" if where in about.joints else "slack"  # of one joint, of many alike
+        out.append(effect.unknown("scale", change, where, low=low, **widths(f"{effect.name}.scale", nominal, "reach")))
     return out

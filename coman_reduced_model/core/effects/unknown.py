@@ -69,18 +69,18 @@ _W = TypeVar("_W", bound=World)
 class Unknown:
     """One unknown (parameter) of a hypothesis.
 
-    It has two widths: `spread`, how much it varies from one healthy robot to the next (springs and masses scatter by
+    It has two widths: `spread`, how much it varies from one nominal robot to the next (springs and masses scatter by
     some percent, sensors have small biases), and `reach`, how large it may be if the effect is there. An unknown
-    without spread is absent from healthy robots. The evidence for an effect is what its unknowns gain by being let out
+    without spread is absent from nominal robots. The evidence for an effect is what its unknowns gain by being let out
     of their spread.
 
     Attributes:
-        effect, where, key: as in the configuration; effect "" for what only healthy scatter has.
+        effect, where, key: as in the configuration; effect "" for what only nominal scatter has.
         unit: of the value.
         change: recording and world (`Measured`, `World`) under the hypothesis that the value is nominal + x.
         reach, spread: standard deviations of x with and without the effect.
-        slack: standard deviation that is no effect worth a name, where healthy robots have (nearly) none at all.
-        usual: what healthy robots have of it, beyond nominal: deviations count from there.
+        slack: standard deviation that is no effect worth a name, where nominal robots have (nearly) none at all.
+        usual: what nominal robots have of it, beyond nominal: deviations count from there.
         nominal: value when there is no such effect.
         step: for the difference quotient; default: a tenth of the reach.
         low: least physical deviation from nominal.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Widths of the priors by name: how much the parameters of effects vary on healthy robots, and where an effect is.
+"""Widths of the priors by name: how much the parameters of effects vary on nominal robots, and where an effect is.
 
-`spread` is a standard deviation over healthy robots, `reach` one where the effect is there, `slack` one that is not
+`spread` is a standard deviation over nominal robots, `reach` one where the effect is there, `slack` one that is not
 worth a name. Those that are relative say to what. What is common on real robots and in data sheets sets them; those of
-clocks, soles, slides and landings also what healthy virtual robots do; none comes from the cases that are reported.
+clocks, soles, slides and landings also what nominal virtual robots do; none comes from the cases that are reported.
 """
 
 from __future__ import annotations

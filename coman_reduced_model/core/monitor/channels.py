@@ -44,7 +44,7 @@ class Nominal(NamedTuple):
     unit: str
     single: float  # standard deviation of a phase mean from phase to phase, in single support
     double: float  # the same in double support
-    robots: float  # standard deviation from one healthy robot to the next; 0: not known
+    robots: float  # standard deviation from one nominal robot to the next; 0: not known
     drift: float  # standard deviation of the drift from one phase of a kind to the next, as a share of the noise
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # [s] after a landing until the impact is over, then until the load of the foot is known: between samples at 200 Hz.
 IMPACT_S, LANDED_S = 0.0125, 0.0325
 _RISING = 0.75  # of that load: largest mean force during the impact if the load only rises
-_SPRING_SCATTER, _SPRING_BIAS = 0.05, 0.03  # deviation of healthy springs from the data sheet, as shares
+_SPRING_SCATTER, _SPRING_BIAS = 0.05, 0.03  # deviation of nominal springs from the data sheet, as shares
 _MIN_DISTANCE = 0.015  # [rad] that a joint moves in a phase, both ways together, for `drag`
 _MIN_LOOKS = 8  # for `stiffness` and `late`
 _RATE = 0.3  # [1/s] of weight times COM height: rate of the needed torque at which a delay counts half
@@ -57,7 +57,7 @@ class PhaseMean(NamedTuple):
     """Means over a support phase."""
 
     values: Array  # (n,) residuals; NaN: not known
-    variance: Array  # (n,) of the value over healthy robots; 0: not known
+    variance: Array  # (n,) of the value over nominal robots; 0: not known
     load_offset: Array  # (n,) offset of the residual that the load of a nominal spring error gives, with its sign
     posture: Array  # (2 nl,) mean and displacement of the joints, by which similar phases are recognised [rad]
 

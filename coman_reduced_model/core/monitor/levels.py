@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Level and noise of each channel in one kind of phase: a scalar Kalman filter and two tests, compiled.
 
-A value is tested against zero, with the variance over healthy robots, and against the level of the phases before it.
+A value is tested against zero, with the variance over nominal robots, and against the level of the phases before it.
 In both tests two values in a row must agree in sign.
 """
 
@@ -86,7 +86,7 @@ def update_channels(
 
 @compiled
 def _test_against_zero(channel: Record, value: float, variance: float, threshold: float, start: float) -> None:
-    """Variance: over healthy robots."""
+    """Variance: over nominal robots."""
     sigma = value / np.sqrt(variance + channel.noise_variance)
     sign = np.sign(sigma) if abs(sigma) > threshold else 0.0
     if sign != 0.0 and sign == channel.offset_sign:

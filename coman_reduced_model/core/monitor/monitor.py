@@ -6,7 +6,7 @@ either, standing) has its own level, which a Kalman filter learns while the robo
 The change of a channel in a kind is the weaker of its last two deviations from the level, in standard deviations, if
 both have the same sign. A channel is reported as *changed* if its change over all kinds together exceeds
 `monitor.threshold`, and as *off* if two values in a row of one kind are as far from zero, relative to the scatter of
-healthy robots. A single outlier counts as noise, so a stumble is no mismatch. A phase whose duration, posture or motion
+nominal robots. A single outlier counts as noise, so a stumble is no mismatch. A phase whose duration, posture or motion
 differs from those of its kind before belongs to another gait, and levels are learnt again. An intermittent force has no
 level: `unsteady/x, y` report by how much the scatter of the residual force has grown (unsteady.py). A mismatch that has
 not been seen for 10 s is dropped.

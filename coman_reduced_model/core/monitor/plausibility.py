@@ -77,7 +77,7 @@ class Plausibility:
             self._lower_carries += 1
 
     def counts(self) -> dict[str, int]:
-        """Suspect looks (50 a second); a healthy robot has some too, such as at touchdown."""
+        """Suspect looks (50 a second); a nominal robot has some too, such as at touchdown."""
         counts = {f"{name}/negative": self._negative[foot] for foot, name in WRENCHES.items()}
         counts["wrenches/swapped"] = self._higher_carries
         return {name: count for name, count in counts.items() if count}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How strongly the residuals speak for each effect, when everything else may vary as it does on healthy robots.
+"""How strongly the residuals speak for each effect, when everything else may vary as it does on nominal robots.
 
 The residuals are linear in small figures: r = A x + noise. Every figure x has a Gaussian prior, narrow (`spread`) on a
-healthy robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support
+nominal robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support
 apart, is an autoregressive process; whitened by it, A and r become A'A and A'r, and the evidence for an effect is the
 log ratio of the marginal likelihoods with wide and with narrow prior. Spread that is correlated with an effect (a
 knee's stiffness with both legs', a mass with a sensor's gain) thereby counts against it.
@@ -29,7 +29,7 @@ ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
 NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
-ABSENT = 1e-4  # spread, as a share of reach, of a figure that healthy robots do not have
+ABSENT = 1e-4  # spread, as a share of reach, of a figure that nominal robots do not have
 
 
 @dataclass
@@ -169,7 +169,7 @@ class Fit:
 
 
 def prior_variance(known: Sequence[Unknown], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
-    """(P,) of healthy robots, with the figures `released` at their reach and those of `slack` at theirs."""
+    """(P,) of nominal robots, with the figures `released` at their reach and those of `slack` at theirs."""
     spread = np.array([max(figure.spread, ABSENT * figure.reach) for figure in known])
     for i in slack:
         spread[i] = max(known[i].slack, spread[i])

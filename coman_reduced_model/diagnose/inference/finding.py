@@ -85,9 +85,9 @@ class Finding:
         """
         assert self.fit is not None
         x = after.own(self.fit, self.released)
-        healthy = x.copy()
-        healthy[self.released] = 0.0
-        return before.left(healthy), after.left(x)
+        nominal = x.copy()
+        nominal[self.released] = 0.0
+        return before.left(nominal), after.left(x)
 
     @property
     def released(self) -> list[int]:

@@ -358,8 +358,8 @@ def _confirm(
     evidence = evidence_of(held)
     released = [*finding.released, *option.figures]
     covariance = fit.covariance
-    healthy = prior_variance(known, finding.released)
-    mean, variance = np.zeros(len(known)), healthy.copy()
+    nominal = prior_variance(known, finding.released)
+    mean, variance = np.zeros(len(known)), nominal.copy()
     for i in released:
         mean[i], variance[i] = fit.x[i], covariance[i, i] + (0.1 * fit.x[i]) ** 2
     without_mean, without = mean.copy(), variance.copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The verdict: which effects were found, and whether they leave more residuals than healthy robots leave."""
+"""The verdict: which effects were found, and whether they leave more residuals than nominal robots leave."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .search import SUSPECTED, search
 
 Verdict = Literal["effect", "none", "unknown", "not_excited"]
 
-# Largest residuals that healthy robots leave in single support, in units of the noise floor: the floor is the noise of
+# Largest residuals that nominal robots leave in single support, in units of the noise floor: the floor is the noise of
 # the sensors, the rest is what rigid bodies on flat soles do not explain. Chosen on seeds 1280 to 1479 of the judge,
-# with the torques and floors of that version: 60 healthy robots left 2.7 in force/y (they rock from edge to edge of
+# with the torques and floors of that version: 60 nominal robots left 2.7 in force/y (they rock from edge to edge of
 # their soles), 4.3 in the air, 2.1 elsewhere.
 LIMITS = {
     "force": 2.7, "force/y": 4.2, "moment": 2.6, "moment/x": 3.0, "torque": 3.2, "spring": 2.9, "unloaded": 6.8,
@@ -88,7 +88,7 @@ def verdict(finding: Finding, leftover: Mapping[str, float], train: Sequence[Rec
 
 
 def too_much(finding: Finding, leftover: Mapping[str, float]) -> list[str]:
-    """Groups of residuals that are larger than healthy robots leave, the worst first."""
+    """Groups of residuals that are larger than nominal robots leave, the worst first."""
     out, most = [], limits(finding)
     for key, value in leftover.items():
         limit = limit_of(key, most)
@@ -113,7 +113,7 @@ def acts(finding: Finding, key: str) -> float:
 
 
 def limits(finding: Finding) -> dict[str, float]:
-    """By law or channel, the largest residual that healthy robots leave with these sensors [noise floors]."""
+    """By law or channel, the largest residual that nominal robots leave with these sensors [noise floors]."""
     seen = all(case.recording.up is not None for case in finding.train)
     return {
         kind: limit * (1.0 if seen or kind in ("spring", "unloaded") else ROCKING) for kind, limit in LIMITS.items()

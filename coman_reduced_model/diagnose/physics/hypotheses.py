@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What could differ from the nominal robot in a recording: the unknowns of all effects, and of healthy scatter."""
+"""What could differ from the nominal robot in a recording: the unknowns of all effects, and of nominal scatter."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def candidates(known: list[Unknown]) -> list[Candidate]:
 
 
 def _scatter(recording: Recording, about: About) -> Iterator[tuple[str, Unknown]]:
-    """What differs among healthy robots without being an effect, each beside an unknown whose name begins so."""
+    """What differs among nominal robots without being an effect, each beside an unknown whose name begins so."""
     if about.efforts:
         for joint, j in about.joints.items():
             yield f"joint_friction@{joint}.", _zero(joint, "torque_zero", "Nm", columns_minus("tau", j), "torque_zero")

@@ -28,11 +28,11 @@ _HEADINGS = {
     "not_excited": "This recording cannot tell",
 }
 _MEANING = {
-    "none": "What the nominal robot leaves unexplained is no more than healthy robots leave, whose springs, "
+    "none": "What the nominal robot leaves unexplained is no more than nominal robots leave, whose springs, "
     "masses and sensors "
     "scatter by some percent around the data sheet. An effect that is smaller than the limits below can still "
     "be there.",
-    "unknown": "Some residual is larger than healthy robots leave, and no effect of the catalogue, nor several "
+    "unknown": "Some residual is larger than nominal robots leave, and no effect of the catalogue, nor several "
     "of them, "
     "takes it away. The model was left as it is. The residuals below tell where to look.",
     "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
@@ -96,7 +96,7 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
             "Values with 1.96 standard deviations of the linearised posterior. Model error is not in them, so that "
             "they contain the truth in fewer than 95 % of cases. Evidence: log ratio of the probabilities of the data "
             "with the effect and with no "
-            f"more than healthy scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
+            f"more than nominal scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
             f"(with none held out {ALONE:g}; of an effect of no more than {FEW} ways {FEWER:g} less; beside another "
             f"effect more by {INHERITED:.0%} of that one's, up to {FURTHER:g}), and {AGREES:g} on the held-out ones."
         )
@@ -155,7 +155,7 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
                         f"law{number}",
                         partial(law, [*train, *hold], name, joint),
                         f"Residual of {joint} before and after {spaced(name)}",
-                        f"{place(joint)}, all recordings: what its nominal law does not explain. Healthy "
+                        f"{place(joint)}, all recordings: what its nominal law does not explain. Nominal "
                         f"scatter is taken off; "
                         "black is what the effects alone make of it.",
                     )
@@ -250,7 +250,7 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
             "Heat map of the disagreement by channel and support phase",
             "RMS of what the nominal robot leaves on the training bags, its springs, masses and sensors free "
             "to scatter as those "
-            "of healthy robots do, in units of the sensors' own noise. Healthy robots reach "
+            "of nominal robots do, in units of the sensors' own noise. Nominal robots reach "
             + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in limits(diagnosis.finding).items())
             + " in single support, stumbles apart.",
         ),
@@ -280,7 +280,7 @@ def _gap(result: dict[str, Any]) -> list[Part]:
     which = "held-out recordings" if held else "training recordings: none was held out"
     caption = (
         f"RMS over the {which}. COM: error of the free run, after: with the effects that do not make it worse. The "
-        "others: residuals, less healthy scatter as it fits each recording best."
+        "others: residuals, less nominal scatter as it fits each recording best."
     )
     if held:
         caption += (
@@ -337,7 +337,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
             for key in result["too_much"][:_ROWS]
         ]
         caption = "In units of the noise floor, single support, the middle recording."
-        parts.append(Table(["left unexplained", "left", "healthy robots at most"], rows, caption))
+        parts.append(Table(["left unexplained", "left", "nominal robots at most"], rows, caption))
     parts += [Notice(line[:1].upper() + line[1:] + ".", "warn") for line in result["not_checked"]]
     units = {(figure.effect, figure.key): figure.unit for figure in finding.known}
     rows = [

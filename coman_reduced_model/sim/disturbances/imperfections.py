@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every healthy robot has, all at once: small play, friction, lags, zeros, gains, cross-talk, clocks, a slope."""
+"""What every clean robot has, all at once: small play, friction, lags, zeros, gains, cross-talk, clocks, a slope."""
 
 from __future__ import annotations
 

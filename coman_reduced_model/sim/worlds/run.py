@@ -20,8 +20,8 @@ from .kinds import GAITS
 from .world import World, world_yaml
 
 
-def healthy_variations(world: World) -> list[Disturbance]:
-    """What this robot has although it is healthy: tolerances, and small imperfections of each joint and sensor."""
+def clean_variations(world: World) -> list[Disturbance]:
+    """What this robot has although it is clean: tolerances, and small imperfections of each joint and sensor."""
     varied: list[Disturbance] = [Scatter(seed=world.seed)] if world.tolerances else []
     if world.imperfections > 0.0:
         varied.append(Imperfections(seed=world.seed, amount=world.imperfections))
@@ -35,7 +35,7 @@ def robot_of(
 
     Args:
         world: see World.
-        hidden: effects beyond what is healthy.
+        hidden: effects beyond what clean robots have.
         seed: of the noise of the sensors.
         start_ns: stamp at t = 0; default: that of VirtualRobot.
 
@@ -45,7 +45,7 @@ def robot_of(
     return VirtualRobot(
         world.table,
         world.sensors,
-        [*healthy_variations(world), *hidden],
+        [*clean_variations(world), *hidden],
         seed=seed,
         contact=world.contact,
         floor=world.floor,
@@ -75,7 +75,7 @@ def record_world(
     Args:
         world: see World.
         out: folder of the bag.
-        hidden: effects beyond what is healthy.
+        hidden: effects beyond what clean robots have.
         seed: of the noise of the sensors.
         force: replace what exists.
         progress: called now and then.
@@ -90,7 +90,7 @@ def record_world(
         out,
         robot=world.table,
         sensors=world.sensors,
-        disturbances=[*healthy_variations(world), *hidden],
+        disturbances=[*clean_variations(world), *hidden],
         seed=seed,
         contact=world.contact,
         floor=world.floor,

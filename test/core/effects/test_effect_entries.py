@@ -102,7 +102,7 @@ def test_no_part_of_an_entry_is_missing(name):
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_what_a_diagnosis_could_find_is_wider_than_healthy_scatter(name):
+def test_what_a_diagnosis_could_find_is_wider_than_nominal_scatter(name):
     for each in CATALOGUE[name].unknowns(about()):
         assert each.reach > max(each.spread, each.slack) >= 0.0 and each.step > 0.0, each.name
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The monitor in use: no alarm on a healthy robot, and the right channel in time when an effect begins in mid-walk."""
+"""The monitor in use: no alarm on a nominal robot, and the right channel in time when an effect begins in mid-walk."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def detected_in_time(found, channel):
 
 
 @pytest.mark.parametrize("name", ["test1", "test2"])
-def test_healthy_robot_gives_no_alarm(tmp_path, name):
+def test_nominal_robot_gives_no_alarm(tmp_path, name):
     assert mismatches(bag_path(name), tmp_path / "out") == []
 
 
@@ -173,7 +173,7 @@ def test_softer_spring_with_zero_mean_load_shows_in_stiffness():
 
 
 def test_spring_under_a_higher_load_is_no_softer_spring():
-    """12 Nm more on a knee, whose spring is 5 % softer than described, as a healthy one may be; then on a worse one."""
+    """12 Nm more on a knee, whose spring is 5 % softer than described, as a nominal one may be; then on a worse one."""
 
     def watch(softer):
         def change(stream, t, message):
@@ -355,7 +355,7 @@ def test_stumble_is_no_mismatch():
 
 
 def test_another_gait_is_no_mismatch():
-    """From 6 s on it walks with knees more bent, whose springs carry more: 5 % off, as healthy ones are."""
+    """From 6 s on it walks with knees more bent, whose springs carry more: 5 % off, as nominal ones are."""
     bend = np.array([-0.1, 0.0, 0.0, 0.2, -0.1, 0.0] * 2)
 
     def change(stream, t, message):
@@ -375,7 +375,7 @@ def test_another_gait_is_no_mismatch():
 
 
 @pytest.mark.parametrize(("share", "detected"), [(0.96, False), (0.6, True)])
-def test_offset_from_the_start_is_detected_beyond_the_scatter_of_healthy_robots(share, detected):
+def test_offset_from_the_start_is_detected_beyond_the_scatter_of_nominal_robots(share, detected):
     def change(stream, t, message):
         if stream == MOTORS:
             return turned(message, KNEE, 8.0 / (share * 180.0) - 0.01)

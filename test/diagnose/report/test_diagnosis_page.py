@@ -161,7 +161,7 @@ def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it():
 @pytest.mark.parametrize(
     ("verdict", "told"),
     [
-        ("none", "healthy robots leave"),
+        ("none", "nominal robots leave"),
         ("unknown", "no effect of the catalogue"),
         ("not_excited", "both feet must leave the ground"),
         ("effect", "could hide below"),
