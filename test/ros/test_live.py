@@ -15,11 +15,13 @@ from coman_reduced_model_msgs.msg import SupportState
 from conftest import PATIENCE, Process, child_environment
 from ros_testing import vector
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
-from coman_reduced_model.core.base.stream_names import JOINTS
+from coman_reduced_model.core.base.stream_names import IMU, JOINTS
 from coman_reduced_model.messages import stamp_of
 from coman_reduced_model.ros.interface import qos
+from coman_reduced_model.sim.robot_table import COMAN, with_upper_body
+from coman_reduced_model.topics import INPUT_TOPICS
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 
@@ -111,3 +113,22 @@ def test_live_view_on_a_dumb_terminal(ros_domain):
         assert "Traceback" not in process.output and "predictions; RMS error" in process.output
     finally:
         process.kill()
+
+
+def test_the_virtual_robot_takes_a_world(start, peer, tmp_path):
+    """A robot with waist, arms and head that publishes no IMU; an impossible world ends the node in one line."""
+    world = tmp_path / "mine.yaml"
+    world.write_text("upper_body: true\nsensors: {imu: false, effort: false}\n")
+    states, others = [], []
+    peer.node.create_subscription(JointState, JOINTS, states.append, qos.sensor_input())
+    peer.node.create_subscription(Imu, INPUT_TOPICS[IMU], others.append, qos.sensor_input())
+    robot = start.node("virtual_robot", virtual_robot__world=str(world))
+    robot.wait_for("ready: coman_whole")
+    peer.wait(lambda: len(states) > 20, "joint states")
+    assert list(states[-1].name) == list(with_upper_body(COMAN).joint_names)
+    assert not states[-1].effort and not others
+    assert robot.stop() == 0
+    for text, words in (("moon", "'moon': no file, no seed and no kind"), ("tall.yaml", "its robot is tall")):
+        (tmp_path / "tall.yaml").write_text("robot: tall\n")
+        bad = start.node("virtual_robot", virtual_robot__world=str(tmp_path / text) if "." in text else text)
+        assert bad.wait() == 2 and words in bad.output and "Traceback" not in bad.output
