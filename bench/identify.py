@@ -51,9 +51,9 @@ def main() -> None:
                 errors[kind].append(found.value / true - 1.0)
                 held[kind].append(found.low <= true <= found.high)
                 error = 100.0 * errors[kind][-1]
-                told = f"{true:8.2f} {found.value:8.2f} [{found.low:.2f}, {found.high:.2f}] {error:+.1f} %"
+                shown = f"{true:8.2f} {found.value:8.2f} [{found.low:.2f}, {found.high:.2f}] {error:+.1f} %"
                 outside = "" if held[kind][-1] else "  outside"
-                print(f"{name} {joint.name:9s} {kind:9s} {told}{outside}", flush=True)
+                print(f"{name} {joint.name:9s} {kind:9s} {shown}{outside}", flush=True)
     for kind, values in errors.items():
         size = 100.0 * np.abs(values)
         print(f"{kind}: largest error {size.max():.1f} %, median {np.median(size):.1f} %; in the interval "

@@ -5,7 +5,7 @@
 
 The bags are the shipped test1 over and over, its stamps moved on. Each figure comes from a process of its own.
 `prediction alone` leaves out start-up (loading compiled code, opening the bag), which a long bag does not feel; it is
-told by the clock and by processor time, which other processes on the machine disturb less.
+measured by the clock and by processor time, which other processes on the machine disturb less.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 
     python bench/pendulum.py [BAG CONFIG]         # default: the shipped test1, as if it had no motor encoders
 
-The constants of the filter were chosen on the first half of a recorded iCub walk; both halves are told, judged apart.
+The constants of the filter were chosen on the first half of a recorded iCub walk; both are judged apart.
 """
 
 from __future__ import annotations

@@ -279,8 +279,8 @@ def prediction_to(types: MessageTypes, prediction: Prediction, into: Any = None)
 
     Args:
         types: classes to make it of.
-        prediction: what to tell.
-        into: a message from an earlier call to fill anew: rclpy takes a third of the time for it.
+        prediction: what the message is to hold.
+        into: a message from an earlier call to fill again: rclpy takes a third of the time for it.
     """
     message = _blank_prediction(types) if into is None else into
     header = message.header

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the tests of a diagnosis share: a standing robot's recordings made of formulas, and figures of effects."""
+"""What the tests of a diagnosis share: a standing robot's recordings made of formulas, and unknowns of effects."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def residuals(recording: Recording, world: World | None = None) -> dict[str, np.
     return evaluate(recording, world or standing()[1], masks(*standing())).residuals
 
 
-def figure(name: str):
+def unknown(name: str):
     return next(f for f in unknowns(*standing()) if f.name == name)
 
 

@@ -21,7 +21,7 @@ _CHUNK_SIZE = 2**20  # [bytes] after which a chunk is compressed and written
 
 
 class _Mcap(McapWriter):
-    """The writer of rosbags; a message is packed in one go, and what is told of many is counted a chunk at a time."""
+    """The writer of rosbags; a message is packed in one go, and statistics are counted a chunk at a time."""
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         bio, channel = self.chunk.bio, connection.id

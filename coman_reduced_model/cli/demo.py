@@ -45,11 +45,11 @@ def demo(
     file = config or config_path()
     settings = load_config(file, "predictor")
     try:
-        with OutputFolder(out, force or out == DEFAULT_OUT) as folder, progress("demo") as tell:
-            result = run_demo(path, settings, file, folder, rate, lambda done, words: tell(0.8 * done, words))
+        with OutputFolder(out, force or out == DEFAULT_OUT) as folder, progress("demo") as report:
+            result = run_demo(path, settings, file, folder, rate, lambda done, words: report(0.8 * done, words))
             (folder / SUMMARY_FILE).write_text(to_json(result.summary) + "\n", encoding="utf-8")
             (folder / CONFIG_FILE).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
-            write_report(folder, lambda done, words: tell(0.8 + 0.2 * done, words))
+            write_report(folder, lambda done, words: report(0.8 + 0.2 * done, words))
     except (NodeFailed, DemoFailed) as error:
         print(f"coman: demo failed: {error}", file=sys.stderr)
         raise typer.Exit(1) from None

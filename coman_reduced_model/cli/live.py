@@ -111,7 +111,7 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
 
 
 class _Starter:
-    """Tells the trajectory node to start, once it is there."""
+    """Starts the trajectory node, once it is there."""
 
     def __init__(self, node: Any) -> None:
         from std_srvs.srv import Trigger

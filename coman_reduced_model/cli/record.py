@@ -42,7 +42,7 @@ def record(
         typer.Option("--scatter", metavar="N", help="Springs, dampers and masses a few percent off, drawn by seed N."),
     ] = None,
     motor_states: Annotated[
-        str, typer.Option("--motor-states", metavar="KIND", help="What /motor_states tells: measured or commanded.")
+        str, typer.Option("--motor-states", metavar="KIND", help="What /motor_states holds: measured or commanded.")
     ] = "measured",
     world: Annotated[
         str,

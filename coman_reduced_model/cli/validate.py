@@ -26,7 +26,7 @@ def validate(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for report.html, validation.json, bags.")],
     bags: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[BAG...]", help="Tune on these; default: virtual robots, recorded anew."),
+        typer.Argument(metavar="[BAG...]", help="Tune on these; default: virtual robots, recorded now."),
     ] = None,
     holdout: Annotated[
         list[Path] | None, typer.Option("--holdout", metavar="BAG", help="With BAG: judge on this one; repeatable.")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StreamStatus:
-    """One input stream, as /diagnostics tells it."""
+    """One input stream, as /diagnostics shows it."""
 
     name: str
     expected: bool  # predictions need it

@@ -93,7 +93,7 @@ class Predictor:
         return kind(self.robot, self.config, self.model)
 
     def reset(self) -> None:
-        """Forget the past: as if the next sample were the first (odom starts anew). The judged errors are kept."""
+        """Forget the past: as if the next sample were the first (odom starts again). The judged errors are kept."""
         self.support.reset()
         self.odometry.reset()
         for effect in self.effects:
@@ -179,7 +179,7 @@ class Predictor:
         return prediction
 
     def _free_run(self, now: Now) -> Flags:
-        """Bring the free run to this sample, or begin it anew: at a touchdown, and where it has diverged."""
+        """Bring the free run to this sample, or begin it again: at a touchdown, and where it has diverged."""
         dynamics, support = self.dynamics, now.support
         if dynamics.state is not None and (support.support_foot != self._foot or support.phase != self._phase):
             dynamics.switch(now, self._T_odom_sole)

@@ -32,7 +32,7 @@ from ..resources import config_path
 
 @dataclass(frozen=True)
 class Term:
-    """One effect at one place: the columns of its figures."""
+    """One effect at one place: the columns of its unknowns."""
 
     name: str
     where: str
@@ -42,11 +42,11 @@ class Term:
 
 @dataclass(frozen=True)
 class Features:
-    """Residuals y (n,), each channel in units of its standard deviation, and their derivatives A (n, P) by figures."""
+    """Residuals y (n,), each channel in units of its standard deviation, and their derivatives A (n, P) by unknowns."""
 
     y: Array
     A: Array
-    reach: Array  # (P,) how large each figure may well be
+    reach: Array  # (P,) how large each unknown may well be
     terms: tuple[Term, ...]
 
 
@@ -74,9 +74,10 @@ def features(bag: Path, config: Path | None) -> Features:
     y = np.concatenate([row / scale[key] for key, row in problem.rows.items()])
     A = np.concatenate([problem.columns[key] / scale[key] for key in problem.rows])
     terms = tuple(
-        Term(c.effect, c.where, tuple(known[i].key for i in c.figures), np.array(c.figures)) for c in candidates(known)
+        Term(c.effect, c.where, tuple(known[i].key for i in c.unknowns), np.array(c.unknowns))
+        for c in candidates(known)
     )
-    return Features(y, A, np.array([figure.reach for figure in known]), terms)
+    return Features(y, A, np.array([unknown.reach for unknown in known]), terms)
 
 
 def white_bic(f: Features) -> dict[str, Any]:

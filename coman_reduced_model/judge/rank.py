@@ -69,9 +69,9 @@ def with_deviation(unknown: Unknown, deviations: Mapping[str, float]) -> Unknown
 
 def ranking(evidence: Evidence) -> list[dict[str, Any]]:
     """All candidates, best first."""
-    known, out = evidence.figures, []
+    known, out = evidence.unknowns, []
     for score in scores(evidence, candidates(known)):
-        indices = list(score.option.figures)
+        indices = list(score.option.unknowns)
         spread = np.sqrt(np.diag(evidence.fit(indices).covariance)[indices])
         parameters = {
             known[i].key: {"value": float(value), "deviation": float(deviation)}

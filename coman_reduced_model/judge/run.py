@@ -154,7 +154,7 @@ def _keep_to_one_commit(folder: RunFolder, again: bool) -> None:
     elif begun and begun != commit():
         raise OutputError(
             f"{folder.out}: was begun at commit {begun}, and this is {commit()}: figures of different versions are not "
-            "pooled; --again judges the same bags anew"
+            "pooled; --again judges the same bags again"
         )
     folder.commit.write_text(f"{commit()}\n", encoding="utf-8")
 

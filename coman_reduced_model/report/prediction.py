@@ -49,22 +49,22 @@ def write_report(directory: str | Path, progress: Progress | None = None) -> Pat
         OutputError: the page cannot be written.
     """
     directory = Path(directory)
-    tell = progress or (lambda fraction, text: None)
+    report = progress or (lambda fraction, text: None)
     summary = read_summary(directory)
     bag = directory / _PREDICTIONS_BAG
     if not bag.exists():
         raise BagError(f"{directory}: has {_SUMMARY_FILE} but no {_PREDICTIONS_BAG}/: run coman predict again")
-    run = load_run(bag, lambda fraction, text: tell(0.3 * fraction, text))
+    run = load_run(bag, lambda fraction, text: report(0.3 * fraction, text))
     plots, target = directory / PLOTS_FOLDER, directory / REPORT_FILE
     temporary = target.with_suffix(".html.part")
     try:
         plots.mkdir(exist_ok=True)
-        html = prediction_page(summary, run, plots, lambda fraction, text: tell(0.3 + 0.7 * fraction, text))
+        html = prediction_page(summary, run, plots, lambda fraction, text: report(0.3 + 0.7 * fraction, text))
         temporary.write_text(html, encoding="utf-8")
         temporary.replace(target)
     except OSError as error:
         raise OutputError(f"{target}: cannot be written: {error.strerror or error}") from None
-    tell(1.0, str(target))
+    report(1.0, str(target))
     return target
 
 
@@ -97,7 +97,7 @@ def prediction_page(
 
     Figures show what is possible for the robot; the page says what is left out.
     """
-    tell = progress or (lambda fraction, text: None)
+    report = progress or (lambda fraction, text: None)
     shown = run.possible()
     left_out = _left_out(summary, run, shown)
     robot = (summary.get("robot") or {}).get("name") or "robot"
@@ -105,7 +105,7 @@ def prediction_page(
     sections: list[Section] = []
     parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, _configuration
     for number, make in enumerate(parts):
-        tell(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
+        report(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
         sections.append(make(summary, shown, plots))
     sections[0] = replace(sections[0], parts=[*left_out, *sections[0].parts])
     title = f"COM of {robot}, predicted and measured: {recording}"
@@ -268,15 +268,15 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         plots,
     )
 
-    def told(horizon: str, axis: str) -> str:
+    def shown(horizon: str, axis: str) -> str:
         value = (skill.get(horizon) or {}).get(axis)
         return "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
 
     note = (
         "Skill: 1 - RMSE of the model / RMSE of the best baseline. Above 0 it is better than all of them, 1 is perfect."
     )
-    if not errors and skill:  # of a live run, which tells no more
-        rows = [[f"{horizon} s", *(told(horizon, axis) for axis in AXES)] for horizon in skill]
+    if not errors and skill:  # of a live run, which holds no more
+        rows = [[f"{horizon} s", *(shown(horizon, axis) for axis in AXES)] for horizon in skill]
         return Section("Prediction ahead", [Table(["skill, horizon", *AXES], rows, note)], "ahead")
     if isinstance(made, Notice):
         return Section("Prediction ahead", [made], "ahead")
@@ -284,7 +284,7 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
     for horizon, by in errors.items():
         for axis in AXES:
             cells = [millimetres((by.get(name) or {}).get(axis)).removesuffix(" mm") for name in _PREDICTORS]
-            rows.append([f"{horizon} s, {axis}", *cells, told(horizon, axis)])
+            rows.append([f"{horizon} s, {axis}", *cells, shown(horizon, axis)])
     head = ["horizon, axis", *(f"{name} [mm]" for name in _PREDICTORS.values()), "skill"]
     return Section("Prediction ahead", [made, Table(head, rows, note)], "ahead")
 
@@ -313,12 +313,12 @@ def _left(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
 def _support(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
     seconds = summary.get("phases_s") or {}
     names = {phase.name: name for phase, name in PHASE_NAMES.items()}
-    told = ", ".join(f"{names.get(phase, phase)} {value:.1f} s" for phase, value in seconds.items() if value)
+    seconds_text = ", ".join(f"{names.get(phase, phase)} {value:.1f} s" for phase, value in seconds.items() if value)
     made = picture(
         "load",
         lambda: figures.load_share(run),
-        f"Share of the vertical force on the left foot over time, with the support phases: {told}.",
-        f"Vertical load and the phases found from it: {told}. {len(run.steps())} complete steps.",
+        f"Share of the vertical force on the left foot over time, with the support phases: {seconds_text}.",
+        f"Vertical load and the phases found from it: {seconds_text}. {len(run.steps())} complete steps.",
         plots,
     )
     return Section("Support", [made], "support")
@@ -353,22 +353,22 @@ def _inputs(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
     if flags:
         rows = [[_FLAGS.get(name, name), str(n), percent(n / samples)] for name, n in flags.items()]
         parts.append(Table(["state of the prediction", "samples", "share"], rows))
-    told = []
+    notes = []
     if summary.get("restarts"):
-        told.append(
-            f"The joint states broke off or went back {summary['restarts']} times; the prediction started anew."
+        notes.append(
+            f"The joint states broke off or went back {summary['restarts']} times; the prediction started again."
         )
     if summary.get("unlisted_joints"):
-        told.append(f"Held at zero, for no message names them: {', '.join(summary['unlisted_joints'])}.")
+        notes.append(f"Held at zero, for no message names them: {', '.join(summary['unlisted_joints'])}.")
     if summary.get("extra_joints"):
-        told.append(f"Ignored, for the robot description lacks them: {', '.join(summary['extra_joints'])}.")
-    return Section("Inputs", [*parts, *map(Text, told)], "inputs")
+        notes.append(f"Ignored, for the robot description lacks them: {', '.join(summary['extra_joints'])}.")
+    return Section("Inputs", [*parts, *map(Text, notes)], "inputs")
 
 
 def _configuration(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
     config, table = summary.get("config") or {}, parameter_table()
     if not config:
-        return Section("Configuration", [Notice("The summary does not tell the configuration.")], "configuration")
+        return Section("Configuration", [Notice("The summary does not hold the configuration.")], "configuration")
     rows, changed = [], []
     for key, value in config.items():
         known = table.get(key)

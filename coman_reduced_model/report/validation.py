@@ -34,7 +34,7 @@ def validation_page(done: Validation, cases: Sequence[RobotCase], result: Mappin
             PICTURE,
             lambda: overview_figure(done.scores),
             "RMS error of the COM in x and z on walks not tuned on, by robot and model.",
-            "RMS error of the free run, started anew at each touchdown, on walks that were not tuned on. One bar a "
+            "RMS error of the free run, started again at each touchdown, on walks that were not tuned on. One bar a "
             "robot, over all its walks.",
             folder,
         ),
@@ -142,18 +142,18 @@ def _tuned(done: Validation) -> list[Part]:
             keys = [f"model.{n}" for n in ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")]
             if config.turning:
                 keys = ["robot.left.stiffness", "robot.right.stiffness", "model.friction"]
-            told = [[key, str(flat[key])] for key in keys if key in flat]
-            parts.append(Table(["parameter", "value"], told, words=2, folded=f"{robot}, {name} on {gait}"))
+            rows = [[key, str(flat[key])] for key in keys if key in flat]
+            parts.append(Table(["parameter", "value"], rows, words=2, folded=f"{robot}, {name} on {gait}"))
     return parts
 
 
 def _lead(summary: Mapping[str, Any]) -> str:
     best, paper = summary.get("all options"), summary["paper"]
-    told = f"On walks not tuned on, x and z of the COM are off by {_mm(paper['rigid_m'])} mm for a rigid robot, "
-    told += f"{_mm(paper['rmse_m'])} mm by the paper's model"
+    text = f"On walks not tuned on, x and z of the COM are off by {_mm(paper['rigid_m'])} mm for a rigid robot, "
+    text += f"{_mm(paper['rmse_m'])} mm by the paper's model"
     if best:
-        told += f" and {_mm(best['rmse_m'])} mm by the turning trunk"
-    return told + " (RMS)."
+        text += f" and {_mm(best['rmse_m'])} mm by the turning trunk"
+    return text + " (RMS)."
 
 
 def _mm(values: Mapping[str, float]) -> str:

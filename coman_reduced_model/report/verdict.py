@@ -94,8 +94,8 @@ def _skill(value: float | None) -> str:
 
 def _why(summary: Mapping[str, Any]) -> str:
     flags = summary.get("flags") or {}
-    told = [text for flag, text in _REASONS.items() if flags.get(flag)]
-    return told[0] if told else "no free run was started"
+    reasons = [text for flag, text in _REASONS.items() if flags.get(flag)]
+    return reasons[0] if reasons else "no free run was started"
 
 
 def _known(value: float | None) -> bool:

@@ -6,7 +6,7 @@ motion, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))
 robot.reset(motion)
 while robot.t < motion.end:
     readings = robot.step()      # messages of core/types
-    robot.truth                  # what no sensor tells
+    robot.truth                  # what no sensor shows
 """
 
 from __future__ import annotations

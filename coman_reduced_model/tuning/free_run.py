@@ -24,7 +24,12 @@ from ..core.robot.robot import Posture
 from ..errors import ConfigError
 
 COEFFICIENTS = ("a1", "b1", "c1", "e1", "a2", "b2", "c2", "e2")  # of K_xx D_xx K_xz D_xz K_zz D_zz K_zx D_zx
-_PAIRS = (("a1", "a2"), ("b1", "b2"), ("c1", "c2"), ("e1", "e2"))  # one of each row: told apart by the row of the force
+_PAIRS = (
+    ("a1", "a2"),
+    ("b1", "b2"),
+    ("c1", "c2"),
+    ("e1", "e2"),
+)  # one of each row: which, the row of the force says
 _STOP, _GO, _RESTART = 0, 1, 2
 
 

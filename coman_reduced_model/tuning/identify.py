@@ -63,7 +63,7 @@ def identify(recordings: Sequence[JoinedBag], config: Config) -> list[Joint]:
         config: of the robot; its stiffness is that of joints without a load bag.
 
     Raises:
-        BagError: a bag tells nothing about springs, and why.
+        BagError: a bag shows nothing of the springs, and why.
     """
     decays = [(r, foot) for r in recordings for foot in [_standing_on(r)] if foot != Foot.NONE]
     loads = [r for r in recordings if all(r is not decay for decay, _ in decays)]

@@ -151,7 +151,7 @@ def tune_parameters(
     axes = (0, 1, 2) if lateral else (0, 2)
     low, high = np.array([k.low for k in chosen]), np.array([k.high for k in chosen])
     start = np.clip([k.start for k in chosen], low, high)
-    tell = progress or (lambda fraction, words: None)
+    report = progress or (lambda fraction, words: None)
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     done = 0
     with ProcessPoolExecutor(
@@ -164,7 +164,7 @@ def tune_parameters(
             new = [p for p in points if p.tobytes() not in known]
             known.update(zip([p.tobytes() for p in new], pool.map(_residual, new), strict=True))
             done += len(new)
-            tell(1.0 - 0.93 ** (done / (1 + len(chosen))), f"{done} runs of the model")
+            report(1.0 - 0.93 ** (done / (1 + len(chosen))), f"{done} runs of the model")
             return [known[p.tobytes()] for p in points]
 
         def jacobian(x: Array) -> Array:

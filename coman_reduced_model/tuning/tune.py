@@ -24,7 +24,7 @@ from .recording import JoinedBag
 from .statistics import hac_covariance, quantile
 
 _CORRELATED = 0.98
-_NOT_TOLD = 1.0  # an interval wider than this share of the value to either side says nothing of it
+_NOT_DETERMINED = 1.0  # an interval wider than this share of the value to either side says nothing of it
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def tune_coefficients(
         BagError: a bag holds no free run, or no three steps in a row where these are wanted.
         ConfigError: the model has no coefficients.
     """
-    tell = progress or (lambda fraction, words: None)
+    report = progress or (lambda fraction, words: None)
     runs = []
     for number, recording in enumerate(recordings):
-        tell(0.5 * number / len(recordings), f"collecting the terms of {recording.bag.name}")
+        report(0.5 * number / len(recordings), f"collecting the terms of {recording.bag.name}")
         runs.append(collect(recording.samples, recording.robot, config))
     windows = judged(recordings, steps_only)
     table = parameter_table()
@@ -107,12 +107,12 @@ def tune_coefficients(
             )
 
         first = np.clip(c[which], bounds[0, which] + 1e-6, bounds[1, which] - 1e-6)
-        tell(0.5 + 0.08 * len(words), title)
+        report(0.5 + 0.08 * len(words), title)
         found = least_squares(residual, first, bounds=bounds[:, which], x_scale=1.0, xtol=1e-4, ftol=1e-4, max_nfev=30)
         before = float(np.mean(residual(c[which]) ** 2))
         c[which] = found.x
-        told = ", ".join(f"{name} = {value:.3f}" for name, value in zip(names.split(), found.x, strict=True))
-        words.append(f"{title}: {told}; MSE {before:.3g} -> {float(np.mean(found.fun**2)):.3g} mm^2")
+        values = ", ".join(f"{name} = {value:.3f}" for name, value in zip(names.split(), found.x, strict=True))
+        words.append(f"{title}: {values}; MSE {before:.3g} -> {float(np.mean(found.fun**2)):.3g} mm^2")
 
     stage("a1 b1", (0,), lambda run, trial, i: run.run(trial, given=2), "x alone, z from data")
     stage("a2 b2", (2,), lambda run, trial, i: run.run(trial, given=0), "z alone, x from data")
@@ -121,7 +121,7 @@ def tune_coefficients(
     stage("c1 e1", (0, 2), lambda run, trial, i: run.run(trial), "both simulated")
     if together:
         stage(" ".join(COEFFICIENTS), (0, 2), lambda run, trial, i: run.run(trial), "all together")
-    tell(0.95, "intervals")
+    report(0.95, "intervals")
 
     def both(values: Array) -> Array:
         return np.concatenate(
@@ -245,7 +245,7 @@ def describe(
     for i, name in enumerate(names):
         notes = []
         width = half[i] if size[i] > 0.0 else np.inf
-        if not np.isfinite(width) or width > _NOT_TOLD * max(abs(values[i]), 1e-9):
+        if not np.isfinite(width) or width > _NOT_DETERMINED * max(abs(values[i]), 1e-9):
             notes.append("not identifiable")
         span = bounds[1, i] - bounds[0, i]
         for bound in bounds[:, i]:

@@ -210,7 +210,7 @@ def validate(
         processes: how many work at a time.
         progress: called now and then.
     """
-    tell = progress or (lambda fraction, words: None)
+    report = progress or (lambda fraction, words: None)
     jobs = len(cases) * (len(train) + len(judge))
     done = 0
     result = Validation([], {}, {}, {})
@@ -224,7 +224,7 @@ def validate(
             for future in as_completed(futures):
                 case, gait = futures[future]
                 done += 1
-                tell(done / jobs, f"{case.robot} {what} {gait}")
+                report(done / jobs, f"{case.robot} {what} {gait}")
                 yield (case.robot, gait), future.result()
 
         numbers = iter(range(seed, seed + jobs))

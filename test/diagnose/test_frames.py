@@ -175,11 +175,11 @@ def test_residuals_do_not_depend_on_the_root_link(root):
 
 
 def test_loads_that_are_found_are_those_of_the_model(root):
-    """Each figure of a load does to the diagnosis's robot what the effect of that value does to the predictor's."""
+    """Each unknown of a load does to the diagnosis's robot what the effect of that value does to the predictor's."""
     machine = root.robot()
     recording = rerooted(wandering(), root, machine)
     world = World.nominal(machine, Config())
-    known = {figure.name: figure for figure in unknowns(recording, world)}
+    known = {unknown.name: unknown for unknown in unknowns(recording, world)}
 
     def dynamic(model: pin.Model) -> np.ndarray:
         return np.array([inertia.toDynamicParameters()[:4] for inertia in model.inertias])  # mass and first moments

@@ -257,7 +257,7 @@ def test_texts_of_the_recording_are_not_markup():
 def test_summary_of_another_version_lacks_things():
     predictions = walk(1, 3)
     html = prediction_page({"samples": 3, "rmse_m": {}}, run_of(predictions))
-    assert "Nothing was predicted in 3 samples" in html and "does not tell the configuration" in html
+    assert "Nothing was predicted in 3 samples" in html and "does not hold the configuration" in html
 
 
 def test_folder_without_results_is_refused_in_one_line(tmp_path):

@@ -119,7 +119,7 @@ def test_bag_loop_restarts_the_prediction(start, peer, recorded_walk):
     stamps = np.array([stamp_of(message) for message in peer.predictions])
     (back,) = np.flatnonzero(np.diff(stamps) < 0)
     first, second = peer.predictions[: back + 1], peer.predictions[back + 1 :]
-    # Odometry and phases begin anew: the second pass is the first one again.
+    # Odometry and phases begin again: the second pass is the first one again.
     same = {stamp_of(message): message for message in first}
     compared = [message for message in second if stamp_of(message) in same][20:]
     assert len(compared) > 0.9 * len(first)

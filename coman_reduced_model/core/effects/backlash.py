@@ -38,7 +38,7 @@ class Backlash(Effect):
         for i in self.leg_joints.get(leg.foot, ()):
             d, k = leg.deflection[i], leg.K_q[i, i]
             taken, slope = dead_zone(d, half)
-            # What the law so far gives for what is left of the deflection, told by the tangent in the whole of it.
+            # What the law so far gives for what is left of the deflection, given by the tangent in the whole of it.
             leg.torque[i] += k * (taken - slope * d)
             leg.K_q[i, i] = k * slope
             leg.D_q[i, i] *= slope

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The link side comes late: its stamps tell a time that is past."""
+"""The link side comes late: its stamps are later than its values."""
 
 from __future__ import annotations
 

@@ -24,10 +24,10 @@ _DAMPED = 1e-6  # of the inverse of the leg's Jacobian, where the knee is straig
 class GroundCompliance(Effect):
     """Springs in z and about x and y between each sole and level ground, in series with the leg.
 
-    No encoder sees what gives way there, but the foot's wrench tells it. Both are told by the leg's joints: what they
-    would have to do on hard ground to move the trunk as much is added to what they are measured to do, and the
-    compliance of the ground to that of their springs. So the measured COM stands above level ground, and the springs
-    between it and the motors are all there are.
+    No encoder sees what gives way there, but the foot's wrench shows it. Both are given as angles of the leg's
+    joints: what they would have to do on hard ground to move the trunk as much is added to what they are measured to
+    do, and the compliance of the ground to that of their springs. So the measured COM stands above level ground, and
+    the springs between it and the motors are all there are.
     """
 
     name: ClassVar[str] = "ground_compliance"

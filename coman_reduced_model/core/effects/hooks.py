@@ -16,7 +16,7 @@ class LegSprings:
     """One loaded leg in joint space; effects change K_q, D_q and torque in place, before they are seen from the COM.
 
     The springs pull back with `torque + K_q d + D_q d'` for deflections d (link minus motor). A law that is not linear
-    is told by its tangent: K_q its slope at `deflection`, torque what its value there is more than K_q deflection.
+    is given by its tangent: K_q its slope at `deflection`, torque what its value there is more than K_q deflection.
     Joints run from the hip to the ankle; n of them.
     """
 

@@ -23,7 +23,7 @@ _SLOWEST = 0.005  # [rad/s] below which nothing creeps
 class JointFriction(Effect):
     """A torque coulomb * tanh(speed / creep) against the motion of the link.
 
-    Told as the damper with that torque at the present speed: for any step stable, as friction is.
+    Written as the damper with that torque at the present speed: for any step stable, as friction is.
     """
 
     name: ClassVar[str] = "joint_friction"

@@ -20,7 +20,7 @@ from .widths import widths
 if TYPE_CHECKING:
     from ..base.types import Array, Reference, Sample
 
-_GAP = 0.25  # [s] after a longer one the filter starts anew
+_GAP = 0.25  # [s] after a longer one the filter starts again
 
 
 class MotorLag(Effect):

@@ -26,7 +26,7 @@ _DURATION = 0.02  # [s] of the blow, or four samples if those take longer
 class TouchdownImpact(Effect):
     """An impulse of the ground on the foot that lands, which its leg passes on to the trunk at the hip.
 
-    It begins at the sample that tells the landing: there the free run starts anew, from a velocity that knows nothing
+    It begins at the sample that shows the landing: there the free run starts again, from a velocity that knows nothing
     of the blow yet.
     """
 

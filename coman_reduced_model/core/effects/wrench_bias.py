@@ -20,7 +20,7 @@ _FORCES, _MOMENTS = ("fx", "fy", "fz"), ("tx", "ty", "tz")
 
 
 class WrenchBias(Effect):
-    """The sensor reads truth + bias, told about the sole and in its axes, which is taken off again."""
+    """The sensor reads truth + bias, expressed about the sole and in its axes, which is taken off again."""
 
     name: ClassVar[str] = "wrench_bias"
     place: ClassVar[str] = "foot"

@@ -58,7 +58,7 @@ class Walk:
         return self.start_ns is not None and self.time(now_ns) < self.plan.duration_s
 
     def start(self, now_ns: int) -> str | None:
-        """Begin the plan now; after its end, plan it anew from where the robot stands. A sentence if it cannot."""
+        """Begin the plan now; after its end, plan it again from where the robot stands. A sentence if it cannot."""
         if self.walking(now_ns):
             return f"is walking already, {self.describe(now_ns)}"
         if self.start_ns is not None:

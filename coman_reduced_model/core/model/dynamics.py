@@ -36,7 +36,7 @@ class Dynamics(ABC):
 
     @abstractmethod
     def switch(self, now: Now, T_odom_sole: Array) -> None:
-        """The support changed; tell the free run in the new sole, T_odom_sole (4, 4) being the pose of the old one.
+        """The support changed; express the free run in the new sole, T_odom_sole (4, 4) being the pose of the old one.
 
         The predicted COM in odom stays continuous. May end the free run (state None).
         """

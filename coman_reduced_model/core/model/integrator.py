@@ -174,7 +174,7 @@ def step(state: Array, M: Array, axes: Integers, start: Forcing, end: Forcing, d
         z[i], z[n + i] = state[a], state[d + a]
         u_0[i], u_1[i] = force_0[a], force_1[a]
         for j in range(d):
-            # Half the change of K and D acts on p - x: told of p it belongs to the force.
+            # Half the change of K and D acts on p - x: written for p it belongs to the force.
             dK, dD = 0.5 * (K_1[a, j] - K_0[a, j]), 0.5 * (D_1[a, j] - D_0[a, j])
             u_0[i] += dK * p_0[j] + dD * v_0[j]
             u_1[i] -= dK * p_1[j] + dD * v_1[j]

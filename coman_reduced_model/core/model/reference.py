@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the reference comes from: motor-side kinematics or the planned COM, told in the frame of a sole."""
+"""Where the reference comes from: motor-side kinematics or the planned COM, expressed in the frame of a sole."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ state as well, which returns under the COM,
 
 and a Kalman filter takes in the COM by kinematics and the ZMP by the foot sensors as it was `delay` before. Its
 constants were chosen on the first half of a recording of a walking iCub, for horizons of 0.1 to 0.4 s;
-`bench/pendulum.py` judges them on the second. With them z stays close to p: what the ZMP tells is mostly the velocity.
+`bench/pendulum.py` judges them on the second. With them z stays close to p: what the ZMP shows is mostly the velocity.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..base.types import Array
 
 #                   tau [s]  noise of z'  of v'  of the ZMP  delay [s]; noises against that of the COM, 1
 CONSTANTS = np.array([(0.00295, 1.17, 32.7, 0.585, 0.1875), (0.00738, 23.46, 316.5, 0.118, 0.0)])  # fore-aft, lateral
-_LONGEST = 0.25  # [s] between two samples: after more it starts anew
+_LONGEST = 0.25  # [s] between two samples: after more it starts again
 
 
 class ZmpFilter:

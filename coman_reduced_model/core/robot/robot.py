@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Kinematics of the robot by Pinocchio: COM, soles and Jacobians, for any URDF with two legs.
 
-Everything is computed with the root link of the URDF at the origin and then told in the frame of a sole, which is
+Everything is computed with the root link of the URDF at the origin and then expressed in the frame of a sole, which is
 assumed flat on the ground. Frames: `base` is the root link, `sole` the named sole. `robot.base_frame` names the trunk,
 whose axes may be others: loads on it are in these, and its z is what leans.
 """
@@ -145,7 +145,7 @@ class Robot:
         return Posture(self)
 
     def wrench_to_sole(self, foot: Foot, frame_id: str, force: Array, torque: Array) -> Array:
-        """A wrench on the foot, told in any frame fixed to it, as (6,) force [N], torque [Nm] in its sole frame.
+        """A wrench on the foot, given in any frame fixed to it, as (6,) force [N], torque [Nm] in its sole frame.
 
         Raises:
             RobotError: the frame does not exist or is not fixed to that foot.
@@ -253,7 +253,7 @@ class Posture:
 
 @compiled
 def _com_in_sole(com: Array, J_com: Array, J: Array, columns: Array, v: Array, R: Array, p: Array, out: Array) -> None:
-    t0 = t1 = t2 = w0 = w1 = w2 = 0.0  # twist of the sole, as J tells it
+    t0 = t1 = t2 = w0 = w1 = w2 = 0.0  # twist of the sole, by J
     for c in columns:
         t0, t1, t2 = t0 + J[0, c] * v[c], t1 + J[1, c] * v[c], t2 + J[2, c] * v[c]
         w0, w1, w2 = w0 + J[3, c] * v[c], w1 + J[4, c] * v[c], w2 + J[5, c] * v[c]

@@ -175,8 +175,10 @@ class Joiner:
             message.preview_com_vel,
         )
         if message.preview_com_vel.shape != message.preview_com.shape:
-            told = f"{len(message.preview_com)} positions and {len(message.preview_com_vel)} velocities in its preview"
-            self._reject(self._reference, "length", told)
+            lengths = (
+                f"{len(message.preview_com)} positions and {len(message.preview_com_vel)} velocities in its preview"
+            )
+            self._reject(self._reference, "length", lengths)
             return []
         if not _all_usable(*values):
             worst = next(each for each in values if not usable(each))

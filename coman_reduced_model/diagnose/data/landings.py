@@ -17,7 +17,7 @@ from .world import World
 CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
 _BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
 _LANDING_S = 0.16  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
-_SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be told
+_SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be seen
 _SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
 _LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
 _SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
@@ -90,10 +90,10 @@ def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
         end = min(i + round(_LANDING_S * RATE), leaves)
         if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
             out[tick] = blow(recording.wrench[landed][i:end, 2])
-    # A blow that comes after the next foot has left is not heard: most landings tell, if they are alike.
-    heard = np.flatnonzero(np.isfinite(out))
-    if len(heard) and (alike := _alike(out[heard], UNLIKE * mass)).mean() > 0.5:
-        out[heard[~alike]] = np.nan
+    # A blow that comes after the next foot has left is not seen: most landings decide, if they are alike.
+    seen = np.flatnonzero(np.isfinite(out))
+    if len(seen) and (alike := _alike(out[seen], UNLIKE * mass)).mean() > 0.5:
+        out[seen[~alike]] = np.nan
     return out
 
 

@@ -104,7 +104,7 @@ def _taken_up(recording: Recording, world: World) -> Array:
             - lagged(torque, world.damping[j] / world.stiffness[j]) / (world.stiffness[j])
         )
         law = gaussian_filter1d(law, SMOOTHING * RATE)
-        low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero tells of no end
+        low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
         seen = np.clip((law - 0.5 * (low + high)) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
         loaded = np.clip((np.abs(smooth(torque[:, None])[:, 0]) - TAKEN_UP) / TAKEN_UP, 0.0, 1.0)
         out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen

@@ -177,7 +177,7 @@ def _grid(
 def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers, list[str]]:
     """Phase, load share, support foot (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed.
 
-    A sensor that is off by more than the thresholds never tells that its foot is in the air. Where there are no steps
+    A sensor that is off by more than the thresholds never shows that its foot is in the air. Where there are no steps
     because of that, the least that it reads is taken for its zero: while the other foot bears all of the weight.
     """
 
@@ -202,8 +202,10 @@ def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tupl
     again = detected(zeros)
     if not moving(again[0]):
         return *found, []
-    told = [f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)]
-    return *again, [f"{', '.join(told)}: taken for its zero, else there would be no steps"]
+    readings = [
+        f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)
+    ]
+    return *again, [f"{', '.join(readings)}: taken for its zero, else there would be no steps"]
 
 
 def _plan(

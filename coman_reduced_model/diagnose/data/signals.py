@@ -105,7 +105,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
     """The same motion without the quantisation of the link encoders, and torques without most of their noise.
 
     Motor side minus stretched springs if both are known, else smoothed twice as much. Where a torque sensor is noisy
-    and the link encoder tells the spring's torque better, the encoder tells both but for the slow part.
+    and the link encoder shows the spring's torque better, the encoder shows both but for the slow part.
     """
     q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
     if recording.motor_q is None or recording.tau is None:

@@ -28,7 +28,7 @@ class World:
         friction, creep: (nj,) at the link side, against its motion [Nm], and the speed below which it creeps [rad/s].
         yielding, settling, rotor: of the motors' position loops [rad/Nm], the time constant [s] with which they yield,
             and the reflected inertia [kg m^2] that they carry beside the spring.
-        yielded: the same as yielding [rad/Nm], of motors whose states tell where they really are.
+        yielded: the same as yielding [rad/Nm], of motors whose states show where they really are.
         lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
         slip: (2,) how far the left, the right foot slides back each time after it has landed [m].
         impulse: of the ground on each landing foot beyond the load that it takes over [Ns].

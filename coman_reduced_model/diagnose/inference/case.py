@@ -48,7 +48,7 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
             state = evaluate(recording, world, where)
     where = on_flat_soles(where, state.residuals)
     if where.staggers:
-        warning = "nearly always on the edge of a foot by the IMU: the balance of forces tells little of it"
+        warning = "nearly always on the edge of a foot by the IMU: the balance of forces shows little of it"
         recording = recording.changed(warnings=(*recording.warnings, warning))
     if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
         raise BagError(
@@ -67,9 +67,9 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
         kind = CATALOGUE[effect.name]
         if (kind.correct, kind.late, kind.load) != (Effect.correct, Effect.late, Effect.load):
             continue
-        for figure in unknowns(recording, world):
-            if (figure.effect, figure.where) == (effect.name, effect.where):
-                recording, world = figure.apply(recording, world, effect.values[figure.key] - figure.nominal)
+        for unknown in unknowns(recording, world):
+            if (unknown.effect, unknown.where) == (effect.name, effect.where):
+                recording, world = unknown.apply(recording, world, effect.values[unknown.key] - unknown.nominal)
     return recording, world
 
 
@@ -97,7 +97,7 @@ class Case:
 
         Those of `released` stay within the uncertainty of the `fit`.
         """
-        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.figures)
+        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.unknowns)
         covariance = fit.covariance
         for i in released:
             mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18
@@ -123,9 +123,9 @@ def examine(
     """
     recording, world, where = prepared
     moved = recording
-    for figure, value in zip(known, at, strict=True):
+    for unknown, value in zip(known, at, strict=True):
         if value:
-            moved, world = figure.apply(moved, world, float(value) + figure.usual)
+            moved, world = unknown.apply(moved, world, float(value) + unknown.usual)
     where = with_taken_up(where, recording, moved, world)
     state = evaluate(moved, world, where)
     problem = assemble(state, where, known, like.problem if like else None, fresh, at)

@@ -51,7 +51,7 @@ def _parameters(finding: Finding, fit: Fit, option: Candidate) -> dict[str, dict
     """Value, unit and interval by parameter; the place of a payload [m] is its fitted moment m r over its mass m."""
     deviation = np.sqrt(np.diag(fit.covariance))
     parameters: dict[str, dict[str, Any]] = {}
-    for i in option.figures:
+    for i in option.unknowns:
         known = finding.known[i]
         value, half = known.nominal + fit.x[i], CONFIDENCE * deviation[i]
         parameters[known.key] = {"value": value, "unit": known.unit, "interval": [value - half, value + half]}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How strongly the residuals speak for each effect, when everything else may vary as it does on nominal robots.
 
-The residuals are linear in small figures: r = A x + noise. Every figure x has a Gaussian prior, narrow (`spread`) on a
-nominal robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support
+The residuals are linear in small unknowns: r = A x + noise. Every unknown x has a Gaussian prior, narrow (`spread`) on
+a nominal robot and wide (`reach`) if its effect is present. The noise of each channel, in single and double support
 apart, is an autoregressive process; whitened by it, A and r become A'A and A'r, and the evidence for an effect is the
 log ratio of the marginal likelihoods with wide and with narrow prior. Spread that is correlated with an effect (a
 knee's stiffness with both legs', a mass with a sensor's gain) thereby counts against it.
@@ -29,20 +29,20 @@ ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
 NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
-ABSENT = 1e-4  # spread, as a share of reach, of a figure that nominal robots do not have
+ABSENT = 1e-4  # spread, as a share of reach, of a unknown that nominal robots do not have
 
 
 @dataclass
 class Problem:
-    """A recording's residuals and what each figure does to them.
+    """A recording's residuals and what each unknown does to them.
 
     Attributes:
         groups: name of each group of rows: channel and whether both feet stand.
         rows: by group, residuals (n, ) in order of time, and pieces: where contiguous pieces begin.
-        columns: by group (n, P) derivative of the residual by each figure.
+        columns: by group (n, P) derivative of the residual by each unknown.
     """
 
-    figures: list[Unknown]
+    unknowns: list[Unknown]
     rows: dict[str, Array]
     columns: dict[str, Array]
     pieces: dict[str, Integers]
@@ -58,15 +58,15 @@ def assemble(
     fresh: Sequence[int] = (),
     at: Array | None = None,
 ) -> Problem:
-    """Residuals and, by difference quotients, what a unit of each figure has put into them.
+    """Residuals and, by difference quotients, what a unit of each unknown has put into them.
 
     Args:
         state: residuals under the hypothesis; where: the ticks at which they mean something.
-        known: all figures.
+        known: all unknowns.
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
-        at: (P,) deviations of the figures that the hypothesis has; of the others, what is usual is taken off.
+        at: (P,) deviations of the unknowns that the hypothesis has; of the others, what is usual is taken off.
     """
-    usual = np.array([figure.usual for figure in known]) * (True if at is None else at == 0.0)
+    usual = np.array([unknown.usual for unknown in known]) * (True if at is None else at == 0.0)
     base = state.residuals
     # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
     # motion that does not hold the encoders' noise.
@@ -105,9 +105,9 @@ def assemble(
 
 @dataclass
 class Evidence:
-    """Whitened sums over one or more recordings, with the figures at values `at` around which they are linear."""
+    """Whitened sums over one or more recordings, with the unknowns at values `at` around which they are linear."""
 
-    figures: list[Unknown]
+    unknowns: list[Unknown]
     at: Array  # (P,) deviations from nominal
     gram: Array  # (P, P)
     moment: Array  # (P,)
@@ -116,16 +116,16 @@ class Evidence:
 
     def __add__(self, other: Evidence) -> Evidence:
         return Evidence(
-            self.figures, self.at, self.gram + other.gram, self.moment + other.moment,
+            self.unknowns, self.at, self.gram + other.gram, self.moment + other.moment,
             self.energy + other.energy, self.count + other.count,
         )  # fmt: skip
 
     def shared(self) -> Evidence:
-        """The same with each recording's own figures integrated out, so that recordings can be added."""
-        own = np.array([figure.own for figure in self.figures])
+        """The same with each recording's own unknowns integrated out, so that recordings can be added."""
+        own = np.array([unknown.own for unknown in self.unknowns])
         if not own.any():
             return self
-        s = np.sqrt(prior_variance(self.figures)[own])
+        s = np.sqrt(prior_variance(self.unknowns)[own])
         H = np.eye(int(own.sum())) + s[:, None] * self.gram[np.ix_(own, own)] * s[None, :]
         factor = cho_factor(H, lower=True)
         cross, b = s[:, None] * self.gram[own], s * self.moment[own]
@@ -134,18 +134,18 @@ class Evidence:
         moment = self.moment - cross.T @ half[:, -1]
         gram[own], gram[:, own], moment[own] = 0.0, 0.0, 0.0
         energy = self.energy - float(b @ half[:, -1]) + 2.0 * float(np.log(np.diag(factor[0])).sum())
-        return Evidence(self.figures, self.at, gram, moment, energy, self.count)
+        return Evidence(self.unknowns, self.at, gram, moment, energy, self.count)
 
     def fit(self, released: Sequence[int] = (), slack: Sequence[int] = ()) -> Fit:
-        """Posterior of the figures' deviations from nominal when some are released to their reach (or their slack)."""
-        return self.posterior(np.zeros(len(self.figures)), prior_variance(self.figures, released, slack))
+        """Posterior of the unknowns' deviations from nominal when some are released to their reach (or their slack)."""
+        return self.posterior(np.zeros(len(self.unknowns)), prior_variance(self.unknowns, released, slack))
 
     def posterior(self, mean: Array, variance: Array) -> Fit:
         """For any Gaussian prior (P,), (P,) of the deviations from nominal."""
         mu = mean - self.at
         moment = self.moment - self.gram @ mu
         energy = self.energy - 2.0 * float(mu @ self.moment) + float(mu @ self.gram @ mu)
-        s = np.sqrt(variance)  # in units of the prior, so that absent figures do no harm to the conditioning
+        s = np.sqrt(variance)  # in units of the prior, so that absent unknowns do no harm to the conditioning
         H = s[:, None] * self.gram * s[None, :]
         factor = cho_factor(H + np.diag(1.0 + 1e-14 * np.diag(H).max() * np.ones(len(s))), lower=True)
         b = s * moment
@@ -169,8 +169,8 @@ class Fit:
 
 
 def prior_variance(known: Sequence[Unknown], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
-    """(P,) of nominal robots, with the figures `released` at their reach and those of `slack` at theirs."""
-    spread = np.array([max(figure.spread, ABSENT * figure.reach) for figure in known])
+    """(P,) of nominal robots, with the unknowns `released` at their reach and those of `slack` at theirs."""
+    spread = np.array([max(unknown.spread, ABSENT * unknown.reach) for unknown in known])
     for i in slack:
         spread[i] = max(known[i].slack, spread[i])
     for i in released:
@@ -202,7 +202,7 @@ def weigh(
     }
     for _ in range(ROUNDS_NEAR if like else ROUNDS):
         evidence = weighed(problem, at, noise)
-        # Everything released: the noise must not hold what some figure explains.
+        # Everything released: the noise must not hold what some unknown explains.
         best = evidence.fit(range(len(at))).x - at
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
@@ -222,7 +222,7 @@ def _no_less(autoregression: Array, key: str) -> Array:
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
     """Evidence with a given noise."""
-    P = len(problem.figures)
+    P = len(problem.unknowns)
     gram, moment, energy, count = np.zeros((P, P)), np.zeros(P), 0.0, 0
     for key, row in problem.rows.items():
         some = np.flatnonzero(problem.columns[key].any(axis=0))
@@ -234,7 +234,7 @@ def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
         moment[some] += A.T @ r
         energy += float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
         count += len(r)
-    return Evidence(problem.figures, at, gram, moment, energy, count)
+    return Evidence(problem.unknowns, at, gram, moment, energy, count)
 
 
 def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Noise]:
@@ -356,29 +356,29 @@ class Score:
     option: Candidate
     total: float  # beyond what is released already
     gain: float  # beyond as little of it as is no effect worth a name
-    values: Array  # of its figures, deviations from nominal
+    values: Array  # of its unknowns, deviations from nominal
     physical: bool
 
 
 def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[int] = ()) -> list[Score]:
     """Of each candidate beside what is released already, the one that explains most first."""
     base = evidence.fit(released)
-    covariance, before = base.covariance, prior_variance(evidence.figures, released)
+    covariance, before = base.covariance, prior_variance(evidence.unknowns, released)
     out = []
     for option in options:
-        k = list(option.figures)
-        wide = prior_variance(evidence.figures, [*released, *k])[k]
-        narrow = prior_variance(evidence.figures, released, k)[k]
+        k = list(option.unknowns)
+        wide = prior_variance(evidence.unknowns, [*released, *k])[k]
+        narrow = prior_variance(evidence.unknowns, released, k)[k]
         total, values = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], wide)
         slack, _ = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], narrow)
         # The sign only: by how much, linear extrapolation cannot say.
-        physical = all(x > 0.0 or evidence.figures[i].low < 0.0 for x, i in zip(values, k, strict=True))
+        physical = all(x > 0.0 or evidence.unknowns[i].low < 0.0 for x, i in zip(values, k, strict=True))
         out.append(Score(option, total, total - max(0.0, slack), values, physical))
     return sorted(out, key=lambda score: -score.total)
 
 
 def _reweighed(x: Array, C: Array, before: Array, after: Array) -> tuple[float, Array]:
-    """What other prior variances (k,) of some figures add to the log evidence, and their new posterior mean.
+    """What other prior variances (k,) of some unknowns add to the log evidence, and their new posterior mean.
 
     From the posterior x (k,), C (k, k) under the old prior: the evidence ratio is the posterior's mean of the ratio of
     the priors.

@@ -91,7 +91,7 @@ class Finding:
 
     @property
     def released(self) -> list[int]:
-        return [i for effect in self.chosen for i in effect.option.figures]
+        return [i for effect in self.chosen for i in effect.option.unknowns]
 
 
 def size(values: Array) -> float:

@@ -59,7 +59,7 @@ def _gauss_newton(
         cases = cache.near(at, like, released)
         return at, cases, evidence_of(cases).fit(released)
     fit = evidence_of(cases).fit(released)
-    longest = np.array([figure.reach for figure in known])
+    longest = np.array([unknown.reach for unknown in known])
     last = np.zeros(len(known))
     for _ in range(STEPS):
         step = _values(known, fit, released) - at

@@ -79,7 +79,7 @@ def search(
         evidence = evidence_of(finding.train)
         finding.fit = evidence.fit(finding.released)
         refused = [option for option, _ in finding.refused]
-        taken = {i for effect in finding.chosen for i in effect.option.figures}
+        taken = {i for effect in finding.chosen for i in effect.option.unknowns}
         kin = {CLASSES[effect.option.effect] for effect in finding.chosen if effect.option.effect in CLASSES}
         loaded = any(effect.option == whole for effect in finding.chosen)
         # With play, a joint is at the one end or the other: what looks like its zero is where it mostly is.
@@ -89,7 +89,7 @@ def search(
             option
             for option in options
             if option not in refused
-            and not taken.intersection(option.figures)
+            and not taken.intersection(option.unknowns)
             and CLASSES.get(option.effect) not in kin
             and shown.get((option.effect, option.place), option.where) == option.where
             and not (loaded and option.effect in LOADS)
@@ -124,7 +124,7 @@ def search(
 
 def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array, Fit, float, str]:
     """Values with an effect beside the chosen ones, their fit, held-out evidence [nats], and a reason to refuse it."""
-    at, _, fit = settled(finding, cache, [*finding.released, *option.figures])
+    at, _, fit = settled(finding, cache, [*finding.released, *option.unknowns])
     if why := _impossible(finding.known, fit, option):
         return at, fit, np.nan, why
     if not cache.hold:
@@ -134,12 +134,12 @@ def _tried(finding: Finding, cache: CaseCache, option: Candidate) -> tuple[Array
 
 def _impossible(known: Sequence[Unknown], fit: Fit, option: Candidate) -> str:
     """Why an effect with the parameters that fit best is impossible; empty if it is possible."""
-    if any(fit.x[i] < known[i].low for i in option.figures):
+    if any(fit.x[i] < known[i].low for i in option.unknowns):
         return "of the wrong sign, seen closely"
-    if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in option.figures):
+    if any(abs(fit.x[i]) > LARGEST * known[i].reach for i in option.unknowns):
         return "it would have to be larger than any such effect is"
     if option.effect == "payload":
-        mass = option.figures[0]
+        mass = option.unknowns[0]
         if abs(fit.x[mass]) < SURE * np.sqrt(fit.covariance[mass, mass]):
             return "a load without a mass that is seen: if anything, the COM is shifted"
     return ""
@@ -152,8 +152,8 @@ def _drop_explained_by_last(finding: Finding, cache: CaseCache, enough: float, n
     """
     for effect in finding.chosen[:-1]:
         option, train = effect.option, evidence_of(finding.train)
-        shapes = [i for i in option.figures if finding.known[i].shape]  # without the others they are nothing
-        bare = replace(option, figures=tuple(i for i in option.figures if i not in shapes))
+        shapes = [i for i in option.unknowns if finding.known[i].shape]  # without the others they are nothing
+        bare = replace(option, unknowns=tuple(i for i in option.unknowns if i not in shapes))
         fit = train.fit(finding.released)
         rest = replace(finding, chosen=[other for other in finding.chosen if other is not effect], fit=fit)
         (alone,) = scores(train, [bare], [*rest.released, *shapes])
@@ -210,7 +210,9 @@ def _no_twins(found: Sequence[Score]) -> list[Score]:
 
     def twin(a: Score, b: Score) -> bool:
         same = (a.option.effect, a.option.where) == (b.option.effect, b.option.where)
-        return same and len(a.option.figures) < len(b.option.figures) and bool(np.isclose(a.total, b.total, atol=1e-6))
+        return (
+            same and len(a.option.unknowns) < len(b.option.unknowns) and bool(np.isclose(a.total, b.total, atol=1e-6))
+        )
 
     return [score for score in found if not any(twin(score, other) for other in found)]
 
@@ -232,7 +234,7 @@ def _touched(case: Case, finding: Finding) -> set[str]:
     assert finding.fit is not None
     out = set()
     for effect in finding.chosen:
-        which = list(effect.option.figures)
+        which = list(effect.option.unknowns)
         for key, columns in case.problem.columns.items():
             made = columns[:, which] @ finding.fit.x[which]
             if float(np.sqrt(np.mean(made**2))) > TOUCHED * case.floor.get(key, 0.0):
@@ -253,10 +255,10 @@ def _one_load(finding: Finding, cache: CaseCache, options: Sequence[Candidate]) 
     if len(loads) < 2 or whole is None:
         return
     others = [effect for effect in finding.chosen if effect not in loads]
-    released = [i for effect in others for i in effect.option.figures]
+    released = [i for effect in others for i in effect.option.unknowns]
     (score,) = scores(evidence_of(finding.train), [whole], released)
     alone = replace(finding, chosen=others)
-    at, train, fit = settled(alone, cache, [*released, *whole.figures])
+    at, train, fit = settled(alone, cache, [*released, *whole.unknowns])
     held = cache.at(at, "hold")
     confirmed, why = _confirm(finding.known, fit, held, alone, whole) if held else (np.nan, "")
     if not (why or _impossible(finding.known, fit, whole)):
@@ -267,7 +269,7 @@ def _one_load(finding: Finding, cache: CaseCache, options: Sequence[Candidate]) 
 def _whole_load(options: Sequence[Candidate]) -> Candidate | None:
     """A payload with all parameters of its place."""
     loads = [option for option in options if option.effect == "payload"]
-    return max(loads, key=lambda option: len(option.figures), default=None)
+    return max(loads, key=lambda option: len(option.unknowns), default=None)
 
 
 def fit_assumed(
@@ -296,19 +298,19 @@ def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
     fit, before = evidence_of(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
     variance = np.diag(fit.covariance)
     out = []
-    for i, figure in enumerate(finding.known):
-        if not figure.effect or not figure.offered or figure.shape or i in finding.released:
+    for i, unknown in enumerate(finding.known):
+        if not unknown.effect or not unknown.offered or unknown.shape or i in finding.released:
             continue
-        narrow = max(figure.spread, figure.slack)
+        narrow = max(unknown.spread, unknown.slack)
         information = 1.0 / variance[i] - 1.0 / before[i]
-        if information < 1e-6 / figure.reach**2:  # the recordings do not depend on it
+        if information < 1e-6 / unknown.reach**2:  # the recordings do not depend on it
             continue
         noise = 1.0 / information  # variance by the data alone
         # A deviation d is worth d^2/2 (1/(noise + narrow^2) - 1/(noise + reach^2)) less the price of the wider prior.
-        worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + figure.reach**2)
-        price = 0.5 * np.log((noise + figure.reach**2) / (noise + narrow**2))
-        wanted = _wanted(finding, figure.effect, enough, needed)
-        out.append((figure, float(np.sqrt(2.0 * (wanted + price) / max(worth, 1e-30)))))
+        worth = 1.0 / (noise + narrow**2) - 1.0 / (noise + unknown.reach**2)
+        price = 0.5 * np.log((noise + unknown.reach**2) / (noise + narrow**2))
+        wanted = _wanted(finding, unknown.effect, enough, needed)
+        out.append((unknown, float(np.sqrt(2.0 * (wanted + price) / max(worth, 1e-30)))))
     return out
 
 
@@ -320,7 +322,7 @@ def _visible(cases: Sequence[Case], score: Score) -> float:
     most = 0.0
     for case in cases:
         for key, columns in case.problem.columns.items():
-            made = columns[:, list(score.option.figures)] @ score.values
+            made = columns[:, list(score.option.unknowns)] @ score.values
             count = case.problem.resolution.get(key.partition("|")[0], 0.0)
             level = max(case.floor.get(key, 0.0), count / np.sqrt(12.0), 1e-12)
             most = max(most, float(np.sqrt(np.mean(made**2))) / level)
@@ -333,7 +335,7 @@ def _closest(finding: Finding, cache: CaseCache, *rivals: Candidate) -> int:
         return 0
     trials = []
     for rival in rivals:
-        released = [*finding.released, *rival.figures]
+        released = [*finding.released, *rival.unknowns]
         rounds = ROUNDS if rival.effect in CLOCKS else 1
         trials.append((released, settle(finding, cache, released, rounds)[1]))
     count = len(trials[0][1])
@@ -356,14 +358,14 @@ def _confirm(
 ) -> tuple[float, str]:
     """Log evidence on held-out recordings for the effect as trained against none of it; and why not, if not."""
     evidence = evidence_of(held)
-    released = [*finding.released, *option.figures]
+    released = [*finding.released, *option.unknowns]
     covariance = fit.covariance
     nominal = prior_variance(known, finding.released)
     mean, variance = np.zeros(len(known)), nominal.copy()
     for i in released:
         mean[i], variance[i] = fit.x[i], covariance[i, i] + (0.1 * fit.x[i]) ** 2
     without_mean, without = mean.copy(), variance.copy()
-    for i in option.figures:
+    for i in option.unknowns:
         if known[i].shape:  # it is nothing without the others
             continue
         without_mean[i], without[i] = 0.0, max(known[i].slack, known[i].spread, 1e-9 * known[i].reach) ** 2
@@ -372,7 +374,7 @@ def _confirm(
         return gain, f"held-out bags {'speak against it' if gain < 0.0 else 'show too little of it'} ({gain:.1f} nats)"
     again = evidence.fit(released)
     spread = np.sqrt(np.diag(again.covariance) + np.diag(covariance))
-    for i in option.figures:
+    for i in option.unknowns:
         if abs(again.x[i] - fit.x[i]) > 4.0 * spread[i] + 0.35 * abs(fit.x[i]) + known[i].spread:
             return gain, f"held-out bags find another {known[i].key} ({again.x[i]:.3g} for {fit.x[i]:.3g})"
     return gain, ""

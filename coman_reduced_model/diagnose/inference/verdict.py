@@ -104,7 +104,7 @@ def too_much(finding: Finding, leftover: Mapping[str, float]) -> list[str]:
 def acts(finding: Finding, key: str) -> float:
     """Size of the chosen effects that are not EXACT in a group of residuals, in units of the noise floor."""
     most = 0.0
-    loose = [i for effect in finding.chosen if effect.option.effect not in EXACT for i in effect.option.figures]
+    loose = [i for effect in finding.chosen if effect.option.effect not in EXACT for i in effect.option.unknowns]
     for case in [*finding.train, *finding.hold]:
         if key in case.problem.columns and case.floor.get(key, 0.0) > 0.0:
             made = case.problem.columns[key][:, loose] @ finding.at[loose]

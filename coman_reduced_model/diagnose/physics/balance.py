@@ -41,7 +41,7 @@ from ..data.signals import Smoothed, rate_of, smooth, spring_stretch
 from ..data.world import World
 
 JOLT = 0.004  # [m/s] by which any landing stops the robot
-TOLD = 0.8  # of a blow: the rest cannot be told from the load that comes (on the virtual robot)
+SEEN = 0.8  # of a blow: the rest cannot be distinguished from the load that comes (on the virtual robot)
 AXES = ("x", "y", "z")
 
 
@@ -177,7 +177,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
-    out["landing/z"] = where.blow - JOLT * robot.mass - TOLD * world.impulse
+    out["landing/z"] = where.blow - JOLT * robot.mass - SEEN * world.impulse
     out["slide/x"] = np.full(len(ticks), np.nan)
     for value, slide in zip(slid, where.slides, strict=True):
         out["slide/x"][slide.tick] = value + slide.share * world.slip[FEET.index(slide.foot)]

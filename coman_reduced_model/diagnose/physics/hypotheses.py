@@ -46,7 +46,7 @@ class Candidate:
 
     effect: str
     where: str
-    figures: tuple[int, ...]  # indices into the list of unknowns
+    unknowns: tuple[int, ...]  # indices into the list of unknowns
 
     @property
     def place(self) -> str:

@@ -25,7 +25,7 @@ _HEADINGS = {
     "effect": "What is missing",
     "none": "Nothing is missing",
     "unknown": "Something unknown is missing",
-    "not_excited": "This recording cannot tell",
+    "not_excited": "This recording cannot decide",
 }
 _MEANING = {
     "none": "What the nominal robot leaves unexplained is no more than nominal robots leave, whose springs, "
@@ -34,7 +34,7 @@ _MEANING = {
     "be there.",
     "unknown": "Some residual is larger than nominal robots leave, and no effect of the catalogue, nor several "
     "of them, "
-    "takes it away. The model was left as it is. The residuals below tell where to look.",
+    "takes it away. The model was left as it is. The residuals below show where to look.",
     "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
     "most effects can show. "
     "Record a walk of ten seconds or more, better two of different gaits.",
@@ -145,7 +145,7 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
     parts: list[Part] = []
     for number, effect in enumerate(finding.chosen):
         name, where = effect.option.effect, effect.option.where
-        most = _strongest(pair, list(effect.option.figures))
+        most = _strongest(pair, list(effect.option.unknowns))
         if bent := CATALOGUE[name].law:
             joints = [c.partition("/")[2] for c in most if c.startswith(bent[0] + "/")]
             joint = where if where in pair.before.state.world.robot.joint_names else next(iter(joints), "")
@@ -305,7 +305,7 @@ def _ranking(diagnosis: Diagnosis) -> list[Part]:
     caption = (
         "What each candidate alone adds to the nominal robot, before anything was chosen. After each choice "
         "the others are "
-        f"looked at anew (at most {MOST} are chosen), so that a second effect may stand far down here."
+        f"looked at again (at most {MOST} are chosen), so that a second effect may stand far down here."
     )
     parts: list[Part] = [Table(head, rows[:_ROWS], caption, words=2, strong=[i for i in strong if i < _ROWS])]
     if rows[_ROWS:]:

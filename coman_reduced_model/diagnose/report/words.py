@@ -48,7 +48,9 @@ def effect_sentence(effect: Mapping[str, Any]) -> str:
     if effect.get("left_out"):
         text += f" (not in the model: {effect['left_out']})"
     if effect["class"]:
-        text += f", or another effect of the class {spaced(effect['class'])}, which this data cannot tell from it"
+        text += (
+            f", or another effect of the class {spaced(effect['class'])}, which this data cannot distinguish from it"
+        )
     return text
 
 
@@ -57,21 +59,21 @@ def _said(effect: Mapping[str, Any]) -> str:
     name, parameters = effect["name"], effect["parameters"]
     kind = CATALOGUE.get(name)
     at = place(effect["where"], kind is not None and kind.place == "foot")
-    told = {key: figure(parameter) for key, parameter in parameters.items()}
+    values = {key: figure(parameter) for key, parameter in parameters.items()}
     sizes = {f"{key}_size": figure({**each, "value": abs(each["value"])}) for key, each in parameters.items()}
-    listed = _listed(told)
+    listed = _listed(values)
     wanted = {"at"} if kind is None else set(re.findall(r"{(\w+)}", kind.sentence))
-    if kind is None or not wanted <= {"at", "listed", *told, *sizes}:
+    if kind is None or not wanted <= {"at", "listed", *values, *sizes}:
         return f"{spaced(name)} at {at} ({listed})"
     first = kind.parameters[0]
     below = kind.opposite and not parameters[first.name]["value"] > first.nominal
-    text = (kind.opposite if below else kind.sentence).format(at=at, listed=listed, **told, **sizes)
-    rest = {key: each for key, each in told.items() if not wanted & {key, f"{key}_size", "listed"}}
-    return text + kind.further.format(rest=_listed(rest), **told) if rest else text
+    text = (kind.opposite if below else kind.sentence).format(at=at, listed=listed, **values, **sizes)
+    rest = {key: each for key, each in values.items() if not wanted & {key, f"{key}_size", "listed"}}
+    return text + kind.further.format(rest=_listed(rest), **values) if rest else text
 
 
-def _listed(told: Mapping[str, str]) -> str:
-    return ", ".join(f"{key} {text}" for key, text in told.items())
+def _listed(values: Mapping[str, str]) -> str:
+    return ", ".join(f"{key} {text}" for key, text in values.items())
 
 
 def figure(parameter: Mapping[str, Any]) -> str:

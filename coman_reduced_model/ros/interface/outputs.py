@@ -37,7 +37,7 @@ class Outputs:
         self._markers = Markers(config)
         self._every_points = Throttle(config.output.points_rate)
         self._every_markers = Throttle(config.output.markers_rate)
-        self._message: ComPrediction | None = None  # filled anew for each one: that is cheaper
+        self._message: ComPrediction | None = None  # filled again for each one: that is cheaper
         self._last_support: tuple[int, int] | None = None
 
     def publish(self, prediction: Prediction) -> None:

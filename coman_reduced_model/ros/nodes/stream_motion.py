@@ -14,7 +14,7 @@ from ...sim.upper_motion import RISE_S, UpperMotion
 
 SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad
 DELAY_NS = 90_000_000  # the robot lives so far in the past that the cubic's next two knots are there
-_JUMP = 0.05  # [m] a plan that moves this far from one knot to the next begins anew
+_JUMP = 0.05  # [m] a plan that moves this far from one knot to the next begins again
 
 
 def at_rest(reference: Reference) -> bool:

@@ -67,7 +67,7 @@ class TrajectoryNode(Node):
             self._next += self._period
 
     def _begin(self, now: int) -> None:
-        """Time begins, or has jumped: with it the walk, unless it is told when to start."""
+        """Time begins, or has jumped: with it the walk, unless its start is given."""
         self._next = now - now % self._period
         if self.config.gait.start_time >= 0.0:
             self.walk.start_ns = round(self.config.gait.start_time * 1e9)

@@ -147,7 +147,7 @@ class VirtualRobotNode(Node):
         return self._start + round(self.robot.t * 1e9)
 
     def _skip(self, lag: int) -> None:
-        """Too slow: say it and place the robot anew in the present, rather than drift."""
+        """Too slow: say it and place the robot again in the present, rather than drift."""
         self._skipped += 1
         self.get_logger().warning(
             f"too slow for real time: {lag * 1e-9:.1f} s behind, set forward (lower virtual_robot.rate, or a faster "

@@ -65,7 +65,7 @@ def exit_in(seconds: float, failed: bool = False) -> None:
 
 
 def run(name: str, find: Callable[[], Callable[[], Any]]) -> int:
-    """Run a node until it is told to stop.
+    """Run a node until it is asked to stop.
 
     Args:
         name: of the node, for messages.

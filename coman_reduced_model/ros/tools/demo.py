@@ -80,7 +80,7 @@ def plan_of(bag: Bag, config: Config) -> Config | None:
 
 
 def run_demo(
-    path: Path, config: Config, config_file: Path, folder: Path, rate: float, tell: Callable[[float, str], None]
+    path: Path, config: Config, config_file: Path, folder: Path, rate: float, on_progress: Callable[[float, str], None]
 ) -> Result:
     """Play a bag to the nodes and record what they answer as the bag `predictions` in a folder.
 
@@ -90,7 +90,7 @@ def run_demo(
         config_file: what the nodes load.
         folder: exists.
         rate: of the replay.
-        tell: fraction done, what is being done.
+        on_progress: fraction done, what is being done.
 
     Raises:
         ComanError: the bag or the configuration cannot be used.
@@ -122,7 +122,7 @@ def run_demo(
         if planned:
             gait = {key: value for key, value in planned.flat().items() if key.startswith("gait.") and value != -1}
             nodes.start("trajectory", {**gait, "use_sim_time": True})
-        tell(0.0, "starting the nodes")
+        on_progress(0.0, "starting the nodes")
         replay.wait_for_subscribers(needed, _START_S, all_run)
         if planned:
             _wait(lambda: listener.node.count_publishers(REFERENCE) > 0, nodes, f"{REFERENCE} is published")
@@ -137,7 +137,7 @@ def run_demo(
                 report = listener.reports.get("predictor: latency")
                 if report is not None and report.level != Level.STALE:
                     latency = report.message
-                tell(progress.messages / progress.total, f"{statistics.samples} predictions")
+                on_progress(progress.messages / progress.total, f"{statistics.samples} predictions")
             return True
 
         played = replay.play(rate, False, keep_going)

@@ -90,7 +90,7 @@ class GroundSlope(Disturbance):
     """A plane floor that is not level: Ry(pitch) Rx(roll) turns the level axes into the floor's.
 
     Downhill ahead for pitch > 0, downhill to the right for roll > 0. The truth's world stays that of the floor; the
-    IMU tells the orientation against gravity, as it must.
+    IMU gives the orientation against gravity, as it must.
     """
 
     name: ClassVar[str] = "ground_slope"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Motors that do not follow their references, against (A1).
 
-A motor encoder tells where the motor really is: then these effects show between `com/reference` and the motors, not
+A motor encoder shows where the motor really is: then these effects show between `com/reference` and the motors, not
 in the springs. On robots whose `/motor_states` echoes the command (`SensorOptions.motor_source`) they show there.
 """
 

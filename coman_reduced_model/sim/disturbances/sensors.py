@@ -100,7 +100,7 @@ class WrenchDelay(Disturbance):
 
 @dataclass
 class WrenchScale(Disturbance):
-    """A foot's sensor tells all six components times a factor."""
+    """A foot's sensor reads all six components times a factor."""
 
     name: ClassVar[str] = "wrench_scale"
     where: str = par("", "", _FOOT)
@@ -114,7 +114,7 @@ class WrenchScale(Disturbance):
 
 @dataclass
 class WrenchBias(Disturbance):
-    """A foot's sensor tells true + bias, at the sole, along its axes."""
+    """A foot's sensor reads true + bias, at the sole, along its axes."""
 
     name: ClassVar[str] = "wrench_bias"
     where: str = par("", "", _FOOT)

@@ -64,7 +64,7 @@ def test_a_figure_that_one_recording_has_to_itself_is_integrated_out(seed):
     rng = np.random.default_rng(seed)
     parts = [(rng.normal(size=(ROWS, 4)), 2.0 * rng.normal(size=ROWS)) for _ in range(2)]
     fit = (evidence_of(*parts[0]).shared() + evidence_of(*parts[1]).shared()).fit([0])
-    # The joint model: three figures in common, and the fourth twice.
+    # The joint model: three unknowns in common, and the fourth twice.
     A = np.hstack([np.vstack([a[:, :3] for a, _ in parts]), block_diag(*(a[:, 3:] for a, _ in parts))])
     r, variance = np.concatenate([r for _, r in parts]), prior_variance(FIGURES, [0])[[0, 1, 2, 3, 3]]
     C = np.eye(len(r)) + A * variance @ A.T
@@ -80,11 +80,11 @@ def test_scores_are_what_a_new_fit_with_wider_priors_gains(seed):
     A = rng.normal(size=(ROWS, 4))
     evidence = evidence_of(A, A @ rng.normal(size=4) + rng.normal(size=ROWS))
     for score in scores(evidence, [*candidates(FIGURES), Candidate("both", "", (0, 2))], released=[1]):
-        mine = [1, *score.option.figures]
+        mine = [1, *score.option.unknowns]
         wide = evidence.fit(mine)
         assert score.total == pytest.approx(wide.log - evidence.fit([1]).log, abs=1e-3)
-        assert score.values == pytest.approx(wide.x[list(score.option.figures)], abs=1e-4)
-        small = evidence.fit([1], slack=score.option.figures)
+        assert score.values == pytest.approx(wide.x[list(score.option.unknowns)], abs=1e-4)
+        small = evidence.fit([1], slack=score.option.unknowns)
         assert score.gain == pytest.approx(wide.log - max(small.log, evidence.fit([1]).log), abs=1e-3)
 
 

@@ -92,7 +92,7 @@ def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatc
     known = unknowns(*standing())
     options = candidates(known)
     shift, mass, whole, other = (
-        next(o for o in options if o.effect == effect and len(o.figures) == count)
+        next(o for o in options if o.effect == effect and len(o.unknowns) == count)
         for effect, count in (("com_offset", 1), ("payload", 1), ("payload", 4), ("backlash", 1))
     )
     asked = {}
@@ -109,7 +109,7 @@ def test_a_shifted_com_and_a_mass_are_one_load_if_held_out_bags_agree(monkeypatc
     before = [ChosenEffect(shift, 9.0, 9.0), ChosenEffect(other, 50.0, 50.0), ChosenEffect(mass, 9.0, 9.0)]
     finding = Finding(known, np.zeros(len(known)), chosen=list(before))
     search._one_load(finding, SimpleNamespace(at=lambda at, which: ["hold"]), options)
-    assert asked["released"] == [*other.figures, *whole.figures]
+    assert asked["released"] == [*other.unknowns, *whole.unknowns]
     if disagrees or impossible:
         assert finding.chosen == before and not finding.at.any()
     else:
@@ -182,7 +182,7 @@ def test_further_effects_need_more_unless_their_evidence_is_apart(monkeypatch):
 def test_what_explains_the_same_with_fewer_figures_is_not_compared():
     known = unknowns(*standing())
     both, alone = (
-        next(o for o in candidates(known) if o.effect == "joint_friction" and len(o.figures) == count)
+        next(o for o in candidates(known) if o.effect == "joint_friction" and len(o.unknowns) == count)
         for count in (2, 1)
     )
     other = next(o for o in candidates(known) if o.effect == "backlash")
@@ -190,7 +190,7 @@ def test_what_explains_the_same_with_fewer_figures_is_not_compared():
     assert [score.option for score in search._no_twins(found)] == [both, other]
     better = Score(alone, 9.5, 8.0, np.ones(1), True)
     assert search._no_twins([better, found[1]]) == [better, found[1]]
-    assert known[both.figures[1]].shape and not any(known[i].shape for i in alone.figures)
+    assert known[both.unknowns[1]].shape and not any(known[i].shape for i in alone.unknowns)
 
 
 def test_one_load_alone_stays_what_it_is():
@@ -204,7 +204,7 @@ def test_one_load_alone_stays_what_it_is():
 def test_rivals_that_are_compared_again_converge_to_the_same_values(monkeypatch):
     recording, world = stretched(lambda tau, nominal: 2.0 * nominal), standing()[1]
     cache = CaseCache([(recording, world, masks(recording, world))])
-    soft = next(i for i, figure in enumerate(cache.known) if figure.name == "joint_stiffness@LKneeSag.scale")
+    soft = next(i for i, unknown in enumerate(cache.known) if unknown.name == "joint_stiffness@LKneeSag.scale")
     nothing, steps, near = np.zeros(len(cache.known)), [], cache.near
     monkeypatch.setattr(cache, "near", lambda *a: steps.append(1) or near(*a))
     first = gauss_newton._gauss_newton(cache, [soft], nothing, cache.at(nothing, "train"))
@@ -233,7 +233,7 @@ def test_a_second_search_gets_the_answers_of_the_first_about_the_same_effects():
         for of in (options[:1], options[:2])
     ]
     assert answers == [1, 2, 3, 4] * 2
-    assert asked[2] == (list(options[0].figures), tuple(options[:1]))
+    assert asked[2] == (list(options[0].unknowns), tuple(options[:1]))
 
 
 def test_a_case_near_another_needs_no_figure_of_its_own():

@@ -129,14 +129,14 @@ def test_what_is_taken_over_from_another_hypothesis_is_what_it_would_be_anew(lac
     recording, world = moving_about().changed(**dict.fromkeys(lacks)), standing()[1].changed(**believed)
     where = masks(recording, world)
     before = evaluate(recording, world, where)
-    for figure in unknowns(recording, world):
-        moved = figure.apply(recording, world, figure.step)
-        anew = evaluate(*moved, where).residuals
+    for unknown in unknowns(recording, world):
+        moved = unknown.apply(recording, world, unknown.step)
+        again = evaluate(*moved, where).residuals
         taken_over = evaluate(*moved, where, before).residuals
-        assert list(anew) == list(taken_over)
-        for name, value in anew.items():
+        assert list(again) == list(taken_over)
+        for name, value in again.items():
             scale = 1.0 + np.abs(np.nan_to_num(value)).max()
-            np.testing.assert_allclose(taken_over[name], value, rtol=0.0, atol=1e-11 * scale, err_msg=figure.name)
+            np.testing.assert_allclose(taken_over[name], value, rtol=0.0, atol=1e-11 * scale, err_msg=unknown.name)
 
 
 def test_the_trunk_moves_as_it_must_for_the_sole_to_stand_still():

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagnose_tools import JOINT, figure, index, residuals, rms, standing, stretched, t
+from diagnose_tools import JOINT, index, residuals, rms, standing, stretched, t, unknown
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import robot
@@ -34,7 +34,7 @@ def test_figures_are_named_once_and_leave_their_input_alone():
         assert (kept == now).all()
     assert robot().mass == mass
     for option in candidates(known):
-        assert {known[i].effect for i in option.figures} == {option.effect}
+        assert {known[i].effect for i in option.unknowns} == {option.effect}
 
 
 def test_without_motor_states_there_are_no_springs_to_judge():
@@ -70,7 +70,7 @@ def test_a_whole_shift_takes_over_gaps_and_nothing_beside_them():
 
 
 def undone(name: str, value: float, corrupted: Recording) -> Recording:
-    return figure(name).apply(corrupted, standing()[1], value)[0]
+    return unknown(name).apply(corrupted, standing()[1], value)[0]
 
 
 def test_sensor_faults_are_undone_exactly():
@@ -98,7 +98,7 @@ def test_late_links_and_motors_are_undone():
     late = recording.changed(tau=shifted(recording.tau, -0.02))
     assert undone("encoder_delay@all.delay", 0.02, late).tau[10:-10] == pytest.approx(recording.tau[10:-10], abs=1e-9)
     # Motors that lag behind what their states say: the states are slowed as much.
-    found = figure("transport_delay@.delay").apply(recording, standing()[1], 0.02)[0]
+    found = unknown("transport_delay@.delay").apply(recording, standing()[1], 0.02)[0]
     assert found.motor_q[10:-10] == pytest.approx(shifted(recording.motor_q, -0.02)[10:-10], abs=1e-12)
 
 
@@ -106,8 +106,8 @@ def test_late_links_and_motors_are_undone():
 
 
 def told(recording: Recording, name: str, value: float) -> float:
-    """What of the spring's residual is left when a figure is assumed, over what it was."""
-    which = figure(name)
+    """What of the spring's residual is left when a unknown is assumed, over what it was."""
+    which = unknown(name)
     before = residuals(recording)[f"spring/{JOINT}"]
     moved, world = which.apply(recording, standing()[1], value)
     after = evaluate(moved, world, masks(recording, standing()[1])).residuals[f"spring/{JOINT}"]
@@ -124,7 +124,7 @@ def test_a_softer_spring_is_explained_by_its_stiffness():
 def test_play_is_explained_by_backlash():
     played = stretched(lambda tau, nominal: nominal + 0.5 * 0.02 * np.sign(tau))
     before = residuals(played)[f"spring/{JOINT}"]
-    which = figure(f"backlash@{JOINT}.width")
+    which = unknown(f"backlash@{JOINT}.width")
     where = masks(played, standing()[1])
     moved, world = which.apply(played, standing()[1], 0.02)
     after = evaluate(moved, world, where).residuals[f"spring/{JOINT}"]
@@ -150,7 +150,7 @@ def test_friction_that_creeps_is_explained_by_both_of_its_figures(coulomb, creep
     rate = evaluate(swings, world, where).motion.qd[:, j]
     assumed = swings, world
     for name, value in (("coulomb", coulomb), ("creep", creep)):
-        which = figure(f"joint_friction@{JOINT}.{name}")
+        which = unknown(f"joint_friction@{JOINT}.{name}")
         assumed = which.apply(*assumed, value - which.nominal)
     before, after = (evaluate(*each, where).residuals[f"torque/{JOINT}"] for each in ((swings, world), assumed))
     friction = coulomb * np.tanh(rate / creep)

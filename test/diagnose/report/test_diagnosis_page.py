@@ -56,7 +56,7 @@ def coman() -> Robot:
 
 
 def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool = True) -> Case:
-    """A recording whose left knee has a play `width`, seen by a robot with the figures `at`."""
+    """A recording whose left knee has a play `width`, seen by a robot with the unknowns `at`."""
     t = np.arange(0.0, 8.0, 0.005)
     phase = np.where(t % 1.0 < 0.3, 3, np.where(t % 2.0 < 1.0, 1, 2)) if walks else np.full(len(t), 3)
     robot = coman()

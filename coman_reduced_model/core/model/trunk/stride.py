@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the motors will do: what they did one stride ago, as long as the robot repeats itself.
 
-A prediction ahead needs the future course of the motors, of the phases and of the posture. No message tells them, but
+A prediction ahead needs the future course of the motors, of the phases and of the posture. No message holds them, but
 a walking robot repeats itself every two steps. The stride before is remembered sample by sample, as the motors and the
 equations of motion that `TrunkModel` assembled there; the state is not: it starts from the measurement and goes its own
 way through those equations. Where the robot does not repeat itself (it sets off, stops, or changes its gait) there is
