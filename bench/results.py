@@ -31,12 +31,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from markdown import AXES, honest_line, millimetres, table, trimmed, value, write_into_readme
+
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
-AXES = ("x", "y", "z")
 OF_RUNS = ("judge", "prediction", "monitor", "others")  # pages of runs of the judge, which take hours
-BEGIN, END = "<!-- begin: bench/results.py {} -->", "<!-- end -->"
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def free_run(shared: Path) -> tuple[str, str]:
             if recording.path == PICTURE_BAG:
                 draw(out / "default", out / "paper", DOC / "results" / "free_run.png")
     head = ["recording", "bag", "rigid robot", "the paper's model", "the default model"]
-    write_into_readme("free_run", table([head[0], *head[2:]], [[row[0], *row[2:]] for row in rows]))
+    write_into_readme(ROOT / "README.md", "free_run", table([head[0], *head[2:]], [[row[0], *row[2:]] for row in rows]))
     parts = [
         "Constants are those of the data sheet; nothing is tuned. The free run restarts from the measurement at each "
         "touchdown. Rigid robot: the COM is where the motors, without springs, would put it.",
@@ -228,30 +228,6 @@ def deflections(bag: Path) -> tuple[Any, Any, Any]:
     return (np.array(times) - times[0]) * 1e-9, np.array(measured), np.array(predicted)
 
 
-def write_into_readme(page: str, text: str) -> None:
-    """Replace what stands between the marks of a page in the README."""
-    path = ROOT / "README.md"
-    before, mark, rest = path.read_text(encoding="utf-8").partition(BEGIN.format(page))
-    _, end, after = rest.partition(END)
-    if mark and end:
-        path.write_text(f"{before}{mark}\n{text}\n{end}{after}", encoding="utf-8")
-
-
-def millimetres(by_axis: Mapping[str, float | None]) -> str:
-    return ", ".join("-" if by_axis[a] is None else f"{1e3 * by_axis[a]:.2f}" for a in AXES)  # type: ignore[operator]
-
-
-def value(number: float | None) -> str:
-    if number is None or not math.isfinite(number):
-        return "-"
-    return f"{number:.2f}" if abs(number) < 9.95 else f"{number:.0f}"
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
 # --- options of the model, on three virtual robots ---
 
 
@@ -321,10 +297,6 @@ def described(name: str) -> str:
     return "\n\n".join(part for part in text.split("\n\n") if not part.startswith("    "))
 
 
-def trimmed(output: str) -> str:
-    return "\n".join(line.rstrip() for line in output.strip().splitlines())
-
-
 # --- pages that hold the result of a run of the judge ---
 
 
@@ -342,26 +314,12 @@ def judged(title: str, file: str, show: str, folder: str = "") -> Callable[[Path
         at = f"Judged at commit {begun.read_text().strip()}.\n\n" if begun.is_file() else ""
         os.environ["COLUMNS"] = "150"
         if file == "score.json" and not folder:
-            write_into_readme("judge", honest_line(found))
+            write_into_readme(ROOT / "README.md", "judge", honest_line(found))
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             getattr(judge_tables, show)(found, Path("judged") / folder)
         return title, f"{at}```text\n{trimmed(printed.getvalue())}\n```"
 
     return page
-
-
-def honest_line(found: Mapping[str, Any]) -> str:
-    """What the diagnosis is worth, in one line of the README."""
-
-    def percent(key: str) -> str:
-        value = found["workflow"][key]
-        return f"{100 * value['share']:.0f} % ({value['hits']} of {value['of']})"
-
-    return (
-        f"- On virtual robots of [all kinds of worlds](doc/worlds.md), `coman diagnose` gives "
-        f"{percent('false_alarms_on_clean')} of clean robots an effect or `unknown`, and names "
-        f"{percent('right_on_medium_and_strong')} of medium and strong effects ([by kind](doc/results/judge.md))."
-    )
 
 
 PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {

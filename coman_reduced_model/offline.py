@@ -182,5 +182,5 @@ def _mismatches(bag: Bag, pipeline: Pipeline) -> list[dict[str, Any]]:
         onset, detected = ((stamp - bag.start_ns) * 1e-9 for stamp in (each.onset_ns, each.detected_ns))
         values = {key: value for key, value in asdict(each).items() if not key.endswith("_ns")}
         text = f"mismatch: {each}, since {onset:.1f} s"
-        found.append({**values, "since_s": onset, "told_s": detected, "text": text})
+        found.append({**values, "since_s": onset, "detected_s": detected, "text": text})
     return found

@@ -271,7 +271,7 @@ def test_the_constants_of_the_messages_are_those_of_the_core():
 
 
 @KINDS
-def test_filling_a_message_anew_leaves_nothing_of_the_old(types):
+def test_filling_a_message_again_leaves_nothing_of_the_old(types):
     message = None
     for seed, horizons in ((1, 3), (2, 3), (3, 0), (4, 2)):
         sent = a_prediction(seed, horizons)

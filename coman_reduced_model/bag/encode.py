@@ -12,8 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..core.base.pose import quaternion
 from ..core.base.types import Array, Prediction
-from ..messages import ODOM, quaternion
+from ..messages import ODOM
 
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _SECOND = 1_000_000_000

@@ -126,11 +126,11 @@ def print_json(value: Any) -> None:
     print(to_json(value))
 
 
-def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output; the first column is text, the others are numbers."""
+def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
+    """A table on standard output; the first `words` columns are text, the others are numbers."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for index, name in enumerate(header):
-        table.add_column(Text(name), justify="right" if index else "left")
+        table.add_column(Text(name), justify="left" if index < words else "right")
     for row in rows:
         table.add_row(*map(Text, row))
     print(title)

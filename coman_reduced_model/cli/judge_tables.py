@@ -58,6 +58,7 @@ def show_prediction(result: Mapping[str, Any], out: Path) -> None:
         "clean walks: medians of the free run's RMS error, the rigid robot's, and the skill 0.2 s ahead; x, y, z",
         ["axis", "kind", "walks", "model [mm]", "rigid [mm]", "walks worse than rigid", "skill", "none"],
         rows,
+        words=2,
     )
     print(f"none: nothing could be predicted. {_redrawn_walks(result['all'])}; all in {out}/prediction.json")
 
@@ -75,6 +76,7 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
         "monitor: clean walks; and effects of medium size that begin in mid-walk",
         ["axis", "kind", "hours", "alarms in an hour", "walks with an alarm", "detected within 5 s", "median [s]"],
         rows,
+        words=2,
     )
     families = [
         [name, share(found["detected"]), _number(found["median_s"])]
@@ -96,11 +98,13 @@ def show_folder(result: Mapping[str, Any], out: Path) -> None:
             [axis, kind, *(share(found[key]) for key in ("right", "miss", "wrong", "false_alarms"))]
             for axis, kind, found in kinds
         ],
+        words=2,
     )
     print_table(
         "by case",
         ["case", "hidden", "verdict", ""],
         [[row["case"], row["hidden"] or "clean", " + ".join(row["named"]), row["result"]] for row in result["rows"]],
+        words=4,
     )
     print(f"all in {out}/score.json")
 
@@ -133,6 +137,7 @@ def _show_kinds(result: Mapping[str, Any]) -> None:
         "by kind of world",
         ["axis", "kind", "cases", "false alarms", "right", "wrong", "outside: unknown", "redrawn, lowered"],
         rows,
+        words=2,
     )
 
 
@@ -144,11 +149,11 @@ def _kind(found: Mapping[str, Any]) -> list[str]:
 def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mapping[str, Any]]) -> None:
     """Confusion table, and the cases with a wrong name, a false alarm or no verdict."""
     counts = [[truth, ", ".join(f"{named} {n}" for named, n in row.items())] for truth, row in confusion.items()]
-    print_table("hidden effects and verdicts", ["hidden", "verdicts"], counts)
+    print_table("hidden effects and verdicts", ["hidden", "verdicts"], counts, words=2)
     bad = [row for row in rows if row["result"] in ("wrong", "failed") or _is_false_alarm(row)]
     listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
     if listed:
-        print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed)
+        print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed, words=4)
 
 
 def _show_how_to_record(seeds: Mapping[str, Any]) -> None:

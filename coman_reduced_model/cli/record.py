@@ -143,9 +143,21 @@ def _hidden(texts: Sequence[str]) -> list[Disturbance]:
     from ..sim.disturbances import parse
 
     try:
-        return [parse(text) for text in texts]
+        for effect in (hidden := [parse(text) for text in texts]):
+            what = effect.to_dict()
+            if what["name"] not in ("scatter", "imperfections") and what["parameters"] == _nominal(what["name"]):
+                keys = ", ".join(what["parameters"])
+                raise ConfigError(f"{what['name']}: nothing is hidden without a parameter (allowed: {keys})")
+        return hidden
     except ConfigError as error:
         raise ConfigError(f"--hide: {error}") from None
+
+
+def _nominal(name: str) -> dict[str, Any]:
+    """The parameters with which an effect changes nothing."""
+    from ..sim.disturbances import DISTURBANCES
+
+    return dict(DISTURBANCES[name]().to_dict()["parameters"])
 
 
 def _show(result: RecordedBag, name: str, json: bool) -> None:

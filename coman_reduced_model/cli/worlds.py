@@ -29,4 +29,6 @@ def worlds(
     rows = []
     for axis, kinds in AXES.items():
         rows += [[axis if k == 0 else "", kind.name, kind.sentence] for k, kind in enumerate(kinds.values())]
-    print_table("kinds of worlds; the first of each axis is the plain virtual robot", ["axis", "kind", ""], rows)
+    print_table(
+        "kinds of worlds; the first of each axis is the plain virtual robot", ["axis", "kind", ""], rows, words=3
+    )

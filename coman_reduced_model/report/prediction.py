@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..core.base.limits import DIVERGED, TOPPLED
-from ..core.config.schema import OPTIONS, config_from_flat, parameter_table
+from ..core.config.schema import OPTIONS, config_from_flat
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
 from ..progress import Progress
 from . import figures
+from .configuration import configuration_section
 from .draw import PHASE_NAMES
 from .page import Notice, Part, Section, Table, Text, page, picture
 from .run import load_run
@@ -103,7 +104,7 @@ def prediction_page(
     robot = (summary.get("robot") or {}).get("name") or "robot"
     recording = Path(summary.get("bag") or "?").name
     sections: list[Section] = []
-    parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, _configuration
+    parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, configuration_section
     for number, make in enumerate(parts):
         report(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
         sections.append(make(summary, shown, plots))
@@ -365,39 +366,5 @@ def _inputs(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
     return Section("Inputs", [*parts, *map(Text, notes)], "inputs")
 
 
-def _configuration(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
-    config, table = summary.get("config") or {}, parameter_table()
-    if not config:
-        return Section("Configuration", [Notice("The summary does not hold the configuration.")], "configuration")
-    rows, changed = [], []
-    for key, value in config.items():
-        known = table.get(key)
-        row = [
-            key,
-            _value(value),
-            known.unit if known and known.unit != "1" else "",
-            known.description if known else "",
-        ]
-        rows.append(row)
-        if known is None or _value(value) != _value(known.nominal):
-            changed.append(row)
-    head = ["key", "value", "unit", "meaning"]
-    parts: list[Part] = [
-        Table(head, changed, "What differs from the nominal values.", words=4)
-        if changed
-        else Text("All values are nominal.")
-    ]
-    parts.append(Table(head, rows, words=4, folded=f"All {len(rows)} values"))
-    return Section("Configuration", parts, "configuration")
-
-
 def _rate(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.1f}"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, (list, tuple)):
-        return ", ".join(_value(item) for item in value) or "none"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value) or "none"

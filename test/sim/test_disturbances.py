@@ -459,6 +459,8 @@ def test_every_effect_is_nothing_at_its_nominal(name, standing, still):
         ("payload:mass=1,after=3", "payload: after: it is built into the robot"),
         ("motor_compliance:compliance=0.001,after=3", "after: it is built into the robot"),
         ("backlash:width=0.1,after=soon", "after = 'soon': allowed: seconds"),
+        ("payload", "payload: nothing is hidden without a parameter .allowed: mass, x, y, z."),
+        ("encoder_bias:where=LKneeSag,after=2", "nothing is hidden without a parameter"),
         ("sensor_rotation:axis=w", "allowed: 'x', 'y', 'z'"),
     ],
 )

@@ -35,8 +35,8 @@ class Effect:
     parameters it changes nothing.
 
     Attributes:
-        name: the word for it in configurations and results (discrepancy.md).
-        parameters: nominal, bounds, unit, description of each of its figures.
+        name: the word for it in configurations and results.
+        parameters: nominal, bounds, unit, description of each.
         place: what `where` may name: a key of `PLACES`, or "joint": a leg's joint, all of one leg ("left", "right")
             or all ("").
         sentence: what is wrong, of `{at}` (the place), parameters with their intervals (`{key}`, `{key_size}` without

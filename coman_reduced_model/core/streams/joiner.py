@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import RobotError
-from ..base.compiled import compiled
 from ..base.stream_names import (
     IMU,
     JOINTS,
@@ -38,6 +37,7 @@ from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sampl
 from ..config.schema import Config
 from .differentiate import Differentiator
 from .joint_map import JointMap, JointState
+from .mixing import all_usable, mix, mixed, to_sole
 from .preview import later
 from .stream import (
     CAPACITY,
@@ -145,19 +145,19 @@ class Joiner:
         """What the ground exerts on a foot."""
         stream = self._wrenches[foot]
         stream.received += 1
-        to_sole = self._wrench_maps.get((foot, message.frame_id))
-        if to_sole is None:
-            to_sole = self._wrench_map(foot, message.frame_id)
-        if isinstance(to_sole, RobotError):
+        wrench_map = self._wrench_maps.get((foot, message.frame_id))
+        if wrench_map is None:
+            wrench_map = self._wrench_map(foot, message.frame_id)
+        if isinstance(wrench_map, RobotError):
             good = usable(message.force) and usable(message.torque)
         else:
             wrench = np.empty(6)
-            good = _to_sole(to_sole, message.force, message.torque, wrench)
+            good = to_sole(wrench_map, message.force, message.torque, wrench)
         if not good:
             values = np.concatenate((message.force, message.torque))
             return self._reject_values(stream, values, f"force {message.force}, torque {message.torque}")
-        if isinstance(to_sole, RobotError):
-            self._reject(stream, "frame", str(to_sole))
+        if isinstance(wrench_map, RobotError):
+            self._reject(stream, "frame", str(wrench_map))
             return []
         return self._add(stream, message.stamp_ns, wrench)
 
@@ -180,7 +180,7 @@ class Joiner:
             )
             self._reject(self._reference, "length", lengths)
             return []
-        if not _all_usable(*values):
+        if not all_usable(*values):
             worst = next(each for each in values if not usable(each))
             return self._reject_values(self._reference, worst, f"a vector of it is {worst[:3]}")
         return self._add(self._reference, message.stamp_ns, message)
@@ -328,7 +328,7 @@ class Joiner:
         if after is None or before[0] == stamp:
             return before[1].copy()
         wrench = np.empty(6)
-        _mix(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), wrench)
+        mix(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), wrench)
         return wrench
 
     def _join_motors(self, sample: Sample) -> None:
@@ -351,61 +351,4 @@ class Joiner:
         if before is None or after is None or before[0] == stamp:
             found = before or after
             return None if found is None else later(found[1], stamp - found[0])
-        return _mixed(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), stamp)
-
-
-@compiled
-def _all_usable(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, h: Array) -> bool:
-    return usable(a) and usable(b) and usable(c) and usable(d) and usable(e) and usable(f) and usable(g) and usable(h)
-
-
-@compiled
-def _to_sole(matrix: Array, force: Array, torque: Array, out: Array) -> bool:
-    """Write a wrench (6,) by the matrix (6, 6) to its sole; whether it was usable."""
-    for i in range(6):
-        out[i] = 0.0
-        for j in range(3):
-            out[i] += matrix[i, j] * force[j] + matrix[i, 3 + j] * torque[j]
-    return usable(force) and usable(torque)
-
-
-@compiled
-def _mix(first: Array, second: Array, weight: float, out: Array) -> None:
-    """Write the point that is `weight` of the way from the first to the second (n,)."""
-    for i in range(out.shape[0]):
-        out[i] = first[i] + weight * (second[i] - first[i])
-
-
-@compiled
-def _mix_plans(
-    weight: float, com_0: Array, com_1: Array, vel_0: Array, vel_1: Array, acc_0: Array, acc_1: Array, zmp_0: Array,
-    zmp_1: Array, now: Array, preview_0: Array, preview_1: Array, preview_vel_0: Array, preview_vel_1: Array,
-    ahead: Array,
-) -> None:  # fmt: skip
-    """The same for all vectors of two plans: now (4, 3) and their previews (n, 3), ahead (2, n, 3)."""
-    _mix(com_0, com_1, weight, now[0])
-    _mix(vel_0, vel_1, weight, now[1])
-    _mix(acc_0, acc_1, weight, now[2])
-    _mix(zmp_0, zmp_1, weight, now[3])
-    for k in range(preview_0.shape[0]):
-        _mix(preview_0[k], preview_1[k], weight, ahead[0, k])
-        _mix(preview_vel_0[k], preview_vel_1[k], weight, ahead[1, k])
-
-
-def _mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Reference:
-    """The plan between two of its points: vectors interpolated, feet and phase those of the nearer one.
-
-    Where the previews do not match, the nearer point is taken whole, with its own stamp.
-    """
-    nearer = new if weight > 0.5 else old
-    if old.preview_dt != new.preview_dt or old.preview_com.shape != new.preview_com.shape:
-        return nearer
-    now, ahead = np.empty((4, 3)), np.empty((2, *new.preview_com.shape))
-    _mix_plans(
-        weight, old.com, new.com, old.com_vel, new.com_vel, old.com_acc, new.com_acc, old.zmp, new.zmp, now,
-        old.preview_com, new.preview_com, old.preview_com_vel, new.preview_com_vel, ahead,
-    )  # fmt: skip
-    return Reference(
-        stamp, now[0], now[1], now[2], now[3], nearer.T_odom_left, nearer.T_odom_right, nearer.phase, nearer.step,
-        nearer.preview_dt, ahead[0], ahead[1],
-    )  # fmt: skip
+        return mixed(before[1], after[1], (stamp - before[0]) / (after[0] - before[0]), stamp)

@@ -8,9 +8,10 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ...core.base.pose import quaternion
 from ...core.base.types import Array, Foot, Prediction
 from ...core.config.schema import Config
-from ...messages import ODOM, header_to, quaternion, ros_types
+from ...messages import ODOM, header_to, ros_types
 
 _MEASURED = ColorRGBA(r=0.12, g=0.47, b=0.71, a=1.0)
 _PREDICTED = ColorRGBA(r=1.0, g=0.5, b=0.05, a=1.0)

@@ -42,7 +42,7 @@ def test_noise_of_the_com_is_smoothed():
     assert abs(drift(200.0, 0.0005)[2, 0] - drift(200.0)[2, 0]) < 0.01
 
 
-def test_a_gap_starts_anew_and_nothing_is_kept_after_a_reset():
+def test_a_gap_starts_again_and_nothing_is_kept_after_a_reset():
     follow = ZmpFilter()
     for stamp, x in ((10**9, 0.0), (10**9 + 5_000_000, 0.001), (3 * 10**9, 0.4)):
         follow.update(stamp, np.eye(4), np.array([x, 0.0, 0.5]), np.array([x, 0.0, 0.0]), 9.81)

@@ -112,7 +112,7 @@ def test_encoder_slip_in_mid_walk_is_detected_within_five_seconds(tmp_path, caps
     found = mismatches(bag, tmp_path / "out")
     first = found[0]
     assert first["channel"] == "spring/LKneeSag" and first["changed"] and first["unit"] == "rad"
-    assert BEGINS < first["told_s"] <= BEGINS + WITHIN and first["size"] == pytest.approx(-0.012, abs=0.001)
+    assert BEGINS < first["detected_s"] <= BEGINS + WITHIN and first["size"] == pytest.approx(-0.012, abs=0.001)
     assert "spring/LKneeSag changed by -1" in capsys.readouterr().err
     assert mismatches(bag, tmp_path / "off", "--set", "monitor.enabled=false") == []
 
@@ -416,10 +416,10 @@ def test_an_effect_that_begins_in_the_virtual_robot(tmp_path, hidden, channel):
     ).bag
     found = mismatches(bag, tmp_path / "out")
     first = next(each for each in found if each["channel"] == channel)
-    assert BEGINS < first["told_s"] <= BEGINS + WITHIN
+    assert BEGINS < first["detected_s"] <= BEGINS + WITHIN
     if channel.startswith("late"):
         assert 0.007 < first["size"] < 0.017 and first["unit"] == "s"
-    assert all(each["told_s"] > BEGINS for each in found)
+    assert all(each["detected_s"] > BEGINS for each in found)
 
 
 @pytest.mark.parametrize("rate", [200, 500, 1000])

@@ -190,7 +190,7 @@ def test_what_does_not_go_together_is_refused(changes, words):
         Config().replaced(changes)
 
 
-def test_a_robot_that_must_topple_is_predicted_anew_and_never_by_nan():
+def test_a_robot_that_must_topple_is_predicted_again_and_never_by_nan():
     """On one leg, its COM beside the sole, and yet the encoders say that it stands."""
     machine, theta = robot(), np.array(BENT)
     predictor = Predictor(machine, config(*WHOLE))
