@@ -137,10 +137,15 @@ def working_stretch(joint: str, table: RobotTable) -> float:
 
 
 def _bend(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
-    """The secant stiffness changes by `change` at the joint's largest deflection in a plain walk."""
-    where = _joint(rng, *SOFT)
+    """The secant stiffness changes by `change` at the largest deflection of these joints in a plain walk."""
+    where = _joints(rng, *SOFT)
     form = str(rng.choice(["cubic", "tanh", "steps"]))
-    return {"where": where, "cubic": change / working_stretch(where[1:], table) ** 2, "form": form}
+    stretch = max(working_stretch(joint, table) for joint in SOFT if where in ("", "left", "right", *_sides(joint)))
+    return {"where": where, "cubic": change / stretch**2, "form": form}
+
+
+def _sides(joint: str) -> tuple[str, str]:
+    return f"L{joint}", f"R{joint}"
 
 
 def _wrench_bias(rng: np.random.Generator, size: float, table: RobotTable) -> dict[str, Any]:

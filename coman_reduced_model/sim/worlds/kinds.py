@@ -184,9 +184,9 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind("usual", "12-bit link encoders, 200 Hz, foot sensors zeroed with care", _nothing, chosen_on=True),
         Kind(
             "rich",
-            "16 to 19 bits, 500 Hz, foot sensors at 500 Hz, little noise",
+            "16 to 19 bits, 500 or 1000 Hz, foot sensors as fast, little noise",
             _sensors(
-                rate_hz=_always(500.0),
+                rate_hz=lambda rng: float(rng.choice([500.0, 1000.0])),
                 encoder_bits=lambda rng: int(rng.integers(16, 20)),
                 torque_noise=_always(0.02),
                 force_noise=_always((0.3, 0.3, 0.5)),
