@@ -63,7 +63,7 @@ def test_every_entry_has_a_range_a_purpose_and_a_commit():
 @pytest.mark.parametrize(
     ("use", "known"),
     [
-        ("worlds", [0, 999]),
+        ("worlds", [0, 999, 1000, 1071, 5000]),
         ("judge", [0, 999, 1000, 1280, 1480, 1879, 2079, 2080, 2479, 2559, 2639, 9000, 9079]),
         ("monitor", [600, 1000, 6000, 14000, 33000, 34019, 42019, 42999, 43002]),
         ("walks", [1, 1000, 3000, 5005]),
