@@ -139,6 +139,15 @@ def test_errors_that_are_missing_are_not_zero():
     assert found["skill"] == [0.5, None, 0.1]
 
 
+def test_a_kind_of_which_nothing_could_be_predicted_has_a_row(capsys):
+    from coman_reduced_model.cli.judge_tables import show_prediction
+
+    none = measure([{"failed": "no topic", "attempt": 0}])
+    show_prediction({"all": none, "by_kind": {"streams": {"no_motors": none}}}, Path("judged"))
+    row = next(line for line in capsys.readouterr().out.splitlines() if "no_motors" in line)
+    assert row.split()[2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1"]
+
+
 # --- monitor ---
 
 
