@@ -138,6 +138,8 @@ def draw(walks: Mapping[str, Walk], folder: Path) -> None:
 
     plain = walks[next(iter(AXES["engine"]))]
     for axis, kinds in AXES.items():
+        if axis == "length":
+            continue
         figure = Figure((10.0, 1.75 * len(kinds) + 0.5), layout="constrained")
         panels = figure.subplots(len(kinds), 3, squeeze=False)
         for row, kind in zip(panels, kinds, strict=True):
