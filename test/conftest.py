@@ -225,3 +225,24 @@ def recorded_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from ros_testing import record_walk
 
     return record_walk(tmp_path_factory.mktemp("bags"))
+
+
+@pytest.fixture(scope="session")
+def standing():
+    """Motors of COMAN that stands."""
+    return _motors("stand")
+
+
+@pytest.fixture(scope="session")
+def walking():
+    """Motors of COMAN that walks the paper's first gait."""
+    return _motors("test1")
+
+
+def _motors(gait: str):
+    from coman_reduced_model.core.gait.gait import plan_walk
+    from coman_reduced_model.sim.motion import plan_motion
+    from coman_reduced_model.sim.record import robot_gait
+    from coman_reduced_model.sim.robot_table import COMAN
+
+    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, gait)))[0]

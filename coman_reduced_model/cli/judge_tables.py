@@ -52,9 +52,7 @@ def show_prediction(result: Mapping[str, Any], out: Path) -> None:
     """Errors and skills by kind, the worst first."""
     rows = [["all", "", *_errors(result["all"])]]
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
-    kinds.sort(
-        key=lambda each: -max((share for share in each[2]["worse_than_rigid"] if share is not None), default=0.0)
-    )
+    kinds.sort(key=lambda each: -max(share or 0.0 for share in each[2]["worse_than_rigid"]))
     rows += [[axis, kind, *_errors(found)] for axis, kind, found in kinds]
     print_table(
         "clean walks: medians of the free run's RMS error, the rigid robot's, and the skill 0.2 s ahead; x, y, z",

@@ -18,8 +18,8 @@ def report(
     """Write one self-contained HTML page with plots into the folder of a prediction."""
     from ..report.prediction import write_report
 
-    with progress("drawing") as report:
-        page = write_report(directory, report)
+    with progress("drawing") as on_progress:
+        page = write_report(directory, on_progress)
     if json:
         print_json({"page": str(page)})
     else:

@@ -67,10 +67,10 @@ def _deviations_of_case(task: tuple[Path, str]) -> dict[str, list[float]]:
 def main(arguments: Sequence[str]) -> None:
     """Measure `recorded` of sizes.yaml on the clean cases of a run: the median over cases and places."""
     folder = RunFolder(Path(arguments[0]).absolute())
-    answers = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.sealed.glob("*.json"))
-               if path.name != "seeds.json"]  # fmt: skip
-    names = [path.stem for path in sorted(folder.sealed.glob("*.json")) if path.name != "seeds.json"]
-    tasks = [(folder.bags(n), a["world"]) for n, a in zip(names, answers, strict=True) if a["kind"] == "clean"]
+    tasks = []
+    for path in sorted(folder.sealed.glob("*.json")):
+        if path != folder.seeds and (answer := json.loads(path.read_text(encoding="utf-8")))["kind"] == "clean":
+            tasks.append((folder.bags(path.stem), answer["world"]))
     found: dict[str, list[float]] = {}
     with ProcessPoolExecutor(2) as pool:
         for sizes in pool.map(_deviations_of_case, tasks):

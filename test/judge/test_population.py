@@ -80,12 +80,12 @@ def test_a_size_is_a_multiple_of_what_clean_robots_vary_by(monkeypatch, family):
 def test_the_true_variability_is_that_of_the_draws():
     """Springs scatter by Scatter, all else by Imperfections: measured over draws, as the oracle is given it."""
     world = World(imperfections=1.0)
-    told = true_deviations(world)
+    deviations = true_deviations(world)
     zeros = [Imperfections(seed=seed).drawn(world.table)["encoder_zero"] for seed in range(200)]
-    assert told["encoder_bias.bias.spread"] == pytest.approx(np.std(zeros), rel=0.5)
-    assert told["joint_stiffness.scale.spread"] == pytest.approx(Scatter().spring, rel=0.2)
+    assert deviations["encoder_bias.bias.spread"] == pytest.approx(np.std(zeros), rel=0.5)
+    assert deviations["joint_stiffness.scale.spread"] == pytest.approx(Scatter().spring, rel=0.2)
     calmer = true_deviations(World(imperfections=0.5))
-    assert calmer["encoder_bias.bias.spread"] < told["encoder_bias.bias.spread"]
+    assert calmer["encoder_bias.bias.spread"] < deviations["encoder_bias.bias.spread"]
 
 
 # --- runs ---

@@ -12,13 +12,10 @@ from rosbags.highlevel import AnyReader
 from scipy.interpolate import CubicSpline
 
 from coman_reduced_model.cli.main import run as coman
-from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make, parse
 from coman_reduced_model.sim.disturbances.base import Disturbance
-from coman_reduced_model.sim.motion import plan_motion
-from coman_reduced_model.sim.record import robot_gait
 from coman_reduced_model.sim.robot_table import COMAN, ROBOTS
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
@@ -83,16 +80,6 @@ class Run:
             force += f
             moment += np.cross(T[:3, 3], f) + T[:3, :3] @ wrench[3:]
         return np.array([-moment[1], moment[0]]) / force[2]
-
-
-@pytest.fixture(scope="module")
-def standing():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "stand")))[0]
-
-
-@pytest.fixture(scope="module")
-def walking():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))[0]
 
 
 @pytest.fixture(scope="module")

@@ -27,16 +27,6 @@ drake = pytest.mark.skipif(importlib.util.find_spec("pydrake") is None, reason="
 ENGINES = ["mujoco", pytest.param("drake", marks=drake)]
 
 
-@pytest.fixture(scope="module")
-def standing():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "stand")))[0]
-
-
-@pytest.fixture(scope="module")
-def walking():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))[0]
-
-
 def run(engine: str, motion, seconds: float, hide: str = "", table=COMAN, settle: float = 0.3, **options):
     """A robot with exact sensors after some seconds, and its truths."""
     hidden = [parse(text) for text in filter(None, hide.split("+"))]

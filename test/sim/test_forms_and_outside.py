@@ -7,30 +7,16 @@ import numpy as np
 import pytest
 from test_disturbances import Run
 
-from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.describe import mujoco_spec
 from coman_reduced_model.sim.disturbances import parse
-from coman_reduced_model.sim.motion import plan_motion
-from coman_reduced_model.sim.record import robot_gait
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 
-K, D = COMAN.joint_array(COMAN.stiffness), COMAN.joint_array(COMAN.damping)
+K = COMAN.joint_array(COMAN.stiffness)
 KNEE = COMAN.joint_names.index("LKneeSag")
-WEIGHT = 17.3 * 9.81
 STILL = np.zeros(12)
-
-
-@pytest.fixture(scope="module")
-def standing():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "stand")))[0]
-
-
-@pytest.fixture(scope="module")
-def walking():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))[0]
 
 
 @pytest.fixture(scope="module")
@@ -177,11 +163,11 @@ def test_a_driver_that_hangs_repeats_its_last_value(walking):
 
 def test_a_slow_clock_makes_forces_the_later_the_longer_it_runs(walking):
     run = Run(walking, 2.4, "late_clock:rate=0.02")
-    t, told, true = run.truth("t"), run.wrench("right")[:, 2], run.truth("right_wrench")[:, 2]
+    t, measured, true = run.truth("t"), run.wrench("right")[:, 2], run.truth("right_wrench")[:, 2]
     for at in (1.25, 2.2):  # where the load passes
         near = np.abs(t - at) < 0.12
         shifted = np.interp(t[near] - 0.02 * at, t, true)
-        assert np.abs(told[near] - shifted).max() < 0.25 * np.abs(told[near] - true[near]).max() + 1.0
+        assert np.abs(measured[near] - shifted).max() < 0.25 * np.abs(measured[near] - true[near]).max() + 1.0
 
 
 @pytest.mark.parametrize("text", ["spring_nonlinearity:form=odd", "foot_slip:form=odd", "touchdown_impact:form=odd"])

@@ -8,21 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.disturbances import Imperfections, overrides
-from coman_reduced_model.sim.motion import plan_motion
-from coman_reduced_model.sim.record import robot_gait
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 
 K, D = COMAN.joint_array(COMAN.stiffness), COMAN.joint_array(COMAN.damping)
-
-
-@pytest.fixture(scope="module")
-def standing():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "stand")))[0]
 
 
 def read(motion, periods: int, disturbances=(), seed: int = 0, **options):
@@ -39,8 +31,8 @@ def read(motion, periods: int, disturbances=(), seed: int = 0, **options):
 def wrench_errors(readings, truths, foot: str) -> np.ndarray:
     """(n, 6) what a foot sensor reads beside what there is."""
     messages = [getattr(reading, f"{foot}_wrench") for reading in readings]
-    told = np.array([[*m.force, *m.torque] for m in messages])
-    return told - np.array([getattr(truth, f"{foot}_wrench") for truth in truths])
+    read_values = np.array([[*m.force, *m.torque] for m in messages])
+    return read_values - np.array([getattr(truth, f"{foot}_wrench") for truth in truths])
 
 
 def test_white_noise_of_encoders_is_as_large_as_stated(standing):
@@ -133,8 +125,8 @@ def test_sensors_of_a_robot_on_its_sloping_floor_agree_with_its_tilt(standing):
     imperfections = Imperfections(seed=2)
     readings, truths = read(standing, 2, [imperfections])
     roll, pitch = imperfections.drawn(COMAN)["slope"]
-    told, true = readings[-1].imu.orientation, truths[-1].base_orientation
-    assert 2.0 * (told[:2] - true[:2]) == pytest.approx([roll, pitch], abs=1e-4)
+    measured, true = readings[-1].imu.orientation, truths[-1].base_orientation
+    assert 2.0 * (measured[:2] - true[:2]) == pytest.approx([roll, pitch], abs=1e-4)
     encoders = readings[-1].joint_states.position - truths[-1].q
     assert 1e-4 < np.abs(encoders).max() < 5e-3
 

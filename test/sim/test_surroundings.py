@@ -24,16 +24,6 @@ WEIGHT = 17.3 * 9.81
 WHOLE = with_upper_body(COMAN)
 
 
-@pytest.fixture(scope="module")
-def standing():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "stand")))[0]
-
-
-@pytest.fixture(scope="module")
-def walking():
-    return plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))[0]
-
-
 class Run:
     """A motion gone through with exact sensors."""
 

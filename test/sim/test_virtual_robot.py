@@ -80,12 +80,6 @@ def fast(planned) -> Run:
     return Run(VirtualRobot(COMAN, SensorOptions.exact(rate_hz=1000.0)), motion, 2.6)
 
 
-@pytest.fixture(scope="module")
-def standing():
-    motion, _ = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "stand")))
-    return motion
-
-
 def stand(motion, seconds: float = 0.5, **options) -> Run:
     options.setdefault("sensors", SensorOptions.exact())
     return Run(VirtualRobot(COMAN, **options), motion, seconds)
