@@ -144,6 +144,7 @@ class MonitorConfig:
 
     enabled: bool = par(True, "", "watch laws of mechanics for mismatches: /diagnostics, warnings of summary.json")
     threshold: float = par(6.0, "1", "standard deviations that make a mismatch, of the weaker of two strides", 1.0, 1e3)
+    baseline: str = par("", "", "file of nominal variability, by coman baseline; empty: that of the shipped population")
 
 
 @dataclass(frozen=True)

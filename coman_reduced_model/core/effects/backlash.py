@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, ClassVar
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -45,9 +44,12 @@ class Backlash(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("backlash.width", "slack", "reach")
-        joints = about.joints if about.motors else {}
-        return [cls.unknown("width", world_plus("play", j), where, low=0.0, **prior) for where, j in joints.items()]
+        one = about.widths("backlash.width", "spread", "reach")
+        many = about.widths("backlash.width", "reach", spread="backlash.together.spread")
+        return [
+            cls.unknown("width", world_plus("play", j), where, low=0.0, **(one if where in about.joints else many))
+            for where, j in (about.joints_and_legs if about.motors else {}).items()
+        ]
 
 
 def dead_zone(d: float, half: float) -> tuple[float, float]:

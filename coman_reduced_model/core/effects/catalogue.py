@@ -27,6 +27,7 @@ from .joint_stiffness import JointStiffness
 from .motor_compliance import MotorCompliance
 from .motor_lag import MotorLag
 from .payload import Payload
+from .sensor_rotation import SensorRotation
 from .spring_nonlinearity import SpringNonlinearity
 from .touchdown_impact import TouchdownImpact
 from .transport_delay import TransportDelay
@@ -48,6 +49,7 @@ CATALOGUE: dict[str, type[Effect]] = {
         WrenchDelay,
         WrenchBias,
         WrenchScale,
+        SensorRotation,
         TransportDelay,
         MotorLag,
         Payload,

@@ -11,7 +11,6 @@ import pinocchio as pin
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import About, Change, Measured, Unknown, World
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Array
@@ -44,7 +43,7 @@ class ComOffset(Effect):
         out = []
         for key, axis in zip("xyz", trunk.placement.rotation.T, strict=True):
             # Walking hardly shows the height of a COM: nominal robots' scatter of it, and no more.
-            prior = widths("com_offset.z" if key == "z" else "com_offset", "reach")
+            prior = about.widths("com_offset.z" if key == "z" else "com_offset", "reach")
             out.append(cls.unknown(key, lever_plus(trunk.parentJoint, axis.copy()), step=0.005, **prior))
         return out
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import About, Unknown, columns_minus
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Sample
@@ -32,5 +31,5 @@ class EncoderBias(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("encoder_bias.bias", "spread", "reach")
+        prior = about.widths("encoder_bias.bias", "spread", "reach")
         return [cls.unknown("bias", columns_minus("q", j), joint, **prior) for joint, j in about.joints.items()]

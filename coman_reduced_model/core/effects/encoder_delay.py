@@ -10,7 +10,6 @@ from ..base.parameter import Parameter
 from ..base.stream_names import JOINTS
 from .base import Effect
 from .unknown import LINKS, About, Change, Measured, Unknown, World
-from .widths import widths
 
 
 class EncoderDelay(Effect):
@@ -34,7 +33,7 @@ class EncoderDelay(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("encoder_delay.delay", "spread", "reach")
+        prior = about.widths("encoder_delay.delay", "spread", "reach")
         ways = {"": ("q",), LINKS: ("q", "tau")} if about.efforts else {"": ("q",)}
         return [
             cls.unknown("delay", _earlier(arrays), way, step=0.008, low=0.0, **prior) for way, arrays in ways.items()

@@ -11,7 +11,6 @@ from ..base.parameter import Parameter
 from .ambiguity import CONSTANT_FORCE, Ambiguity
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -44,5 +43,5 @@ class ExternalForce(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("external_force", "spread", "reach")
+        prior = about.widths("external_force", "spread", "reach")
         return [cls.unknown(key, world_plus("pull", k), **prior) for k, key in enumerate("xy")]

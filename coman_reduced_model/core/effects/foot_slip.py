@@ -10,7 +10,6 @@ from ..base.parameter import Parameter
 from ..base.types import Foot, Phase
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import SupportState
@@ -73,7 +72,7 @@ class FootSlip(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("foot_slip.distance", "spread", "reach")
+        prior = about.widths("foot_slip.distance", "spread", "reach")
         feet = enumerate(("left", "right"))
         return [cls.unknown("distance", world_plus("slip", k), where, **prior) for k, where in feet]
 

@@ -11,7 +11,6 @@ from ..base.parameter import Parameter
 from ..base.types import Foot
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample
@@ -79,7 +78,7 @@ class GroundCompliance(Effect):
         edge = about.weight * 0.5 * about.robot.config.foot_length  # [Nm] of a foot that bears the weight at its edge
         out = []
         for key, load, field in (("rotational", edge, "tilting"), ("vertical", about.weight, "sinking")):
-            prior = widths(f"ground_compliance.{key}", "usual", "spread", "reach", per=load)
+            prior = about.widths(f"ground_compliance.{key}", "usual", "spread", "reach", per=load)
             out.append(cls.unknown(key, world_plus(field), low=0.0, **prior))
         return out
 

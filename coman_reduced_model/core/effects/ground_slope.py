@@ -12,7 +12,6 @@ from ..base.parameter import Parameter
 from .ambiguity import CONSTANT_FORCE, Ambiguity
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -46,5 +45,5 @@ class GroundSlope(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("ground_slope", "spread", "reach")
+        prior = about.widths("ground_slope", "spread", "reach")
         return [cls.unknown(key, world_plus("slope", k), **prior) for k, key in enumerate(("roll", "pitch"))]

@@ -33,4 +33,4 @@ class JointDamping(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        return scaled_joints(cls, about, "damping", low=-1.0)
+        return scaled_joints(cls, about, "damping")

@@ -11,7 +11,6 @@ import numpy as np
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import About, Unknown, world_elements, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -51,11 +50,14 @@ class JointFriction(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        coulomb = widths("joint_friction.coulomb", "spread", "reach")
-        creep = widths("joint_friction.creep", "spread", "reach")
+        one = about.widths("joint_friction.coulomb", "spread", "reach")
+        many = about.widths("joint_friction.coulomb", "reach", spread="joint_friction.together.spread")
+        creep = about.widths("joint_friction.creep", "spread", "reach")
         out = []
-        for joint, j in about.joints.items() if about.efforts or about.motors else ():
+        for where, j in about.joints_and_legs.items() if about.efforts or about.motors else ():
             slower = world_elements("creep", j, lambda speed, x: np.maximum(speed + x, _SLOWEST))
-            out.append(cls.unknown("coulomb", world_plus("friction", j), joint, low=0.0, **coulomb))
-            out.append(cls.unknown("creep", slower, joint, low=_SLOWEST - CREEP, shape=True, **creep))
+            coulomb = one if where in about.joints else many
+            out.append(cls.unknown("coulomb", world_plus("friction", j), where, low=0.0, **coulomb))
+            if where in about.joints:
+                out.append(cls.unknown("creep", slower, where, low=_SLOWEST - CREEP, shape=True, **creep))
         return out

@@ -33,4 +33,4 @@ class JointStiffness(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        return scaled_joints(cls, about, "stiffness", low=-0.9)
+        return scaled_joints(cls, about, "stiffness")

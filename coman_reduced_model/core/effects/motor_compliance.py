@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import PLAN, About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -42,9 +41,9 @@ class MotorCompliance(Effect):
         name = "motor_compliance.compliance"
         out = []
         if about.motors:
-            prior = widths(name, "spread", "reach")
+            prior = about.widths(name, "spread", "reach")
             out.append(cls.unknown("compliance", world_plus("yielding"), low=0.0, **prior))
         if about.motors and about.plan:
-            prior = widths(name, "reach", slack=f"{name}.spread")
+            prior = about.widths(name, "reach", spread="motor_compliance.plan.spread")
             out.append(cls.unknown("compliance", world_plus("yielded"), PLAN, low=0.0, **prior))
         return out

@@ -15,7 +15,6 @@ from ..base.parameter import Parameter
 from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
 from .unknown import PLAN, About, Change, Unknown
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Array, Reference, Sample
@@ -68,10 +67,13 @@ class MotorLag(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("motor_lag.time_constant", "slack", "reach")
+        prior = {
+            "": about.widths("motor_lag.time_constant", "spread", "reach"),
+            PLAN: about.widths("motor_lag.plan", "spread", "reach"),
+        }
         ways = {"": "motor_q", PLAN: "plan"} if about.plan else {"": "motor_q"}
         return [
-            cls.unknown("time_constant", _behind(array), way, step=0.008, low=0.0, **prior)
+            cls.unknown("time_constant", _behind(array), way, step=0.008, low=0.0, **prior[way])
             for way, array in ways.items()
             if about.motors
         ]

@@ -11,7 +11,6 @@ import pinocchio as pin
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import About, Change, Measured, Unknown, World
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -46,10 +45,10 @@ class Payload(Effect):
     def unknowns(cls, about: About) -> list[Unknown]:
         robot = about.robot
         trunk = robot.model.inertias[robot.model.frames[robot.base_id].parentJoint].mass
-        mass = widths("payload.mass", "reach", times=robot.mass)
+        mass = about.widths("payload.mass", "reach", times=robot.mass)
         out = [cls.unknown("mass", _heavier, step=0.1, low=-0.8 * trunk, **mass)]
         for k, key in enumerate("xyz"):
-            out.append(cls.unknown(key, _moved(k), unit="kg m", step=0.1, **widths(f"payload.{key}", "reach")))
+            out.append(cls.unknown(key, _moved(k), unit="kg m", step=0.1, **about.widths(f"payload.{key}", "reach")))
         return out
 
 

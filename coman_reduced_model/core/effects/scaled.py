@@ -5,25 +5,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .unknown import About, Unknown, world_elements
-from .widths import widths
 
 if TYPE_CHECKING:
     from .base import Effect
 
 
-def scaled_joints(effect: type[Effect], about: About, field: str, low: float) -> list[Unknown]:
+def scaled_joints(effect: type[Effect], about: About, field: str) -> list[Unknown]:
     """The scale of a field of the world: at each joint, at those of a leg together, at all.
 
     Args:
         effect: that scales it.
         about: the recording.
         field: of `World`, one value a joint.
-        low: least deviation from nominal [1].
     """
-    out = []
+    out, low = [], float(np.log(max(effect.parameters[0].low, 0.05)))
     for where, which in about.joints_and_legs.items() if about.motors else ():
-        change = world_elements(field, which, lambda each, x: each * (1.0 + x))
-        nominal = "spread" if where in about.joints else "slack"  # of one joint, of many alike
-        out.append(effect.unknown("scale", change, where, low=low, **widths(f"{effect.name}.scale", nominal, "reach")))
+        change = world_elements(field, which, lambda each, x: each * np.exp(x))
+        spread = f"{effect.name}.{'scale' if where in about.joints else 'together'}.spread"
+        prior = about.widths(f"{effect.name}.scale", "reach", spread=spread)
+        out.append(effect.unknown("scale", change, where, low=low, logarithmic=True, **prior))
     return out

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from .hooks import LegSprings
@@ -46,6 +45,6 @@ class SpringNonlinearity(Effect):
         for joint, j in about.joints.items() if about.motors else ():
             stretch = float(about.stretch[j[0]])
             offered = bool(stretch > _BENDS * about.count[j[0]])
-            prior = widths("spring_nonlinearity.cubic", "spread", "reach", per=stretch**2)
+            prior = about.widths("spring_nonlinearity.cubic", "spread", "reach", per=stretch**2)
             out.append(cls.unknown("cubic", world_plus("cubic", j), joint, offered=offered, **prior))
         return out

@@ -13,7 +13,6 @@ from ..base.parameter import Parameter
 from ..base.types import Foot, Phase
 from .base import Effect
 from .unknown import About, Unknown, world_plus
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import SupportState
@@ -74,5 +73,5 @@ class TouchdownImpact(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        blow = widths("touchdown_impact.impulse", "reach", times=about.robot.mass)
+        blow = about.widths("touchdown_impact.impulse", "reach", times=about.robot.mass)
         return [cls.unknown("impulse", world_plus("impulse"), low=0.0, **blow)]

@@ -11,7 +11,6 @@ from ..base.stream_names import MOTORS, REFERENCE
 from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
 from .unknown import PLAN, About, Change, Unknown
-from .widths import widths
 
 
 class TransportDelay(Effect):
@@ -38,11 +37,11 @@ class TransportDelay(Effect):
     def unknowns(cls, about: About) -> list[Unknown]:
         out = []
         if about.motors:
-            prior = widths("transport_delay.delay", "spread", "slack", "reach")
+            prior = about.widths("transport_delay.delay", "spread", "reach")
             out.append(cls.unknown("delay", _later("motor_q"), step=0.008, low=0.0, **prior))
         if about.motors and about.plan:
             # Motor states that are measured show it against the plan, those that echo the command do not.
-            prior = widths("transport_delay.delay", "reach", slack="transport_delay.plan.slack")
+            prior = about.widths("transport_delay.plan", "spread", "reach")
             out.append(cls.unknown("delay", _later("plan"), PLAN, step=0.008, low=0.0, **prior))
         return out
 

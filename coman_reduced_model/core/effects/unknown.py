@@ -13,6 +13,7 @@ from typing import Any, Protocol, TypeVar, cast
 import numpy as np
 import pinocchio as pin
 
+from ..base.nominal import Nominal
 from ..base.types import Array, Foot, Integers
 from ..robot.robot import Robot
 
@@ -79,7 +80,6 @@ class Unknown:
         unit: of the value.
         change: recording and world (`Measured`, `World`) under the hypothesis that the value is nominal + x.
         reach, spread: standard deviations of x with and without the effect.
-        slack: standard deviation that is no effect worth a name, where nominal robots have (nearly) none at all.
         usual: what nominal robots have of it, beyond nominal: deviations count from there.
         nominal: value when there is no such effect.
         step: for the difference quotient; default: a tenth of the reach.
@@ -87,7 +87,8 @@ class Unknown:
         own: each recording has its own value: sensors' zeros change from one day to the next.
         offered: as a candidate; else it is too fine for this recording.
         shape: it does nothing without the other unknowns of its effect.
-        widths: names in `WIDTHS` of the widths, by kind.
+        logarithmic: the value is nominal * exp(x) instead of nominal + x.
+        widths: names in `Nominal.widths` of the widths, by kind; relative: what they are multiplied by.
     """
 
     effect: str
@@ -97,7 +98,6 @@ class Unknown:
     change: Change
     reach: float
     spread: float = 0.0
-    slack: float = 0.0
     usual: float = 0.0
     nominal: float = 0.0
     step: float = 0.0
@@ -105,7 +105,9 @@ class Unknown:
     own: bool = False
     offered: bool = True
     shape: bool = False
+    logarithmic: bool = False
     widths: Mapping[str, str] = field(default_factory=dict, compare=False)
+    relative: float = 1.0
 
     def __post_init__(self) -> None:
         if not self.step:
@@ -114,6 +116,14 @@ class Unknown:
     @property
     def name(self) -> str:
         return f"{self.effect}@{self.where}.{self.key}" if self.effect else f"{self.key}@{self.where}"
+
+    def value(self, x: float) -> float:
+        """The parameter at a deviation x from nominal."""
+        return self.nominal * float(np.exp(x)) if self.logarithmic else self.nominal + x
+
+    def deviation(self, value: float) -> float:
+        """Of the parameter from nominal: the inverse of `value`."""
+        return float(np.log(value / self.nominal)) if self.logarithmic else value - self.nominal
 
     def apply(self, recording: _R, world: _W, x: float) -> tuple[_R, _W]:
         """Recording and world under the hypothesis that the value differs from nominal by x."""
@@ -129,6 +139,7 @@ class About:
         motors, efforts, plan: whether there are motor states, joint torques, a planned COM.
         stretch: (nj,) a large stretch of each joint's spring in this recording [rad].
         count: (nj,) resolution of the link encoders [rad]; 0 where none shows.
+        nominal: how nominal robots vary.
     """
 
     robot: Robot
@@ -138,6 +149,11 @@ class About:
     plan: bool
     stretch: Array
     count: Array
+    nominal: Nominal
+
+    def widths(self, of: str = "", *kinds: str, **more: Any) -> dict[str, Any]:
+        """Widths for an `Unknown`, by `Nominal.width`."""
+        return self.nominal.width(of, *kinds, **more)
 
     @property
     def joints(self) -> dict[str, Integers]:

@@ -11,7 +11,6 @@ import numpy as np
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import FEET, About, Change, Unknown, wrenches_changed
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Sample
@@ -45,7 +44,7 @@ class WrenchBias(Effect):
         out = []
         for where in ("left", "right"):
             for k, key in enumerate((*_FORCES, *_MOMENTS)):
-                prior = widths("wrench_bias.force" if k < 3 else "wrench_bias.moment", "reach")
+                prior = about.widths("wrench_bias.force" if k < 3 else "wrench_bias.moment", "reach")
                 out.append(cls.unknown(key, wrench_minus(where, k), where, **prior))
         return out
 

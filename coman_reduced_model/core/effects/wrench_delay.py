@@ -10,7 +10,6 @@ from ..base.parameter import Parameter
 from ..base.stream_names import WRENCHES
 from .base import Effect
 from .unknown import FEET, About, Unknown, wrenches_changed
-from .widths import widths
 
 
 class WrenchDelay(Effect):
@@ -33,8 +32,8 @@ class WrenchDelay(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        both = widths("wrench_delay.delay", "reach", slack="wrench_delay.delay.spread")
-        one = widths("wrench_delay.delay", "spread", "reach", slack="wrench_delay.delay.spread")
+        both = about.widths("wrench_delay.delay", "reach", spread="wrench_delay.together.spread")
+        one = about.widths("wrench_delay.delay", "spread", "reach")
         out = []
         for where, feet in FEET.items():
             out.append(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 from ..base.parameter import Parameter
 from .base import Effect
 from .unknown import FEET, About, Unknown, wrenches_changed
-from .widths import widths
 
 if TYPE_CHECKING:
     from ..base.types import Sample
@@ -32,8 +31,8 @@ class WrenchScale(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        both = widths("wrench_scale.scale", "reach", slack="wrench_scale.scale.spread")
-        one = widths("wrench_scale.scale", "spread", "reach", slack="wrench_scale.scale.spread")
+        both = about.widths("wrench_scale.scale", "reach", spread="wrench_scale.together.spread")
+        one = about.widths("wrench_scale.scale", "spread", "reach")
         out = []
         for where, feet in FEET.items():
             less = wrenches_changed(feet, lambda wrench, x, _: wrench / (1.0 + x))

@@ -18,7 +18,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,26 +49,6 @@ class Nominal(NamedTuple):
     drift: float  # standard deviation of the drift from one phase of a kind to the next, as a share of the noise
 
 
-_NOMINAL = {
-    "spring": Nominal("rad", 0.00015, 0.0003, 0.001, 0.0),
-    "stiffness": Nominal("rad", 0.0001, 0.0001, 0.0, 0.0),
-    "torque": Nominal("Nm", 0.0015, 0.0025, 0.0, 1.0),
-    "force/x": Nominal("N", 0.002, 0.01, 0.0, 1.0),
-    "force/y": Nominal("N", 0.002, 0.01, 0.0, 1.0),
-    "force/z": Nominal("N", 0.003, 0.006, 0.03, 1.0),
-    "moment": Nominal("Nm", 0.002, 0.0035, 0.0, 0.5),
-    "feet/z": Nominal("m", 0.0003, 0.0003, 0.0015, 2.0),
-    "feet/roll": Nominal("rad", 0.0007, 0.0007, 0.003, 2.0),
-    "feet/pitch": Nominal("rad", 0.0007, 0.0007, 0.003, 2.0),
-    "feet": Nominal("m", 0.0007, 0.0007, 0.0, 0.0),
-    "tilt": Nominal("rad", 0.001, 0.001, 0.0, 0.5),
-    "landing": Nominal("Ns", 0.0025, 0.0025, 0.006, 0.0),
-    "unloaded/f": Nominal("N", 0.003, 0.003, 0.015, 0.0),
-    "unloaded/t": Nominal("Nm", 0.0005, 0.0005, 0.002, 0.0),
-    "plan": Nominal("m", 0.0001, 0.0002, 0.0, 0.0),
-    "drag": Nominal("Nm", 0.0025, 0.005, 0.0, 0.0),
-    "late": Nominal("s", 0.001, 0.0015, 0.003, 0.0),
-}
 # Channels that not all kinds of phases show, by law or by law and foot.
 _SHOWN_IN = {
     "force": (LEFT, RIGHT, STANDING),
@@ -96,15 +77,16 @@ def law_of(name: str) -> str:
     return name.partition("/")[0]
 
 
-def nominal(name: str) -> Nominal:
-    """Nominal variability of a channel."""
+def nominal(name: str, table: Mapping[str, Mapping[str, Any]]) -> Nominal:
+    """Nominal variability of a channel, by the section `monitor` of a file of nominal variability."""
     law = law_of(name)
-    return _NOMINAL.get(name) or _NOMINAL[f"unloaded/{name[-2]}" if law == "unloaded" else law]
+    row = table.get(name) or table[f"unloaded/{name[-2]}" if law == "unloaded" else law]
+    return Nominal(str(row["unit"]), *(float(row[key]) for key in ("single", "double", "robots", "drift")))
 
 
-def nominal_deviations(names: tuple[str, ...], scale: dict[str, float]) -> Array:
-    """Rows `single`, `double`, `robots` of `Nominal` (3, n), times a scale by unit."""
-    return np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in map(nominal, names)]).T
+def nominal_deviations(rows: Sequence[Nominal], scale: Mapping[str, float]) -> Array:
+    """`single`, `double`, `robots` of n rows (3, n), times a scale by unit."""
+    return np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in rows]).T
 
 
 def shown(names: tuple[str, ...]) -> NDArray[np.bool_]:

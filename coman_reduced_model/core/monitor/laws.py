@@ -14,6 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..base.compiled import Records
+from ..base.nominal import load_nominal
 from ..base.types import Array, Foot, Prediction, Sample
 from ..config.schema import Config
 from ..effects.catalogue import CATALOGUE, Effect
@@ -119,10 +120,12 @@ class Laws:
             "Nm": self._weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
             "Ns": robot.mass,
         }
-        single, double, robots = nominal_deviations(self.names, scale)
-        self.units = tuple(nominal(name).unit for name in self.names)
+        table = load_nominal(config.monitor.baseline).monitor
+        rows = [nominal(name, table) for name in self.names]
+        single, double, robots = nominal_deviations(rows, scale)
+        self.units = tuple(row.unit for row in rows)
         self.noise = np.array([single, single, double, double, double])
-        self.drift = self.noise * [nominal(name).drift for name in self.names]
+        self.drift = self.noise * [row.drift for row in rows]
         self._variance = robots**2
         self._rate_variance = (_RATE * scale["Nm"]) ** 2
         # What an effect describes is watched for changes alone.

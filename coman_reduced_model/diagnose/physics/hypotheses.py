@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from ...core.base.types import Foot
+from ...core.base.nominal import Nominal, load_nominal
+from ...core.base.types import Foot, Integers
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.com_offset import lever_plus
 from ...core.effects.unknown import LINKS, PLAN, About, Change, Unknown, columns_minus, world_plus
-from ...core.effects.widths import widths
 from ...core.effects.wrench_bias import wrench_minus
-from ...core.robot.robot import Robot
 from ..data.recording import WRENCH, Recording
 from ..data.world import World
 
@@ -30,6 +29,7 @@ _ORDER = (
     ("payload",),
     ("com_offset",),
     ("wrench_scale", "wrench_delay", "wrench_bias"),
+    ("sensor_rotation",),
     ("encoder_delay",),
     ("ground_slope",),
     ("external_force",),
@@ -58,8 +58,9 @@ class Candidate:
         return f"{self.effect}@{self.where}" if self.where else self.effect
 
 
-def unknowns(recording: Recording, world: World) -> list[Unknown]:
-    """All unknowns that this recording could say something about."""
+def unknowns(recording: Recording, world: World, nominal: Nominal | None = None) -> list[Unknown]:
+    """All unknowns that this recording could say something about, with the widths of `nominal` (default: shipped)."""
+    nominal = nominal or load_nominal()
     joints = len(world.robot.joint_names)
     about = About(
         world.robot,
@@ -69,6 +70,7 @@ def unknowns(recording: Recording, world: World) -> list[Unknown]:
         plan=recording.plan is not None,
         stretch=np.array([_stretch(recording, world, j) for j in range(joints)]),
         count=recording.count,
+        nominal=nominal,
     )
     places = {where: i for i, where in enumerate((*about.joints_and_legs, PLAN, LINKS))}
     last = len(_ORDER), 0
@@ -84,7 +86,13 @@ def unknowns(recording: Recording, world: World) -> list[Unknown]:
     for beside, several in scatter.items():
         last_one = max((i for i, other in enumerate(found) if other.name.startswith(beside)), default=len(found) - 1)
         found[last_one + 1 : last_one + 1] = several
-    return found
+    return [_of_this_robot(each, nominal) for each in found]
+
+
+def _of_this_robot(unknown: Unknown, nominal: Nominal) -> Unknown:
+    """What is usual, and varies, on a robot of which healthy recordings are known."""
+    usual, spread = nominal.parameters.get(unknown.name, (unknown.usual, unknown.spread))
+    return replace(unknown, usual=usual, spread=spread)
 
 
 def candidates(known: list[Unknown]) -> list[Candidate]:
@@ -109,49 +117,57 @@ def _scatter(recording: Recording, about: About) -> Iterator[tuple[str, Unknown]
     """What differs among nominal robots without being an effect, each beside an unknown whose name begins so."""
     if about.efforts:
         for joint, j in about.joints.items():
-            yield f"joint_friction@{joint}.", _zero(joint, "torque_zero", "Nm", columns_minus("tau", j), "torque_zero")
+            yield (
+                f"joint_friction@{joint}.",
+                _zero(about, joint, "torque_zero", "Nm", columns_minus("tau", j), "torque_zero"),
+            )
+            gain = _of_robot(about, joint, "torque_gain", "1", _gain(j), "torque_gain")
+            yield f"joint_friction@{joint}.", replace(gain, step=0.02)
     if about.motors:
         if about.plan:
             for stance, foot in SIDES.items():
                 for k, axis in enumerate("xy"):
-                    yield "motor_lag@plan.", _zero(stance, f"lead_{axis}", "m", _lead(foot, k), "lead")
-            yield "motor_compliance@.", _zero("motors", "lead", "1", world_plus("lead"), "sag")
-        yield "motor_compliance@", _of_robot("motors", "settling", "s", world_plus("settling"), "settling")
-        yield "motor_compliance@", _of_robot("motors", "rotor", "kg m^2", world_plus("rotor"), "rotor")
-    for each in _masses(about.robot):
+                    yield "motor_lag@plan.", _zero(about, stance, f"lead_{axis}", "m", _lead(foot, k), "lead")
+            yield "motor_compliance@.", _zero(about, "motors", "lead", "1", world_plus("lead"), "sag")
+        yield "motor_compliance@", _of_robot(about, "motors", "settling", "s", world_plus("settling"), "settling")
+        yield "motor_compliance@", _of_robot(about, "motors", "rotor", "kg m^2", world_plus("rotor"), "rotor")
+    for each in _masses(about):
         yield "com_offset@", each
     for foot_name in SIDES:
         for k, key in enumerate(WRENCH):
             unit, zero = "N" if k < 3 else "Nm", wrench_minus(foot_name, k)
-            yield f"wrench_bias@{foot_name}.{key}", _zero(foot_name, f"zero_{key}", unit, zero, f"zero_{key}")
+            yield f"wrench_bias@{foot_name}.{key}", _zero(about, foot_name, f"zero_{key}", unit, zero, f"zero_{key}")
     if recording.up is not None:
         for k, key in enumerate(("roll", "pitch")):
-            yield f"ground_slope@.{key}", _zero("imu", key, "rad", _imu_zero(k), "imu")
-    landing = widths("landings", "spread", reach="landings.spread", times=about.robot.mass)
+            yield f"ground_slope@.{key}", _zero(about, "imu", key, "rad", _imu_zero(k), "imu")
+    landing = about.widths("landings", "spread", reach="landings.spread", times=about.robot.mass)
     yield "touchdown_impact@", Unknown("", "landings", "impulse", "Ns", world_plus("impulse"), own=True, **landing)
 
 
-def _masses(robot: Robot) -> Iterator[Unknown]:
+def _masses(about: About) -> Iterator[Unknown]:
     """Mass and COM of each body."""
+    robot = about.robot
     trunk = robot.model.frames[robot.base_id]
     for body in range(1, robot.model.njoints):
         if robot.model.inertias[body].mass > 1e-3:
             name = robot.model.names[body]
-            yield replace(_of_robot(name, "mass", "1", _mass(body), "mass"), step=0.05)
+            yield replace(_of_robot(about, name, "mass", "1", _mass(body), "mass"), step=0.05)
             axes = trunk.placement.rotation.copy() if body == trunk.parentJoint else np.eye(3)
             for k, key in enumerate("xyz"):
                 width = "com" if body > 1 or key != "z" else "com_z"
-                yield replace(_of_robot(name, f"com_{key}", "m", lever_plus(body, axes[:, k]), width), step=0.005)
+                yield replace(
+                    _of_robot(about, name, f"com_{key}", "m", lever_plus(body, axes[:, k]), width), step=0.005
+                )
 
 
-def _of_robot(where: str, key: str, unit: str, change: Change, width: str) -> Unknown:
-    """Something that differs from robot to robot, with one width, named in `WIDTHS`."""
-    return Unknown("", where, key, unit, change, **widths(width, "spread", reach=f"{width}.spread"))
+def _of_robot(about: About, where: str, key: str, unit: str, change: Change, width: str) -> Unknown:
+    """Something that differs from robot to robot, with one width, named in `Nominal.widths`."""
+    return Unknown("", where, key, unit, change, **about.widths(width, "spread", reach=f"{width}.spread"))
 
 
-def _zero(where: str, key: str, unit: str, change: Change, width: str) -> Unknown:
+def _zero(about: About, where: str, key: str, unit: str, change: Change, width: str) -> Unknown:
     """The same, that differs from recording to recording."""
-    return replace(_of_robot(where, key, unit, change, width), own=True)
+    return replace(_of_robot(about, where, key, unit, change, width), own=True)
 
 
 def _stretch(recording: Recording, world: World, j: int) -> float:
@@ -181,6 +197,16 @@ def _mass(body: int) -> Change:
         new.mass, new.inertia = (1.0 + x) * old.mass, (1.0 + x) * old.inertia
         model.inertias[body] = new
         return r, w.changed(model=model)
+
+    return apply
+
+
+def _gain(j: Integers) -> Change:
+    def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
+        assert r.tau is not None
+        tau = r.tau.copy()
+        tau[:, j] /= 1.0 + x
+        return r.changed(tau=tau), w
 
     return apply
 

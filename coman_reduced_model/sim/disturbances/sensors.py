@@ -137,7 +137,6 @@ class SensorRotation(Disturbance):
     """A foot's sensor whose axes are turned against its frame in the URDF; it stays where it is."""
 
     name: ClassVar[str] = "sensor_rotation"
-    catalogued: ClassVar[bool] = False
     where: str = par("", "", _FOOT)
     axis: str = par("z", "", "it is turned about", choices=("x", "y", "z"))
     angle: float = par(0.0, "rad", "of the turn", -3.2, 3.2)

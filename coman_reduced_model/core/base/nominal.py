@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What nominal robots are like, as data: how much they vary, what the laws leave on them, and when an effect is named.
+
+The shipped file describes a population of robots (config/nominal.yaml); `coman baseline` writes one for a single robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ...errors import ConfigError
+from ...resources import config_path
+
+SECTIONS = ("source", "widths", "sheets", "most", "leftover", "decision", "interval_factor", "parameters", "monitor")
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """How nominal robots differ.
+
+    Attributes:
+        widths: by name of a parameter's kind and of the width (`joint_stiffness.scale.spread`): standard deviations.
+        sheets: by the same names, by data sheets and what is common: where learning begins, and what it shrinks to.
+        most: by the same names, what physics allows at most.
+        source: where the figures come from.
+        leftover: by law and kind of support (`spring|single`), median, and standard deviation of the logarithm, of what
+            the laws leave on nominal robots [noise floors].
+        decision: weights of the features by which an effect is named (diagnose/inference/decide.py).
+        interval_factor: by which a 95 % interval of the fit is longer.
+        parameters: of one robot, by name of a parameter (`mass@LHipYaw`): what is usual for it, and the spread.
+        monitor: by law, see core/monitor/channels.py.
+    """
+
+    widths: Mapping[str, float]
+    sheets: Mapping[str, float] = field(default_factory=dict)
+    most: Mapping[str, float] = field(default_factory=dict)
+    source: Mapping[str, Any] = field(default_factory=dict)
+    leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    interval_factor: float = 1.0
+    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    monitor: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def width(self, of: str = "", *kinds: str, times: float = 1.0, per: float = 1.0, **names: str) -> dict[str, Any]:
+        """Widths for an `Unknown`, with the names by which they were taken.
+
+        Args:
+            of: a name in `widths` without its kind.
+            kinds: spread, reach, usual: all that it is to have.
+            times, per: what those that are relative are multiplied, and divided, by.
+            names: by kind, the whole name of a width that is called otherwise.
+        """
+        used = {kind: f"{of}.{kind}" for kind in kinds} | names
+        values = {kind: self.widths[name] * times / per for kind, name in used.items()}
+        return values | {"widths": used, "relative": times / per}
+
+    def plain(self) -> dict[str, Any]:
+        """As a file has it."""
+        return {name: _plain(getattr(self, name)) for name in SECTIONS if getattr(self, name)}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def load_nominal(path: str | Path = "") -> Nominal:
+    """Read a file; default: the shipped population. A file of one robot is complete in itself.
+
+    Raises:
+        ConfigError: it cannot be read, or is no such file.
+    """
+    return _load(str(path or config_path("nominal")))
+
+
+@cache
+def _load(path: str) -> Nominal:
+    try:
+        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, yaml.YAMLError):
+        raise ConfigError(f"{path}: is not YAML") from None
+    if not isinstance(document, dict) or not isinstance(document.get("widths"), dict):
+        raise ConfigError(f"{path}: wanted a file of nominal variability, with 'widths:' (coman baseline writes one)")
+    if unknown := set(document) - set(SECTIONS):
+        raise ConfigError(f"{path}: {', '.join(sorted(unknown))}: unknown; known: {', '.join(SECTIONS)}")
+    try:
+        return Nominal(
+            widths={name: float(value) for name, value in document["widths"].items()},
+            sheets={name: float(value) for name, value in (document.get("sheets") or {}).items()},
+            most={name: float(value) for name, value in (document.get("most") or {}).items()},
+            source=document.get("source") or {},
+            leftover={k: (float(a), float(b)) for k, (a, b) in (document.get("leftover") or {}).items()},
+            decision={
+                name: {key: float(value) for key, value in weights.items()}
+                for name, weights in (document.get("decision") or {}).items()
+            },
+            interval_factor=float(document.get("interval_factor") or 1.0),
+            parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
+            monitor=document.get("monitor") or {},
+        )
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(f"{path}: a value of a wrong kind: {error}") from None
