@@ -34,13 +34,17 @@ def diagnose(
         typer.Option(
             "--holdout",
             metavar="BAG",
-            help="Another walk, better of another gait: its evidence counts in the choice of effects, its residuals "
-            "do not set their values. Repeatable.",
+            help="Another walk, better of another gait; no value is fitted to it. The last one confirms: it is opened "
+            "once, at the end, and can only contradict. Those before it help to choose. Repeatable.",
         ),
     ] = None,
     assume: Annotated[
         list[str] | None,
         typer.Option("--assume", metavar="NAME[:where=PLACE]", help="Fit this effect instead of looking for one."),
+    ] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option("--baseline", metavar="FILE", help="What is usual for this robot, by coman baseline."),
     ] = None,
     config: ConfigOption = None,
     changes: SetOption = None,
@@ -60,7 +64,16 @@ def diagnose(
     OutputFolder(out, force)  # refuses now what it would refuse in a minute
     names = TopicNames(namespace, remap or ())
     with progress("diagnosing") as report:
-        diagnosis = run(bags, holdout or (), settings, assume=assume or (), urdf=urdf, names=names, progress=report)
+        diagnosis = run(
+            bags,
+            holdout or (),
+            settings,
+            assume=assume or (),
+            baseline=baseline or "",
+            urdf=urdf,
+            names=names,
+            progress=report,
+        )
     save_diagnosis(diagnosis, out, force)
     warn(diagnosis.result["not_checked"])
     if json:

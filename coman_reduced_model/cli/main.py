@@ -19,6 +19,7 @@ import typer
 
 from ..errors import ComanError
 from ..resources import version
+from .baseline import baseline
 from .config import config
 from .demo import demo
 from .diagnose import diagnose
@@ -40,7 +41,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-_COMMANDS = (predict, record, replay, report, identify, tune, validate, judge, worlds, diagnose, demo, live, config)
+_COMMANDS = (
+    predict,
+    record,
+    replay,
+    report,
+    identify,
+    tune,
+    validate,
+    judge,
+    worlds,
+    diagnose,
+    baseline,
+    demo,
+    live,
+    config,
+)
 for command in _COMMANDS:
     app.command()(command)
 

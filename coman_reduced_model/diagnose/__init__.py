@@ -20,6 +20,7 @@ def diagnose(
     config: Config | None = None,
     *,
     assume: Sequence[str] = (),
+    baseline: str | Path = "",
     urdf: str | Path | None = None,
     names: TopicNames | None = None,
     progress: Progress | None = None,
@@ -31,10 +32,11 @@ def diagnose(
 
     Args:
         bags: recordings to find effects in.
-        holdout: recordings to confirm it on, better of another gait: no parameter of an effect is fitted to them, but
-            their evidence counts in the choice.
+        holdout: other recordings, better of another gait; nothing is fitted to them. The last one confirms: it is
+            opened once, at the end, and can only contradict. Those before it help to choose.
         config: nominal robot and model; default: COMAN.
         assume: effects whose parameters are fitted instead of looking for one: `NAME` or `NAME:where=PLACE`.
+        baseline: file of what is usual for this robot (`coman baseline`); default: the shipped population.
         urdf: file of the robot, instead of the one that configuration or bag name.
         names: namespace and remappings of the topics.
         progress: called with the fraction done and what is being done.
@@ -53,4 +55,6 @@ def diagnose(
     from .workflow import diagnose
 
     train, held = ([each] if isinstance(each, (str, Path)) else each for each in (bags, holdout))
-    return diagnose(train, held, config or Config(), urdf=urdf, names=names, assume=assume, progress=progress)
+    return diagnose(
+        train, held, config or Config(), urdf=urdf, names=names, assume=assume, baseline=baseline, progress=progress
+    )

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..core.base.nominal import load_nominal
 from ..core.config.schema import Config
 from ..progress import Progress, between
 from ..topics import TopicNames
@@ -30,6 +31,7 @@ def diagnose(
     urdf: str | Path | None = None,
     names: TopicNames | None = None,
     assume: Sequence[str] = (),
+    baseline: str | Path = "",
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Find the missing effects.
@@ -38,9 +40,10 @@ def diagnose(
 
     Args:
         train: bags that the values are fitted to.
-        hold: bags that take part in the choice of effects only.
+        hold: other bags: the last one confirms and is opened once, at the end; those before it help to choose.
         config: nominal robot and model.
         urdf, names: the robot, if not as configured or recorded; the topics.
+        baseline: file of nominal variability (`coman baseline`); default: the shipped population.
         assume: effects (`NAME` or `NAME:where=PLACE`) whose parameters are fitted instead of a search.
         progress: called with the fraction done and the current work.
 
@@ -48,6 +51,7 @@ def diagnose(
         ComanError: a bag, the robot or the configuration cannot be used.
     """
     began = time.perf_counter()
+    nominal = load_nominal(baseline)
     report = progress or (lambda fraction, what: None)
     config, assumed, paths = with_structure(config), [parse_assumed(text) for text in assume], [*train, *hold]
     refuse_repeated(paths)
@@ -56,7 +60,7 @@ def diagnose(
 
         readings = read_bags(paths, config, urdf, names, between(report, 0.0, READ))
         checked = check_recordings(readings, len(train), config, assumed)
-        found = find_effects(checked, assumed, between(report, READ, SEARCHED))
+        found = find_effects(checked, assumed, nominal, between(report, READ, SEARCHED))
         report(SEARCHED, "predicting the COM")
         predicted = predict_com(found.finding, checked, config, free_runs)
     return build_diagnosis(checked, found, predicted, config, began)

@@ -75,6 +75,21 @@ def masks(recording: Recording, world: World) -> Masks:
     return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
 
 
+def part_of(where: Masks, begin: float, end: float) -> Masks:
+    """Masks of a part of the recording, from one share of its ticks to another."""
+    m = len(where.ticks)
+    first, last = round(begin * m), round(end * m)
+    inside = (np.arange(m) >= first) & (np.arange(m) < last)
+    return replace(
+        where,
+        steady=where.steady & inside,
+        air={foot: air & inside for foot, air in where.air.items()},
+        double=where.double & inside,
+        slides=tuple(slide for slide in where.slides if first <= slide.tick < last),
+        blow=np.where(inside, where.blow, np.nan),
+    )
+
+
 def _scuffs(force: Array, air: Booleans, world: World) -> Booleans:
     """(m,) where a foot in the air touches the ground: its force (m,) is far from what it usually is there."""
     if not air.any():

@@ -28,6 +28,8 @@ from ...topics import TopicNames
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
 _REACH = 0.02  # [s] a grid point farther than this from any sample is not used
 _SHORTEST = 2.0  # [s] of recording
+_SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
+_LIFTED = 1.0  # [s] of a foot in the air
 _LEAST_LOADED, _ALL = 5.0, 0.8  # percent of the time in which each foot of a walk is in the air; of the weight
 FEET = (Foot.LEFT, Foot.RIGHT)
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -160,6 +162,8 @@ def _grid(
     q = array("q")
     assert left is not None and right is not None and q is not None
     later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it
+    for wrench, other in ((left, Phase.RIGHT), (right, Phase.LEFT)):
+        wrench -= _drift(wrench, phases[later] == other)
     every = np.array([s.stamp_ns for s in samples])
     restarts = every[1:][np.diff(every) > 1e9 * config.streams.restart_gap]  # as the predictor does
     begins = np.searchsorted(restarts, stamps[0] + 1e9 * t, side="right")
@@ -206,6 +210,24 @@ def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tupl
         f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)
     ]
     return *again, [f"{', '.join(readings)}: taken for its zero, else there would be no steps"]
+
+
+def _drift(wrench: Array, air: Booleans) -> Array:
+    """(n, 6) by which the zero of a foot sensor differs from its mean, by what it reads in the air; 0: not known.
+
+    The mean is an unknown of the diagnosis.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], air, [False]]).astype(int)))
+    times, zeros = [], []
+    for begin, end in edges.reshape(-1, 2):
+        inside = slice(begin + round(_SETTLED * RATE), end - round(_SETTLED * RATE))
+        if inside.stop - inside.start >= round(_SETTLED * RATE):
+            times.append(0.5 * (inside.start + inside.stop))
+            zeros.append(np.median(wrench[inside], axis=0))
+    if len(times) < _SWINGS:
+        return np.zeros_like(wrench)
+    values = np.array(zeros) - np.mean(zeros, axis=0)
+    return np.column_stack([np.interp(np.arange(len(wrench)), times, column) for column in values.T])
 
 
 def _plan(
@@ -298,6 +320,11 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
         posture.update(each, still)
         R[i] = posture.orientation(sensor)
     return np.asarray(np.einsum("nij,nj->ni", R, up))
+
+
+def lifts_a_foot(phase: Integers) -> bool:
+    """Whether a foot is in the air for some time: what only stands excites nothing."""
+    return bool(np.isin(phase, (Phase.LEFT, Phase.RIGHT)).sum() > _LIFTED * RATE)
 
 
 def moving(phase: Integers) -> bool:

@@ -107,7 +107,9 @@ def without_noise(recording: Recording, world: World) -> Recording:
     Motor side minus stretched springs if both are known, else smoothed twice as much. Where a torque sensor is noisy
     and the link encoder shows the spring's torque better, the encoder shows both but for the slow part.
     """
-    q = np.asarray(gaussian_filter1d(recording.q, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
+    wrench = {foot: _twice_smooth(values) for foot, values in recording.wrench.items()}
+    recording = recording.changed(wrench=wrench, up=None if recording.up is None else _twice_smooth(recording.up))
+    q = _twice_smooth(recording.q)
     if recording.motor_q is None or recording.tau is None:
         return recording.changed(q=q)
     stride = recording.stride
@@ -119,14 +121,19 @@ def without_noise(recording: Recording, world: World) -> Recording:
     for j in np.flatnonzero(known):
         noisy = noise[j] > max(NOISY * float(np.std(recording.tau[:, j])), 2.0 * coarse[j])
         if noisy and not (world.play[j] or world.cubic[j]):
-            x = gaussian_filter1d(stretch[:, j], 2.0 * SMOOTHING * RATE, mode="nearest")
+            x = _twice_smooth(stretch[:, j])
             torque = world.stiffness[j] * x + world.damping[j] * rate_of(x)
             tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
             q[:, j] = recording.motor_q[:, j] - x
         else:
-            bent = spring_stretch(world, int(j), recording.tau[:, j], 1.0 / RATE)
+            tau[:, j] = _twice_smooth(recording.tau[:, j])
+            bent = spring_stretch(world, int(j), tau[:, j], 1.0 / RATE)
             q[:, j] = recording.motor_q[:, j] - bent - _slow(stretch[:, j] - bent)  # what is slow is the encoder's
     return recording.changed(q=q, tau=tau)
+
+
+def _twice_smooth(values: Array) -> Array:
+    return np.asarray(gaussian_filter1d(values, 2.0 * SMOOTHING * RATE, axis=0, mode="nearest"))
 
 
 def _slow(values: Array) -> Array:

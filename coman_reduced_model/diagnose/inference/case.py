@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 
@@ -21,7 +21,7 @@ from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
-from .evidence import Evidence, Fit, Noise, Problem, assemble, prior_variance, weigh
+from .evidence import Evidence, Fit, Noise, Problem, Reference, assemble, prior_variance, reference, shifts_of, weigh
 from .floor import floor
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
@@ -40,7 +40,7 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
     state = evaluate(recording, world, where)
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
-        if tilt is not None and (off := abs(np.nanmedian(tilt))) > FAR:
+        if tilt is not None and np.isfinite(tilt).any() and (off := abs(np.nanmedian(tilt))) > FAR:
             warning = (
                 f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
             )
@@ -69,7 +69,7 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
             continue
         for unknown in unknowns(recording, world):
             if (unknown.effect, unknown.where) == (effect.name, effect.where):
-                recording, world = unknown.apply(recording, world, effect.values[unknown.key] - unknown.nominal)
+                recording, world = unknown.apply(recording, world, unknown.deviation(effect.values[unknown.key]))
     return recording, world
 
 
@@ -83,6 +83,7 @@ class Case:
     problem: Problem
     evidence: Evidence
     noise: dict[str, Noise]
+    reference: Reference
     known_floor: dict[str, float] | None = None
 
     @property
@@ -114,20 +115,33 @@ def evidence_of(cases: Sequence[Case]) -> Evidence:
     return reduce(add, (case.evidence.shared() for case in cases))
 
 
+def with_known(case: Case, known: list[Unknown]) -> Case:
+    """The same case with other spreads of its parameters; its noise is what it was."""
+    return replace(case, problem=replace(case.problem, unknowns=known), evidence=replace(case.evidence, unknowns=known))
+
+
 def examine(
-    prepared: Prepared, known: list[Unknown], at: Array, like: Case | None = None, fresh: Sequence[int] = ()
+    prepared: Prepared, known: list[Unknown], at: Array, like: Case | None = None, fresh: Sequence[int] | None = None
 ) -> Case:
     """Evidence of a recording, linear around deviations `at` (P,) of the parameters from nominal.
 
-    With a case `like` it, only the derivatives by the parameters `fresh` are computed again.
+    With a case `like` it and some parameters that are `fresh`, only the derivatives by these are computed again, and
+    its noise is where that of this case begins.
     """
     recording, world, where = prepared
+    near = like if fresh is not None else None
+    if like and np.array_equal(like.reference.shifts, shifts_of(known, at)):
+        base = like.reference
+    else:
+        base = reference(recording, world, where, known, at)
+    problem = assemble(base, where, known, at, near.problem if near else None, fresh or ())
+    evidence, noise, _ = weigh(problem, at, near.noise if near else None)
+    if near:
+        return Case(near.recording, where, near.state, problem, evidence, noise, base, near.floor)
     moved = recording
     for unknown, value in zip(known, at, strict=True):
         if value:
             moved, world = unknown.apply(moved, world, float(value) + unknown.usual)
-    where = with_taken_up(where, recording, moved, world)
-    state = evaluate(moved, world, where)
-    problem = assemble(state, where, known, like.problem if like else None, fresh, at)
-    evidence, noise, _ = weigh(problem, at, like.noise if like else None)
-    return Case(recording, where, state, problem, evidence, noise)
+    masked = with_taken_up(where, recording, moved, world)
+    state = evaluate(moved, world, masked) if at.any() else base.measured
+    return Case(recording, masked, state, problem, evidence, noise, base, like.floor if like else None)

@@ -3,54 +3,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeVar, cast
+from collections.abc import Sequence
+from typing import Any, Literal
 
+import numpy as np
+
+from ...core.base.nominal import Nominal, load_nominal
 from ...core.base.types import Array
-from ..physics.hypotheses import Candidate, unknowns
-from .case import Case, Prepared, examine
-from .finding import Finding
-
-_Answer = TypeVar("_Answer")
+from ..physics.hypotheses import unknowns
+from .case import Case, Prepared, examine, with_known
+from .variability import adapted
 
 
 class CaseCache:
     """Prepared recordings, and their cases by the values of the parameters.
 
     Attributes:
-        train, hold: recordings as `prepare` returns them.
-        known: all parameters of these recordings, P of them.
+        train, hold: recordings as `prepare` returns them; those of `hold` help to select.
+        nominal: how nominal robots vary.
+        known: all parameters of these recordings, P of them, with the spreads that this robot shows.
         converged: by starting point and released parameters, the values (P,) where Gauss-Newton ended.
     """
 
-    def __init__(self, train: Sequence[Prepared], hold: Sequence[Prepared] = ()) -> None:
-        self.train, self.hold = train, hold
-        self.known = unknowns(train[0][0], train[0][1])
+    def __init__(
+        self, train: Sequence[Prepared], hold: Sequence[Prepared] = (), nominal: Nominal | None = None
+    ) -> None:
+        self.train, self.hold, self.nominal = train, hold, nominal or load_nominal()
+        population = unknowns(train[0][0], train[0][1], self.nominal)
+        prepared = [*train, *hold]
+        first = [examine(each, population, np.zeros(len(population))) for each in prepared]
+        self.known = adapted([case.evidence for case in first], self.nominal)
+        cases = [with_known(case, self.known) for case in first]
         self.converged: dict[tuple[Any, ...], Array] = {}
         self._cases: dict[tuple[str, bytes], list[Case]] = {}
-        self._answers: dict[tuple[Any, ...], Any] = {}
+        self._first = {"train": cases[: len(train)], "hold": cases[len(train) :]}
+        for which, several in self._first.items():
+            self._cases[which, np.zeros(len(population)).tobytes()] = several
 
     def at(self, at: Array, which: Literal["train", "hold"]) -> list[Case]:
         """Cases of the training or held-out recordings, linear around deviations `at` (P,) from nominal."""
         key = which, at.tobytes()
         if key not in self._cases:
-            self._cases[key] = [examine(each, self.known, at) for each in getattr(self, which)]
+            first = self._first[which]
+            pairs = zip(getattr(self, which), first, strict=True)
+            self._cases[key] = [examine(each, self.known, at, case) for each, case in pairs]
         return self._cases[key]
-
-    def forget(self, *kept: Array) -> None:
-        """Drop the cases at other values than `kept`: those of long recordings would fill the memory."""
-        values = {at.tobytes() for at in kept}
-        self._cases = {key: cases for key, cases in self._cases.items() if key[1] in values}
-
-    def memoize(self, function: Callable[..., _Answer], finding: Finding, *options: Candidate) -> _Answer:
-        """The value of `function(finding, cache, *options)`, computed once for each set of chosen effects and options.
-
-        A second search with another threshold asks for the same values.
-        """
-        key = (function, finding.at.tobytes(), *finding.released, *options)
-        if key not in self._answers:
-            self._answers[key] = function(finding, self, *options)
-        return cast(_Answer, self._answers[key])
 
     def near(self, at: Array, like: Sequence[Case], changed: Sequence[int]) -> list[Case]:
         """Cases of the training recordings, with new derivatives for the parameters `changed` only.

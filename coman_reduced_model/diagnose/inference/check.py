@@ -7,14 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
 from ...errors import BagError, ConfigError
-from ..data.masks import with_taken_up
+from ..data.masks import TICKS, part_of, with_taken_up
 from ..data.reading import Reading
 from ..data.recording import Recording, moving
 from ..physics.hypotheses import candidates, unknowns
-from .case import Prepared, prepare
+from .case import STEADY_S, Prepared, prepare
+
+# Shares of a training recording that confirm where there is no other, and of what is left that help to choose.
+CONFIRMING, SELECTING = 1.0 / 3.0, 0.4
 
 
 @dataclass(frozen=True)
@@ -22,14 +27,16 @@ class Checked:
     """Recordings that the search can use.
 
     Attributes:
-        train, hold: recordings with the streams that all of them have.
-        train_paths, hold_paths: their bags.
+        train, select, confirm: recordings with the streams that all of them have: effects are fitted to the first,
+            the second help to choose, and the last is opened once, at the end, and can only contradict.
+        train_paths, hold_paths: bags of the first; of the others.
         recordings: all of them with all of their streams, the training bags first.
         not_checked: sentences on what the recordings cannot show, and which bags were left out.
     """
 
     train: list[Prepared]
-    hold: list[Prepared]
+    select: list[Prepared]
+    confirm: list[Prepared]
     train_paths: list[str | Path]
     hold_paths: list[str | Path]
     recordings: list[Recording]
@@ -60,13 +67,18 @@ def parse_assumed(text: str) -> tuple[str, str]:
 
 
 def check_recordings(
-    readings: Sequence[Reading], train_count: int, config: Config, assumed: Sequence[tuple[str, str]]
+    readings: Sequence[Reading],
+    train_count: int,
+    config: Config,
+    assumed: Sequence[tuple[str, str]],
+    whole: bool = False,
 ) -> Checked:
     """Prepare the recordings; a held-out one that hardly ever stands steadily is left out.
 
     Args:
         readings: of the `train_count` training bags, then of the held-out ones.
         assumed: effects by name and place that must be candidates of these recordings.
+        whole: without a held-out recording, no part of the last one is kept for confirming.
 
     Raises:
         BagError: a training bag hardly ever stands steadily.
@@ -88,7 +100,24 @@ def check_recordings(
     if assumed:
         _refuse_what_cannot_be_fitted(assumed, prepared[0])
     n = train_count
-    return Checked(prepared[:n], prepared[n:], paths[:n], paths[n:], recordings, not_checked)
+    train, hold = prepared[:n], prepared[n:]
+    select, confirm = hold[:-1], hold[-1:]
+    if not hold and not whole:
+        train, confirm = _last_part_apart(train, CONFIRMING)
+    if not select and not whole:
+        train, select = _last_part_apart(train, SELECTING)
+    return Checked(train, select, confirm, paths[:n], paths[n:], recordings, not_checked)
+
+
+def _last_part_apart(train: list[Prepared], share: float) -> tuple[list[Prepared], list[Prepared]]:
+    """The last recording in two parts, the second a share of its steady ticks; whole where it is too short for that."""
+    *others, (recording, world, where) = train
+    steady = np.flatnonzero(where.steady)
+    cut = float(steady[round((1.0 - share) * (len(steady) - 1))]) / len(where.ticks)
+    first, last = part_of(where, 0.0, cut), part_of(where, cut, 1.0)
+    if min(last.steady.sum(), first.steady.sum()) < STEADY_S * TICKS:
+        return train, []
+    return [*others, (recording, world, first)], [(recording, world, last)]
 
 
 def _refuse_what_cannot_be_fitted(assumed: Sequence[tuple[str, str]], prepared: Prepared) -> None:
@@ -132,7 +161,7 @@ def limitations(prepared: Sequence[Prepared], held_out: bool) -> list[str]:
     if any(moving(recording.phase) and not where.slides for recording, _, where in prepared):
         lines.append("in a bag, the other foot leaves soon after each landing: a foot that slides does not show there")
     if not held_out:
-        lines.append("no held-out bag: every value and every choice comes from the same recordings")
+        lines.append("no held-out bag: what is found is confirmed on the last third of the same recording")
     for recording in recordings:
         lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
     return lines

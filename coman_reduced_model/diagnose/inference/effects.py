@@ -39,7 +39,10 @@ def effect_entries(finding: Finding, config: Config) -> list[dict[str, Any]]:
                 "where": option.place,
                 "parameters": _parameters(finding, finding.fit, option),
                 "evidence": effect.gain,
-                "holdout_evidence": effect.confirmed,
+                "select_evidence": effect.confirmed,
+                "confirm_evidence": finding.confirmed.get(option.name, np.nan),
+                "probability": effect.probability,
+                "group": list(effect.group),
                 "in_model": not measured,
                 "left_out": _MEASURED if measured else "",
             }
@@ -53,8 +56,9 @@ def _parameters(finding: Finding, fit: Fit, option: Candidate) -> dict[str, dict
     parameters: dict[str, dict[str, Any]] = {}
     for i in option.unknowns:
         known = finding.known[i]
-        value, half = known.nominal + fit.x[i], CONFIDENCE * deviation[i]
-        parameters[known.key] = {"value": value, "unit": known.unit, "interval": [value - half, value + half]}
+        half = CONFIDENCE * finding.nominal.interval_factor * deviation[i]
+        low, value, high = (known.value(fit.x[i] + k * half) for k in (-1.0, 0.0, 1.0))
+        parameters[known.key] = {"value": value, "unit": known.unit, "interval": [low, high]}
     if option.effect == "payload" and "x" in parameters:
         mass = parameters["mass"]["value"] or np.nan
         for key in set("xyz") & set(parameters):
@@ -69,7 +73,7 @@ def _class(finding: Finding, option: Candidate) -> str | None:
     name = CLASSES.get(option.effect)
     if name is None:
         return None
-    totals = {score.option.effect: score.total for score in reversed(finding.first)}
+    totals = {score.option.effect: score.gain for score in reversed(finding.first)}
     rivals = [t for effect, t in totals.items() if CLASSES.get(effect) == name and effect != option.effect]
     return name if rivals and max(rivals) > 0.5 * totals.get(option.effect, 0.0) else None
 

@@ -18,10 +18,13 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 
 from ...core.base.compiled import compiled
 from ...core.base.types import Array, Integers
+from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.effects.unknown import Unknown
-from ..data.masks import TICKS, Masks
+from ..data.masks import TICKS, Masks, with_taken_up
+from ..data.recording import Recording
 from ..data.signals import SMOOTHING, without_noise
-from ..physics.balance import State, evaluate
+from ..data.world import World
+from ..physics.balance import State, balanced, evaluate
 from ..physics.hypotheses import Candidate
 from .floor import least
 
@@ -29,6 +32,7 @@ ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
 NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
+TIMED = {name for name, effect in CATALOGUE.items() if effect.clock or effect.late is not Effect.late}
 ABSENT = 1e-4  # spread, as a share of reach, of a unknown that nominal robots do not have
 
 
@@ -50,33 +54,73 @@ class Problem:
     resolution: dict[str, float]  # by channel, what one count of an encoder is
 
 
+@dataclass(frozen=True)
+class Reference:
+    """A recording with its clocks put right: as it was measured, and along a motion without the sensors' noise.
+
+    What a hypothesis changes is computed along the quiet motion: the same noise in a residual and in its derivative
+    would bias every inertia and every gain. A delay only moves noise, and a long one is far from linear: it is taken
+    off the measurement itself.
+
+    Attributes:
+        shifts: (P,) deviations of the parameters of clocks, which the reference has; of others 0.
+    """
+
+    measured: State
+    quiet: State
+    shifts: Array
+
+
+def shifts_of(known: Sequence[Unknown], at: Array) -> Array:
+    """Of deviations (P,), those of parameters that shift streams in time; 0 for the others."""
+    timed = [unknown.effect in TIMED for unknown in known]
+    return np.where(timed, at, 0.0)
+
+
+def reference(recording: Recording, world: World, where: Masks, known: Sequence[Unknown], at: Array) -> Reference:
+    """Of a recording with the nominal state of its robot, under a hypothesis (P,) about its clocks."""
+    shifts, moved = shifts_of(known, at), recording
+    for unknown, value in zip(known, shifts, strict=True):
+        if value:
+            moved, world = unknown.apply(moved, world, float(value) + unknown.usual)
+    where = with_taken_up(where, recording, moved, world)
+    measured = evaluate(moved, world, where)
+    return Reference(measured, balanced(evaluate(without_noise(moved, world), world, where), where), shifts)
+
+
 def assemble(
-    state: State,
+    reference: Reference,
     where: Masks,
     known: list[Unknown],
+    at: Array,
     like: Problem | None = None,
     fresh: Sequence[int] = (),
-    at: Array | None = None,
 ) -> Problem:
-    """Residuals and, by difference quotients, what a unit of each unknown has put into them.
+    """Residuals under a hypothesis and, by difference quotients, what a unit of each unknown has put into them.
 
     Args:
-        state: residuals under the hypothesis; where: the ticks at which they mean something.
-        known: all unknowns.
+        reference: the recording; where: the ticks at which its residuals mean something.
+        known: all unknowns; at: (P,) their deviations from nominal. Of those without one, what is usual is taken off.
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
-        at: (P,) deviations of the unknowns that the hypothesis has; of the others, what is usual is taken off.
     """
-    usual = np.array([unknown.usual for unknown in known]) * (True if at is None else at == 0.0)
-    base = state.residuals
-    # The same noise in a residual and in its derivative would bias every inertia: the derivative is taken along a
-    # motion that does not hold the encoders' noise.
-    quiet = evaluate(without_noise(state.recording, state.world), state.world, where)
+    usual = np.array([unknown.usual for unknown in known]) * (at == 0.0)
+    recording, world = reference.quiet.recording, reference.quiet.world
+    rest = at - reference.shifts
+    for unknown, value in zip(known, rest, strict=True):
+        if value:
+            recording, world = unknown.apply(recording, world, float(value) + unknown.usual)
+    where = with_taken_up(where, reference.quiet.recording, recording, world)
+    quiet = evaluate(recording, world, where, reference.quiet) if rest.any() else reference.quiet
+    base = {
+        name: value + quiet.residuals[name] - reference.quiet.residuals[name]
+        for name, value in reference.measured.residuals.items()
+    }
     fresh = range(len(known)) if like is None else fresh
     moved = [
         evaluate(*known[i].apply(quiet.recording, quiet.world, known[i].step), where, quiet).residuals for i in fresh
     ]
     steps = np.array([known[i].step for i in fresh])[:, None]
-    gains = [known[i].effect == "wrench_scale" for i in fresh]
+    gains = [known[i].effect in ("wrench_scale", "sensor_rotation") for i in fresh]
     rows: dict[str, Array] = {}
     columns: dict[str, Array] = {}
     pieces: dict[str, Integers] = {}
@@ -98,8 +142,8 @@ def assemble(
             times[key] = ticks
             alone = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
             pieces[key] = alone[:1] if name in NEIGHBOURS else alone
-    robot = state.world.robot
-    resolution = {f"spring/{name}": float(c) for name, c in zip(robot.joint_names, state.recording.count, strict=True)}
+    names, counts = reference.measured.world.robot.joint_names, reference.measured.recording.count
+    resolution = {f"spring/{name}": float(count) for name, count in zip(names, counts, strict=True)}
     return Problem(known, rows, columns, pieces, times, resolution)
 
 
@@ -136,9 +180,9 @@ class Evidence:
         energy = self.energy - float(b @ half[:, -1]) + 2.0 * float(np.log(np.diag(factor[0])).sum())
         return Evidence(self.unknowns, self.at, gram, moment, energy, self.count)
 
-    def fit(self, released: Sequence[int] = (), slack: Sequence[int] = ()) -> Fit:
-        """Posterior of the unknowns' deviations from nominal when some are released to their reach (or their slack)."""
-        return self.posterior(np.zeros(len(self.unknowns)), prior_variance(self.unknowns, released, slack))
+    def fit(self, released: Sequence[int] = ()) -> Fit:
+        """Posterior of the unknowns' deviations from nominal when some are released to their reach."""
+        return self.posterior(np.zeros(len(self.unknowns)), prior_variance(self.unknowns, released))
 
     def posterior(self, mean: Array, variance: Array) -> Fit:
         """For any Gaussian prior (P,), (P,) of the deviations from nominal."""
@@ -168,11 +212,9 @@ class Fit:
         return np.asarray(self.scale[:, None] * cho_solve(self.factor, np.diag(self.scale)))
 
 
-def prior_variance(known: Sequence[Unknown], released: Sequence[int] = (), slack: Sequence[int] = ()) -> Array:
-    """(P,) of nominal robots, with the unknowns `released` at their reach and those of `slack` at theirs."""
+def prior_variance(known: Sequence[Unknown], released: Sequence[int] = ()) -> Array:
+    """(P,) of nominal robots, with the unknowns `released` at their reach."""
     spread = np.array([max(unknown.spread, ABSENT * unknown.reach) for unknown in known])
-    for i in slack:
-        spread[i] = max(known[i].slack, spread[i])
     for i in released:
         spread[i] = max(known[i].reach, spread[i])
     return np.asarray(spread**2)
@@ -354,8 +396,7 @@ class Score:
     """What a candidate adds to the log evidence."""
 
     option: Candidate
-    total: float  # beyond what is released already
-    gain: float  # beyond as little of it as is no effect worth a name
+    gain: float  # beyond what nominal robots have of it, and what is released already
     values: Array  # of its unknowns, deviations from nominal
     physical: bool
 
@@ -368,13 +409,11 @@ def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[
     for option in options:
         k = list(option.unknowns)
         wide = prior_variance(evidence.unknowns, [*released, *k])[k]
-        narrow = prior_variance(evidence.unknowns, released, k)[k]
-        total, values = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], wide)
-        slack, _ = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], narrow)
+        gain, values = _reweighed(base.x[k], covariance[np.ix_(k, k)], before[k], wide)
         # The sign only: by how much, linear extrapolation cannot say.
         physical = all(x > 0.0 or evidence.unknowns[i].low < 0.0 for x, i in zip(values, k, strict=True))
-        out.append(Score(option, total, total - max(0.0, slack), values, physical))
-    return sorted(out, key=lambda score: -score.total)
+        out.append(Score(option, gain, values, physical))
+    return sorted(out, key=lambda score: -score.gain)
 
 
 def _reweighed(x: Array, C: Array, before: Array, after: Array) -> tuple[float, Array]:

@@ -24,7 +24,7 @@ from .finding import Finding
 # All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
 # then CONVERGED of it, in ROUNDS rounds at most.
 FAR_OFF, CONVERGED, ROUNDS = 0.3, 0.1, 4
-STEPS, SETTLED = 8, 0.05  # steps of one round at most; share of the reach that counts as no change
+STEPS, SETTLED = 12, 0.05  # steps of one round at most; share of the reach that counts as no change
 
 
 def settle(

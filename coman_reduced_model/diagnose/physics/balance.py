@@ -30,13 +30,14 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from ...core.base.types import Array, Foot, Integers
 from ...core.robot.robot import Robot
 from ..data.landings import slide_lengths
 from ..data.masks import TAKEN_UP, TICKS, Masks
-from ..data.recording import FEET, WRENCH, Recording
+from ..data.recording import FEET, RATE, WRENCH, Recording
 from ..data.signals import Smoothed, rate_of, smooth, spring_stretch
 from ..data.world import World
 
@@ -185,6 +186,37 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
     return State(recording, world, motion, up, free, inertial, rest, R, balance, feet, slid, out, smoothed)
+
+
+SLOW = 0.1  # [s] below which a torque sensor is believed, and above which motion and ground
+
+
+def balanced(state: State, where: Masks) -> State:
+    """The state with wrenches that are what motion and weight ask for, shared by the feet as measured.
+
+    The noise of the foot sensors would otherwise be in the residuals and in what a gain of the sensors makes of them.
+    """
+    recording, missing = state.recording, state.rest[:, :6]
+    grid = np.arange(len(recording.t))
+    steady = where.steady & np.isfinite(missing).all(axis=1)
+    if steady.sum() < 2:
+        return state
+    wrench = {}
+    for foot in FEET:
+        share = where.share if foot == Foot.LEFT else 1.0 - where.share
+        wanted = np.linalg.solve(state.motion.J[foot][:, :, :6].transpose(0, 2, 1), missing[:, :, None])[:, :, 0]
+        wanted = np.where(steady[:, None], share[:, None] * wanted, 0.0)
+        added = np.column_stack([np.interp(grid, where.ticks, column) for column in wanted.T])
+        wrench[foot] = recording.wrench[foot] + added
+    out = evaluate(recording.changed(wrench=wrench), state.world, where, state)
+    if recording.tau is None:
+        return out
+    needed = out.rest[:, out.world.robot.idx_v]
+    less = smooth(recording.tau)[where.ticks] - needed
+    less = np.column_stack([np.interp(grid, where.ticks[steady], column[steady]) for column in less.T])
+    slow = np.asarray(gaussian_filter1d(less, SLOW * RATE, axis=0, mode="nearest"))
+    tau = recording.tau - np.where(np.isfinite(less), less - slow, 0.0)
+    return evaluate(out.recording.changed(tau=tau), out.world, where, out)
 
 
 def _same(world: World, other: World, name: str) -> bool:

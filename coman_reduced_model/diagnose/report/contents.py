@@ -14,6 +14,7 @@ from ...core.config.schema import Config
 from ...core.evaluation.statistics import by_axis
 from ..inference.case import Case
 from ..inference.check import Checked
+from ..inference.compare import pulls
 from ..inference.evidence import ONE_A_STEP
 from ..inference.finding import Finding
 from ..inference.predicted_com import Errors, rms
@@ -57,7 +58,11 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
             "holdout": gap(finding.before[1], finding.hold, finding, predicted.hold) if checked.hold_paths else None,
         },
         "undetectable_below": undetectable(finding),
-        "refused": [{"name": option.effect, "where": option.place, "why": why} for option, why in finding.refused],
+        "probabilities": found.probabilities,
+        "pulled": pulled(finding),
+        "weight": weight(finding),
+        "contradicted": list(found.contradicted),
+        "confirmed_on": confirmed_on(checked),
         "not_checked": not_checked,
         "bags": {
             "train": [str(path) for path in checked.train_paths],
@@ -68,6 +73,36 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     }
     result["sentence"] = sentence(result)
     return Diagnosis(result, predicted.model if named else config, finding, checked.recordings, predicted.shown)
+
+
+def pulled(finding: Finding) -> dict[str, float]:
+    """By kind of parameter, how far what varies on nominal robots is from nominal [standard deviations]."""
+    assert finding.fit is not None
+    found = pulls(finding.known, finding.fit, finding.released)
+    rows = {name.removesuffix(".spread"): round(value, 2) for name, value in found.items() if value > 1.0}
+    return dict(sorted(rows.items(), key=lambda item: -item[1]))
+
+
+def weight(finding: Finding) -> dict[str, float]:
+    """By how much the robot weighs more than its URDF says, as a share, and the standard deviation of that."""
+    assert finding.fit is not None
+    model = finding.train[0].state.world.robot.model
+    shares = np.zeros(len(finding.known))
+    total_mass = sum(inertia.mass for inertia in model.inertias)
+    for i, unknown in enumerate(finding.known):
+        if not unknown.effect and unknown.key == "mass":
+            shares[i] = model.inertias[model.getJointId(unknown.where)].mass / total_mass
+        elif (unknown.effect, unknown.key) == ("payload", "mass"):
+            shares[i] = 1.0 / total_mass
+    variance = float(shares @ finding.fit.covariance @ shares)
+    return {"share": float(shares @ finding.fit.x), "deviation": float(np.sqrt(variance))}
+
+
+def confirmed_on(checked: Checked) -> str:
+    """The recording that confirms."""
+    if checked.hold_paths:
+        return str(checked.hold_paths[-1])
+    return "the same recording" if checked.confirm else ""
 
 
 def ranking(finding: Finding) -> list[dict[str, Any]]:

@@ -13,8 +13,10 @@ from ...core.effects.unknown import LINKS, PLAN
 from ...core.evaluation.statistics import AXES
 from ...report.figures import heat_map
 from ...report.page import Notice, Part, Section, Table, Text, page, picture
-from ..inference.search import AGREES, ALONE, ENOUGH, FEW, FEWER, FURTHER, INHERITED, MOST
-from ..inference.verdict import limit_of, limits
+from ..inference.explanation import law_of
+from ..inference.finding import Finding
+from ..inference.finding import judged as is_judged
+from ..inference.search import MOST
 from ..result import Diagnosis
 from .figures import Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
@@ -87,22 +89,24 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         rows = [
             [
                 spaced(effect["name"]), effect["where"] or "–", key,
-                figure(parameter), f"{effect['evidence']:.0f}", _known(effect["holdout_evidence"]),
+                figure(parameter), f"{effect['evidence']:.0f}", _known(effect["select_evidence"]),
+                _known(effect["confirm_evidence"]), f"{effect['probability']:.0%}",
             ]
             for effect in effects
             for key, parameter in effect["parameters"].items()
         ]  # fmt: skip
         caption = (
-            "Values with 1.96 standard deviations of the linearised posterior. Model error is not in them, so that "
-            "they contain the truth in fewer than 95 % of cases. Evidence: log ratio of the probabilities of the data "
-            "with the effect and with no "
-            f"more than nominal scatter [nats]; {ENOUGH:g} are asked for as the mean of training and held-out bags "
-            f"(with none held out {ALONE:g}; of an effect of no more than {FEW} ways {FEWER:g} less; beside another "
-            f"effect more by {INHERITED:.0%} of that one's, up to {FURTHER:g}), and {AGREES:g} on the held-out ones."
+            "Values with intervals that are longer than 1.96 standard deviations of the linearised posterior by a "
+            "factor, by which they held 95 % of the true values on robots with known faults. Evidence: log ratio of "
+            "the probabilities of the data with the effect and with no more than nominal scatter [nats], of the "
+            "training recordings, of those that help to choose, and of the one that confirms. The probability is that "
+            "of the effect and all that these recordings cannot tell from it."
         )
-        parts.append(Table(["effect", "where", "parameter", "value", "evidence", "held-out"], rows, caption, words=3))
+        head = ["effect", "where", "parameter", "value", "training", "choosing", "confirming", "probability"]
+        parts.append(Table(head, rows, caption, words=3))
     if effects:
         parts.append(_com(effects, bool(result["gap"]["holdout"])))
+    parts += _probabilities(result)
     if result["effects"]:
         inside = [spaced(effect["name"]) for effect in effects if effect["in_model"]]
         parts.append(
@@ -113,6 +117,23 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         )
         if len(inside) < len(effects):
             parts.append(Text(_NOT_IN_MODEL))
+    return parts
+
+
+def _probabilities(result: dict[str, Any]) -> list[Part]:
+    """What the first comparison says of each explanation, and what is pulled away from nominal."""
+    parts: list[Part] = []
+    rows = [[spaced(name).replace("@", " of "), f"{p:.1%}"] for name, p in result["probabilities"].items()]
+    if rows:
+        caption = (
+            "Before anything was chosen. The weights behind these figures were learnt from robots whose faults are "
+            "known (config/nominal.yaml says which)."
+        )
+        parts.append(Table(["explanation", "probability"], rows[:_ROWS], caption, words=1))
+    pulled = [[spaced(name).replace(".", " "), f"{value:.1f}"] for name, value in result["pulled"].items()]
+    if pulled:
+        caption = "What varies on nominal robots as well, and how far the best explanation pulls it from nominal."
+        parts.append(Table(["what varies", "standard deviations"], pulled[:_ROWS], caption, words=1))
     return parts
 
 
@@ -140,7 +161,7 @@ def _com(effects: list[dict[str, Any]], held: bool) -> Table:
 def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Part]:
     finding, result = diagnosis.finding, diagnosis.result
     changed = bool(finding.chosen)
-    pair = (hold or train)[0]
+    pair = (hold or train)[-1]
     seen = "a held-out recording, to which no value of an effect was fitted" if hold else "a training recording"
     parts: list[Part] = []
     for number, effect in enumerate(finding.chosen):
@@ -210,7 +231,8 @@ def _strongest(pair: Pair, figures: list[int]) -> list[str]:
 
 def _worst(train: list[Pair], hold: list[Pair], name: str) -> Pair:
     """The recording with most left of a channel."""
-    judged = [pair for pair in [*train, *hold] if pair.finding.judged(pair.after, name)]
+    cases = [pair.after for pair in [*train, *hold]]
+    judged = [pair for pair in [*train, *hold] if is_judged(cases, pair.after, name)]
     return max(judged, key=lambda pair: float(np.nanmean(np.append(pair.over_ticks(name)[1] ** 2, 0.0))))
 
 
@@ -250,9 +272,7 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
             "Heat map of the disagreement by channel and support phase",
             "RMS of what the nominal robot leaves on the training bags, its springs, masses and sensors free "
             "to scatter as those "
-            "of nominal robots do, in units of the sensors' own noise. Nominal robots reach "
-            + ", ".join(f"{limit:g} ({channel(kind)})" for kind, limit in limits(diagnosis.finding).items())
-            + " in single support, stumbles apart.",
+            "of nominal robots do, in units of the sensors' own noise.",
         ),
         Table(
             ["law", "mean", "RMS", "noise floor"],
@@ -284,8 +304,8 @@ def _gap(result: dict[str, Any]) -> list[Part]:
     )
     if held:
         caption += (
-            " No value of an effect was fitted to the held-out recordings, but their evidence counted in the choice, "
-            "and their COM decides what goes into the model."
+            " No value of an effect was fitted to the held-out recordings. The last one confirms: it was opened once, "
+            "at the end. Those before it helped to choose, and the COM of all decides what goes into the model."
         )
     parts: list[Part] = [Table(head, rows[:_ROWS], caption, strong=range(len(com)))]
     if rows[_ROWS:]:
@@ -327,17 +347,15 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         if rivals or effect["class"]:
             text += f" What would decide: {decides}."
         parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
-    if result["refused"]:
-        rows = [[spaced(entry["name"]), entry["where"] or "–", entry["why"]] for entry in result["refused"]]
-        parts.append(Table(["refused", "where", "why"], rows, "Asked for by the training bags.", words=3))
+    for name in result["contradicted"]:
+        parts.append(Notice(f"The confirming recording speaks against {spaced(name).replace('@', ' of ')}.", "warn"))
     if result["too_much"]:
-        most = limits(finding)
         rows = [
-            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{limit_of(key, most):g}"]
+            [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{_usual(finding, key):.1f}"]
             for key in result["too_much"][:_ROWS]
         ]
-        caption = "In units of the noise floor, single support, the middle recording."
-        parts.append(Table(["left unexplained", "left", "nominal robots at most"], rows, caption))
+        caption = "In units of the noise floor, the middle recording."
+        parts.append(Table(["left unexplained", "left", "nominal robots"], rows, caption))
     parts += [Notice(line[:1].upper() + line[1:] + ".", "warn") for line in result["not_checked"]]
     units = {(figure.effect, figure.key): figure.unit for figure in finding.known}
     rows = [
@@ -354,6 +372,11 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     return parts
 
 
+def _usual(finding: Finding, key: str) -> float:
+    """What the law of a group leaves on nominal robots, in the median [noise floors]."""
+    return finding.nominal.leftover.get(law_of(key), (float("nan"), 0.0))[0]
+
+
 def _rivals(diagnosis: Diagnosis, effect: dict[str, Any]) -> list[str]:
     """Other effects and places that explain nearly as much as an effect when each is alone."""
     first = diagnosis.finding.first
@@ -364,7 +387,7 @@ def _rivals(diagnosis: Diagnosis, effect: dict[str, Any]) -> list[str]:
         f"{spaced(score.option.effect)}" + (f" of {score.option.where}" if score.option.where else "")
         for score in first
         if score.physical
-        and score.total > _TIE * mine[0].total
+        and score.gain > _TIE * mine[0].gain
         and (score.option.effect, score.option.where) != (effect["name"], mine[0].option.where)
     ]
     return list(dict.fromkeys(found))[:4]

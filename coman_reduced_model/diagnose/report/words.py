@@ -29,13 +29,29 @@ CHANNELS = {
 _SHOWN = {"rad": ("degrees", 180.0 / math.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}
 
 
+HEAVY, SURE = 0.03, 3.0  # of the weight by the URDF, and standard deviations, beyond which it is said
+
+
 def sentence(result: Mapping[str, Any]) -> str:
-    """The verdict for a person."""
+    """The verdict for a person, and whether the robot weighs what its URDF says."""
+    share, deviation = result["weight"]["share"], result["weight"]["deviation"]
+    text = _verdict(result)
+    loads = [each for each in (*result["effects"], *result["suspected"]) if each["name"] == "payload"]
+    if abs(share) > max(HEAVY, SURE * deviation) and not loads:
+        more = "more" if share > 0.0 else "less"
+        text += f"; by its forces, the robot weighs {abs(share):.0%} {more} than by its URDF"
+    return text
+
+
+def _verdict(result: Mapping[str, Any]) -> str:
     if result["verdict"] == "none":
         return "nothing is missing that this data could show"
     if result["verdict"] == "not_excited":
-        return "nothing was found, but this recording does not walk: most effects could not show"
+        return "nothing was found, but this recording only stands: most effects could not show"
     if result["verdict"] == "unknown":
+        if result.get("contradicted"):
+            names = " and ".join(spaced(name).replace("@", " of ") for name in result["contradicted"])
+            return f"something is missing; {names} would explain it, but the confirming recording speaks against it"
         worst = next(iter(result["too_much"]), "")
         where = f": most of it in the {channel(worst.split('|')[0])}" if worst else ""
         return f"something is missing that no effect of the catalogue explains{where}"

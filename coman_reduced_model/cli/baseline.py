@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman baseline`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..output import check_file
+from .common import (
+    ConfigOption,
+    ForceOption,
+    NamespaceOption,
+    RemapOption,
+    SetOption,
+    UrdfOption,
+    print_table,
+    progress,
+    read_config,
+)
+
+
+def baseline(
+    bags: Annotated[list[Path], typer.Argument(metavar="BAG...", help="Walks of one robot when nothing was wrong.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for what is usual for this robot.")],
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    urdf: UrdfOption = None,
+    namespace: NamespaceOption = "",
+    remap: RemapOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Learn what is usual for your robot, for `coman diagnose --baseline` and the monitor (monitor.baseline)."""
+    settings = read_config(config, changes)
+    check_file(out, force)
+    import yaml
+
+    from ..diagnose.baseline import baseline as run
+    from ..topics import TopicNames
+
+    with progress("learning") as report:
+        learnt = run(bags, settings, urdf=urdf, names=TopicNames(namespace, remap or ()), progress=report)
+    text = f"# What is usual for one robot, by {learnt.bags} recordings of it (coman baseline).\n"
+    out.write_text(text + yaml.safe_dump(learnt.nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
+    if learnt.pulled:
+        rows = [[name, f"{value:.1f}"] for name, value in learnt.pulled.items()]
+        print_table(
+            "Far from the robot's description: check it; no baseline hides more than is plausible",
+            ["what", "standard deviations"],
+            rows,
+        )
+    print(f"written: {out}")

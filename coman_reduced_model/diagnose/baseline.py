@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman baseline`: what is usual for one robot, by recordings of it when nothing was wrong.
+
+The record of the population is the prior; what the recordings say of each parameter, and how much it varies from one
+to the next, replaces it. What is beyond what is plausible for any robot stays out, and is reported: a baseline must not
+hide that a robot weighs more than its URDF.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..core.base.nominal import Nominal, load_nominal
+from ..core.base.types import Array
+from ..core.config.schema import Config
+from ..core.effects.unknown import Unknown
+from ..errors import BagError
+from ..progress import Progress, between
+from ..topics import TopicNames
+from .data.reading import read_bags, refuse_repeated
+from .inference.case import Case, examine
+from .inference.check import check_recordings
+from .inference.compare import pulls
+from .inference.effects import with_structure
+from .inference.evidence import prior_variance
+from .inference.explanation import law_of
+from .inference.finding import leftover
+from .inference.variability import adapted, total
+from .physics.hypotheses import unknowns
+
+LEAST_BAGS = 2
+PLAUSIBLE = 2.0  # standard deviations of the population, by which a parameter is taken over at most
+PULLED = 2.0  # the same, from which on it is reported
+POPULATION = 1.0  # recordings that the population is worth, for how much a robot varies
+SCATTER = 0.5  # of the population's scatter of what laws leave, that a robot has at least
+READ = 0.5  # of the work
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What is usual for one robot.
+
+    Attributes:
+        nominal: to be written to a file.
+        bags: number of recordings.
+        pulled: by kind of parameter, how far it is from what the description of the robot says [standard deviations].
+    """
+
+    nominal: Nominal
+    bags: int
+    pulled: Mapping[str, float]
+
+
+def baseline(
+    bags: Sequence[str | Path],
+    config: Config,
+    *,
+    urdf: str | Path | None = None,
+    names: TopicNames | None = None,
+    progress: Progress | None = None,
+) -> Baseline:
+    """Learn what is usual for a robot.
+
+    Args:
+        bags: recordings of one robot when nothing was wrong, two or more.
+        config: nominal robot and model.
+        urdf, names: the robot, if not as configured or recorded; the topics.
+        progress: called with the fraction done and the current work.
+
+    Raises:
+        ComanError: a bag, the robot or the configuration cannot be used, or there are too few bags.
+    """
+    if len(bags) < LEAST_BAGS:
+        raise BagError(f"{len(bags)} recording: at least {LEAST_BAGS} are needed to see what varies between them")
+    refuse_repeated(bags)
+    report = progress or (lambda fraction, what: None)
+    config, population = with_structure(config), load_nominal()
+    readings = read_bags(bags, config, urdf, names, between(report, 0.0, READ))
+    checked = check_recordings(readings, len(bags), config, [], whole=True)
+    known = unknowns(checked.train[0][0], checked.train[0][1], population)
+    nothing = np.zeros(len(known))
+    cases = []
+    for i, each in enumerate(checked.train):
+        report(READ + (1.0 - READ) * i / len(bags), f"learning from {each[0].name}")
+        cases.append(examine(each, known, nothing))
+    return of_cases(cases, population)
+
+
+def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
+    """The baseline of examined recordings of one robot, linear about nominal."""
+    known = adapted([case.evidence for case in cases], population)
+    evidences = [replace(case.evidence, unknowns=known) for case in cases]
+    fit = total(evidences).fit()
+    own = np.array([unknown.own for unknown in known])
+    shared = np.where(own, prior_variance(known), np.diag(fit.covariance) + 1e-18)
+    each = [evidence.posterior(np.where(own, 0.0, fit.x), shared) for evidence in evidences]
+    alone = [evidence.fit() for evidence in evidences]
+    mean = np.where(own, np.mean([one.x for one in each], axis=0), fit.x)
+    variance = np.where(own, np.mean([np.diag(one.covariance) for one in each], axis=0), np.diag(fit.covariance))
+    between_bags = np.where(
+        own,
+        _spread([one.x for one in each], mean, prior_variance(known)),
+        np.maximum(_spread([one.x for one in alone], mean, variance) - _mean_variance(alone), 0.0),
+    )
+    parameters = {}
+    for i, unknown in enumerate(known):
+        if "spread" in unknown.widths:
+            usual = _plausible(float(mean[i]), unknown, population)
+            spread = min(float(np.sqrt(variance[i] + between_bags[i])), unknown.spread)
+            parameters[unknown.name] = unknown.usual + usual, spread
+    left = [leftover([case], fit, []) for case in cases]
+    pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
+    learnt = replace(population, sheets={}, parameters=parameters, leftover=_leftover(left, population))
+    return Baseline(replace(learnt, source={"recordings": len(cases)}), len(cases), pulled)
+
+
+def _spread(values: Sequence[Array], mean: Array, population: Array) -> Array:
+    """Variance (P,) from recording to recording, shrunk towards the population's."""
+    squares = np.sum([(value - mean) ** 2 for value in values], axis=0)
+    return np.asarray((squares + POPULATION * population) / (len(values) - 1.0 + POPULATION))
+
+
+def _mean_variance(fits: Sequence[object]) -> Array:
+    return np.asarray(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))  # type: ignore[attr-defined]
+
+
+def _plausible(value: float, unknown: Unknown, population: Nominal) -> float:
+    """A deviation, no larger than is plausible where data sheets set a bound."""
+    name = unknown.widths["spread"]
+    if name not in population.most:
+        return value
+    most = PLAUSIBLE * population.most[name] * unknown.relative
+    return float(np.clip(value, -most, most))
+
+
+def _leftover(each: Sequence[Mapping[str, float]], population: Nominal) -> dict[str, tuple[float, float]]:
+    """By law, what it leaves on this robot; its scatter is shrunk towards the population's."""
+    out = dict(population.leftover)
+    values: dict[str, list[float]] = {}
+    for groups in each:
+        worst: dict[str, float] = {}
+        for key, value in groups.items():
+            worst[law_of(key)] = max(worst.get(law_of(key), 0.0), value)
+        for law, value in worst.items():
+            values.setdefault(law, []).append(float(np.log(max(value, 1e-3))))
+    for law, logs in values.items():
+        if law in population.leftover:
+            _, scatter = population.leftover[law]
+            own = float(np.sqrt((np.var(logs) * len(logs) + POPULATION * scatter**2) / (len(logs) + POPULATION)))
+            out[law] = float(np.exp(np.mean(logs))), max(own, SCATTER * scatter)
+    return out

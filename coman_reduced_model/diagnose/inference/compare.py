@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Explanations compared: nothing more than nominal variability, or one more effect, each at its own values."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from ...core.base.types import Array
+from ...core.effects.catalogue import CATALOGUE
+from ...core.effects.unknown import Unknown
+from ..physics.hypotheses import Candidate, candidates
+from .case import Case, evidence_of, examine
+from .case_cache import CaseCache
+from .evidence import Evidence, Fit, Noise, prior_variance, quieter, weighed
+from .explanation import Explanation
+from .finding import Finding, leftover
+from .gauss_newton import ROUNDS, settle
+from .variability import MEMBERS, widths_of
+
+CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: alike until linearised there
+STRETCH = 0.1  # of a value, by which it may differ from walk to walk
+
+
+def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> list[Explanation]:
+    """Nothing more, then each rival, linear around its own values, all judged with the same noise."""
+    nothing = finding.at, list(finding.train), list(finding.hold)
+    trials = [nothing, *(_settled(finding, cache, rival) for rival in rivals)]
+    noises = _quietest([trial[1] for trial in trials]), _quietest([trial[2] for trial in trials])
+    options: list[Candidate | None] = [None, *rivals]
+    fits, logs = [], []
+    for option, (_, train, select) in zip(options, trials, strict=True):
+        released = [*finding.released, *(option.unknowns if option else ())]
+        fit = reduce(add, (_shared(c, n) for c, n in zip(train, noises[0], strict=True))).fit(released)
+        fits.append(fit)
+        held = np.nan
+        if select:
+            evidence = reduce(add, (_shared(c, n) for c, n in zip(select, noises[1], strict=True)))
+            held = evidence.posterior(*trained(finding.known, fit, released)).log
+        logs.append((fit.log, held))
+    places = Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(finding.known)})
+    out = []
+    for option, (at, train, select), fit, (log, held) in zip(options, trials, fits, logs, strict=True):
+        released = [*finding.released, *(option.unknowns if option else ())]
+        left = leftover([*train, *select], fit, released)
+        gains = log - logs[0][0], held - logs[0][1]
+        ways, pulled = places[option.effect] if option else 1, pulls(finding.known, fit, released)
+        out.append(Explanation(option, at, train, select, fit, *gains, ways, left, pulled))
+    return out
+
+
+def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[Array, list[Case], list[Case]]:
+    """Values (P,) with a rival, and the cases of training and selecting bags around them."""
+    released = [*finding.released, *rival.unknowns]
+    at, train, _ = settle(finding, cache, released, ROUNDS if rival.effect in CLOCKS else 1)
+    select = [
+        examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
+    ]
+    return at, train, select
+
+
+def _quietest(several: Sequence[Sequence[Case]]) -> list[dict[str, Noise]]:
+    """By recording, the noise that the best of several explanations leaves."""
+    return [reduce(quieter, (case.noise for case in cases)) for cases in zip(*several, strict=True)]
+
+
+def _shared(case: Case, noise: dict[str, Noise]) -> Evidence:
+    return weighed(case.problem, case.evidence.at, noise).shared()
+
+
+def trained(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> tuple[Array, Array]:
+    """Prior mean and variance (P,) on other recordings: released parameters stay about where training has them."""
+    mean, variance = np.zeros(len(known)), prior_variance(known)
+    covariance = fit.covariance
+    for i in released:
+        mean[i], variance[i] = fit.x[i], covariance[i, i] + (STRETCH * fit.x[i]) ** 2
+    return mean, variance
+
+
+def confirmation(
+    known: Sequence[Unknown], fit: Fit, held: Sequence[Case], option: Candidate, chosen: Sequence[int]
+) -> float:
+    """Log evidence [nats] of other recordings for an effect as trained against none of it, beside the chosen ones."""
+    evidence = evidence_of(held)
+    mean, variance = trained(known, fit, chosen)
+    without_mean, without = mean.copy(), variance.copy()
+    nominal = prior_variance(known)
+    for i in option.unknowns:
+        if not known[i].shape:  # it is nothing without the others
+            without_mean[i], without[i] = 0.0, nominal[i]
+    return evidence.posterior(mean, variance).log - evidence.posterior(without_mean, without).log
+
+
+def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:
+    """By width, how far its parameters are pulled from nominal [standard deviations, root mean square]."""
+    prior = prior_variance(known)
+    out = {}
+    for name, members in widths_of(known).items():
+        rest = [i for i in members if i not in released]
+        if rest:
+            # The largest counts as well: of thirteen masses one may be far off, all together a little.
+            ratios = np.abs(fit.x[rest]) / np.sqrt(prior[rest])
+            rms = float(np.sqrt(np.mean(ratios**2)))
+            out[name] = max(rms, float(ratios.max()) / 2.0) if len(rest) >= MEMBERS else float(ratios.max()) / 2.0
+    return out

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Probabilities of explanations, by weights that were learnt from robots whose faults are known.
+
+The score of an explanation is linear in its features, that of `unknown` is constant, and probabilities are
+
+    p_k = exp(s_k) / sum over none, unknown and the rivals
+
+The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...core.base.nominal import Nominal
+from .explanation import UNKNOWN, Explanation, Odds
+
+ALIKE = 3.0  # nats within which explanations cannot be told apart
+EFFECT = ("one", "train", "select", "ways")  # weights of an effect; its bias first
+ALL = ("leftover", "pulled")  # weights of every explanation of the catalogue, and of `none`
+
+
+def score(features: Mapping[str, float], weights: Mapping[str, float], effect: bool) -> float:
+    """Of one explanation."""
+    s = -sum(weights[name] * features[name] for name in ALL)
+    if effect:
+        s += sum(weights[name] * features.get(name, 1.0) for name in EFFECT)
+    return float(s)
+
+
+def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
+    """Of nothing more (the first explanation) and its rivals."""
+    nothing, *rivals = explanations
+    selecting = not np.isnan(nothing.confirmed)
+    weights = nominal.decision["selected" if selecting else "alone"]
+    scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
+    scores += [score(rival.features(nominal), weights, True) for rival in rivals]
+    p = np.exp(np.array(scores) - max(scores))
+    p /= p.sum()
+    effects = tuple(float(each) for each in p[2:])
+    return Odds(float(p[0]), float(p[1]), effects, group_of(rivals, effects))
+
+
+def group_of(rivals: Sequence[Explanation], effects: Sequence[float]) -> tuple[int, ...]:
+    """The most probable rival, and those whose evidence is within ALIKE of its."""
+    if not rivals:
+        return ()
+    order = sorted(range(len(rivals)), key=lambda k: -effects[k])
+    best = rivals[order[0]]
+
+    def evidence(one: Explanation) -> float:
+        return float(np.nansum([one.gain, one.confirmed]))
+
+    return tuple(k for k in order if evidence(best) - evidence(rivals[k]) < ALIKE)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Explanations of recordings, their features, which mean the same on any robot, and their probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.base.nominal import Nominal
+from ...core.base.types import Array
+from ..physics.hypotheses import Candidate
+from .case import Case
+from .evidence import Fit
+
+MOST = 8.0  # what a feature counts at most: beyond, it is sure anyway
+UNKNOWN = "unknown"  # something that no effect of the catalogue explains
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One explanation of the recordings beside the effects that were chosen before.
+
+    Attributes:
+        option: one more effect; None: nothing more.
+        at: (P,) deviations from nominal around which its cases are linear.
+        train, select: cases of the training bags and of the selecting ones.
+        fit: posterior on the training bags.
+        gain, confirmed: log evidence against nothing more, of the training and of the selecting bags [nats].
+        ways: number of places at which the effect could be.
+        leftover: by group of residuals [noise floors].
+        pulled: by width, root mean square of the parameters that vary on nominal robots [standard deviations].
+    """
+
+    option: Candidate | None
+    at: Array
+    train: list[Case]
+    select: list[Case]
+    fit: Fit
+    gain: float
+    confirmed: float
+    ways: int
+    leftover: Mapping[str, float]
+    pulled: Mapping[str, float]
+
+    def features(self, nominal: Nominal) -> dict[str, float]:
+        """By name: what decides, see decide.py."""
+        return features(self.gain, self.confirmed, self.ways, self.leftover, self.pulled, nominal)
+
+
+def features(
+    gain: float,
+    confirmed: float,
+    ways: int,
+    leftover: Mapping[str, float],
+    pulled: Mapping[str, float],
+    nominal: Nominal,
+) -> dict[str, float]:
+    """Of the values that an `Explanation` has."""
+    return {
+        "train": compressed(gain),
+        "select": 0.0 if np.isnan(confirmed) else compressed(confirmed),
+        "ways": -float(np.log(ways)),
+        "leftover": worst_leftover(leftover, nominal)[0],
+        "pulled": float(np.clip(np.log(max(pulled.values(), default=1.0)), 0.0, MOST)),
+    }
+
+
+def compressed(nats: float) -> float:
+    """Evidence on a scale where much more of it hardly counts."""
+    return float(np.arcsinh(0.5 * nats))
+
+
+def law_of(key: str) -> str:
+    """What the residuals of a group share on any robot: `spring|single` of `spring/LKneeSag|single`."""
+    channel, _, part = key.partition("|")
+    law, _, rest = channel.partition("/")
+    if law in ("spring", "torque"):
+        return f"{law}|{part}"
+    return f"{law}/{rest.rpartition('/')[2][0]}|{part}" if law == "unloaded" else f"{channel}|{part}"
+
+
+def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> tuple[float, str]:
+    """How far the worst law leaves more than on nominal robots, in their standard deviations; and its group."""
+    worst, where = 0.0, ""
+    for key, value in values.items():
+        median, scatter = nominal.leftover.get(law_of(key), (1.0, np.inf))
+        z = float(np.log(max(value, 1e-9) / median) / scatter)
+        if z > worst:
+            worst, where = min(z, MOST), key
+    return worst, where
+
+
+@dataclass(frozen=True)
+class Odds:
+    """Probabilities of explanations.
+
+    Attributes:
+        none, unknown: that nothing more is missing; that something outside the catalogue is.
+        effects: by rival, in the order of the explanations.
+        group: indices of the rivals that cannot be told from the best one, itself first.
+    """
+
+    none: float
+    unknown: float
+    effects: tuple[float, ...]
+    group: tuple[int, ...]
+
+    @property
+    def named(self) -> float:
+        """Probability of the group."""
+        return float(sum(self.effects[k] for k in self.group))
+
+    @property
+    def verdict(self) -> str:
+        """What is most probable: `none`, `unknown` or `effect` (the group)."""
+        p = {"none": self.none, UNKNOWN: self.unknown, "effect": self.named}
+        return max(p, key=lambda name: p[name])
