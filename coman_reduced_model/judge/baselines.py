@@ -60,8 +60,7 @@ def features(bag: Path, config: Path | None) -> Features:
     from ..diagnose.data.masks import masks
     from ..diagnose.data.recording import load
     from ..diagnose.data.world import World
-    from ..diagnose.inference.evidence import assemble
-    from ..diagnose.physics.balance import evaluate
+    from ..diagnose.inference.evidence import assemble, reference
     from ..diagnose.physics.hypotheses import candidates, unknowns
 
     settings = load_config(config or config_path())
@@ -69,7 +68,8 @@ def features(bag: Path, config: Path | None) -> Features:
     world = World.nominal(robot, settings)
     where = masks(recording, world)
     known = unknowns(recording, world)
-    problem = assemble(evaluate(recording, world, where), where, known)
+    nothing = np.zeros(len(known))
+    problem = assemble(reference(recording, world, where, known, nothing), where, known, nothing)
     scale = {key: max(float(np.std(row)), 1e-12) for key, row in problem.rows.items()}
     y = np.concatenate([row / scale[key] for key, row in problem.rows.items()])
     A = np.concatenate([problem.columns[key] / scale[key] for key in problem.rows])

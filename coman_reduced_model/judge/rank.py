@@ -22,7 +22,6 @@ import numpy as np
 
 from ..core.config.files import load_config
 from ..core.effects.unknown import Unknown
-from ..core.effects.widths import WIDTHS
 from ..diagnose.data.reading import read_bags
 from ..diagnose.inference.case import evidence_of, examine
 from ..diagnose.inference.check import check_recordings
@@ -42,7 +41,7 @@ def evidence_with(folder: Path, deviations: Mapping[str, float]) -> Evidence:
 
     Args:
         folder: holds the bags and robot.yaml.
-        deviations: by the name of a width (`joint_stiffness.scale.spread`, core/effects/widths.py).
+        deviations: by the name of a width (`joint_stiffness.scale.spread`, config/nominal.yaml).
 
     Raises:
         ComanError: the bags cannot be used.
@@ -51,7 +50,7 @@ def evidence_with(folder: Path, deviations: Mapping[str, float]) -> Evidence:
     bags = [folder / bag for bag in BAGS if (folder / bag).is_dir()]
     readings = read_bags(bags, config, None, None, lambda done, what: None)
     checked = check_recordings(readings, 1, config, [])
-    recordings = [*checked.train, *checked.hold]
+    recordings = [*checked.train, *checked.select, *checked.confirm]
     known = [with_deviation(each, deviations) for each in unknowns(recordings[0][0], recordings[0][1])]
     nominal = np.zeros(len(known))
     return evidence_of([examine(prepared, known, nominal) for prepared in recordings])
@@ -59,12 +58,8 @@ def evidence_with(folder: Path, deviations: Mapping[str, float]) -> Evidence:
 
 def with_deviation(unknown: Unknown, deviations: Mapping[str, float]) -> Unknown:
     """An unknown whose spread over clean robots is as given; as it is, if nothing is given."""
-    for kind in ("spread", "slack"):
-        name = unknown.widths.get(kind, "")
-        if name in deviations:
-            unit = getattr(unknown, kind) / WIDTHS[name]  # relative widths: to what
-            return replace(unknown, spread=deviations[name] * unit, slack=0.0)
-    return unknown
+    name = unknown.widths.get("spread", "")
+    return replace(unknown, spread=deviations[name] * unknown.relative) if name in deviations else unknown
 
 
 def ranking(evidence: Evidence) -> list[dict[str, Any]]:
@@ -77,7 +72,7 @@ def ranking(evidence: Evidence) -> list[dict[str, Any]]:
             known[i].key: {"value": float(value), "deviation": float(deviation)}
             for i, value, deviation in zip(indices, score.values, spread, strict=True)
         }
-        row = {"name": score.option.effect, "where": score.option.place, "evidence": score.total}
+        row = {"name": score.option.effect, "where": score.option.place, "evidence": score.gain}
         out.append({**row, "parameters": parameters})
     return out
 

@@ -18,7 +18,7 @@ EVEN = 1.0 / np.sqrt(12.0)  # standard deviation of an even distribution over it
 
 
 def true_deviations(world: World) -> dict[str, float]:
-    """Standard deviations over clean robots of this world, by the names of core/effects/widths.py.
+    """Standard deviations over clean robots of this world, by the names of config/nominal.yaml.
 
     What is not named keeps the width of the diagnosis. Sensors' zeros are those of the sensors of this world.
     """
@@ -37,10 +37,10 @@ def true_deviations(world: World) -> dict[str, float]:
         return noise
     return noise | {
         "encoder_bias.bias.spread": float(np.hypot(a * made.ENCODER_ZERO, a * made.ECCENTRICITY / 2.0)),
-        "backlash.width.slack": a * made.PLAY * 0.65,
+        "backlash.width.spread": a * made.PLAY * 0.65,
         "joint_friction.coulomb.spread": a * made.FRICTION * 0.65,
         "transport_delay.delay.spread": a * (made.DELAY + made.LINK_LATE) * EVEN,
-        "motor_lag.time_constant.slack": a * made.LAG * EVEN,
+        "motor_lag.time_constant.spread": a * made.LAG * EVEN,
         "wrench_delay.delay.spread": a * made.WRENCH_LATE * EVEN,
         "encoder_delay.delay.spread": a * made.LINK_LATE * EVEN,
         "ground_slope.spread": a * made.SLOPE,

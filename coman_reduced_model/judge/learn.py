@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Learns config/nominal.yaml from cases whose answers are known: run again whenever the model or its laws change.
+
+    coman judge --seeds 0:120 --out RUN --no-oracle         # or only the bags of a run
+    python -m coman_reduced_model.judge.learn RUN... --out config/nominal.yaml --jobs 2
+
+1. How much nominal robots vary, from the clean cases (expectation maximisation, diagnose/inference/variability.py).
+2. What the laws leave on them, and the first comparison of explanations of every case, with these widths.
+3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
+
+Kinds of worlds are left out one by one: the shares that are printed are of kinds that the weights did not see.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import pickle
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.optimize import minimize
+
+from ..core.base.nominal import Nominal, load_nominal
+from ..core.base.types import Array
+from ..core.config.files import load_config
+from ..diagnose.data.reading import read_bags
+from ..diagnose.inference.case import examine
+from ..diagnose.inference.case_cache import CaseCache
+from ..diagnose.inference.check import Checked, check_recordings
+from ..diagnose.inference.compare import compare
+from ..diagnose.inference.decide import ALL, EFFECT, score
+from ..diagnose.inference.effects import with_structure
+from ..diagnose.inference.evidence import Evidence
+from ..diagnose.inference.explanation import UNKNOWN, features, law_of
+from ..diagnose.inference.finding import Finding
+from ..diagnose.inference.search import rivals_of
+from ..diagnose.inference.variability import learn_widths
+from ..diagnose.physics.hypotheses import candidates, unknowns
+from ..errors import ComanError
+from .cases import BAGS
+from .families import class_of
+from .seeds import commit
+
+RIDGE = 0.05  # of the squared weights, on the mean log loss
+LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
+AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
+ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
+
+
+@dataclass(frozen=True)
+class Example:
+    """The first comparison of a case.
+
+    Attributes:
+        answer: of the case.
+        rows: nothing more, then each rival: name, where, gain, confirmed, ways, leftover (by law), pulled, parameters.
+    """
+
+    answer: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+
+    @property
+    def truth(self) -> set[str]:
+        """`none`, `unknown` or classes of effects, any of which is right."""
+        kind = self.answer["kind"]
+        return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"]) for e in self.answer["effects"]}
+
+
+def checked_case(bags: Path) -> Checked:
+    """The recordings of a case.
+
+    Raises:
+        ComanError: they cannot be used.
+    """
+    config = with_structure(load_config(bags / "robot.yaml"))
+    readings = read_bags([bags / bag for bag in BAGS], config, None, None, lambda done, what: None)
+    return check_recordings(readings, 1, config, [])
+
+
+def linear_evidence(bags: Path, stored: Path) -> list[Evidence] | None:
+    """Evidence of each recording of a case, linear about nominal; kept in a file."""
+    if not stored.is_file():
+        try:
+            checked = checked_case(bags)
+        except ComanError:
+            return None
+        recordings = [*checked.train, *checked.select, *checked.confirm]
+        known = unknowns(recordings[0][0], recordings[0][1])
+        evidence = [examine(each, known, np.zeros(len(known))).evidence for each in recordings]
+        light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
+        stored.write_bytes(pickle.dumps([replace(each, unknowns=light) for each in evidence]))
+    found: list[Evidence] = pickle.loads(stored.read_bytes())
+    return found
+
+
+def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[str, Any]] | None:
+    """The explanations that a diagnosis of a case compares first, as plain values; kept in a file."""
+    if not stored.is_file():
+        try:
+            stored.write_text(json.dumps(_first_comparison(checked_case(bags), nominal)), encoding="utf-8")
+        except ComanError:
+            return None
+    found: list[dict[str, Any]] = json.loads(stored.read_text(encoding="utf-8"))
+    return found
+
+
+def _first_comparison(checked: Checked, nominal: Nominal) -> list[dict[str, Any]]:
+    cache = CaseCache(checked.train, checked.select, nominal)
+    nothing = np.zeros(len(cache.known))
+    finding = Finding(cache.known, nothing, nominal=nominal)
+    finding.train, finding.hold = cache.at(nothing, "train"), cache.at(nothing, "hold")
+    rivals = rivals_of(finding, candidates(cache.known))
+    rows = []
+    for each in compare(finding, cache, rivals):
+        left: dict[str, float] = {}
+        for key, value in each.leftover.items():
+            left[law_of(key)] = max(left.get(law_of(key), 0.0), value)
+        deviation, option, parameters = np.sqrt(np.diag(each.fit.covariance)), each.option, {}
+        for i in option.unknowns if option else ():
+            known = cache.known[i]
+            parameters[known.key] = [known.nominal, each.fit.x[i], deviation[i], known.logarithmic]
+        rows.append({
+            "name": option.effect if option else "", "where": option.place if option else "", "gain": each.gain,
+            "confirmed": each.confirmed, "ways": each.ways, "leftover": left, "pulled": dict(each.pulled),
+            "parameters": parameters,
+        })  # fmt: skip
+    return rows
+
+
+def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]]:
+    """By law: median, and standard deviation of the logarithm, of what it leaves on clean robots [noise floors]."""
+    values: dict[str, list[float]] = {}
+    for example in examples:
+        if example.answer["kind"] == "clean":
+            for law, value in example.rows[0]["leftover"].items():
+                values.setdefault(law, []).append(float(np.log(max(value, 1e-3))))
+    out = {}
+    for law, each in values.items():
+        low, median, high = np.quantile(each, [0.16, 0.5, 0.84])
+        out[law] = float(np.exp(median)), max(float(high - median), float(median - low), LEAST_SCATTER)
+    return out
+
+
+def learn_decision(examples: Sequence[Example], nominal: Nominal, selected: bool) -> dict[str, float]:
+    """Weights of the features, by the mean log loss of the probability of the truth."""
+    names = [*EFFECT, *ALL, UNKNOWN]
+    free = [name for name in names if selected or name != "select"]
+    cases = [(_features(each, nominal), each) for each in examples]
+
+    def loss(values: Array) -> float:
+        weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
+        logs = [-np.log(max(truth_probability(f, each, weights), 1e-6)) for f, each in cases]
+        return float(np.mean(logs) + RIDGE * float(np.sum(values[1:-1] ** 2)))
+
+    start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
+    bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
+    found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
+    return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
+
+
+def _features(example: Example, nominal: Nominal) -> list[dict[str, float]]:
+    out = []
+    for row in example.rows:
+        confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
+        out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], nominal))
+    return out
+
+
+def outcome(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> dict[str, float]:
+    """Probability of `none`, `unknown` and of each class of effects."""
+    names = ["none", UNKNOWN, *(class_of(row["name"]) for row in example.rows[1:])]
+    scores = [score(found[0], weights, False), weights[UNKNOWN]]
+    scores += [score(each, weights, True) for each in found[1:]]
+    p = np.exp(np.array(scores) - max(scores))
+    out: dict[str, float] = {}
+    for name, value in zip(names, p / p.sum(), strict=True):
+        out[name] = out.get(name, 0.0) + float(value)
+    return out
+
+
+def truth_probability(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> float:
+    """Of anything that is right; where no rival is, of naming nothing."""
+    p = outcome(found, example, weights)
+    names = example.truth if example.truth & set(p) else {"none", UNKNOWN}
+    return sum(p.get(name, 0.0) for name in names)
+
+
+def interval_factor(examples: Sequence[Example]) -> float:
+    """By which intervals of true effects must be longer to hold 95 % of the true values."""
+    ratios = []
+    for example in examples:
+        for effect in example.answer["effects"] if example.answer["kind"] in ("single", "pair") else ():
+            for row in example.rows[1:]:
+                if (row["name"], row["where"]) != (effect["name"], effect["where"] or ""):
+                    continue
+                for key, (nominal, x, deviation, logarithmic) in row["parameters"].items():
+                    truth = effect["parameters"].get(key)
+                    if isinstance(truth, float) and (not logarithmic or truth > 0.0):
+                        true = np.log(truth / nominal) if logarithmic else truth - nominal
+                        ratios.append(abs(x - true) / (1.96 * deviation))
+    return max(float(np.quantile(ratios, 0.95)), 1.0) if ratios else 1.0
+
+
+def left_out(examples: Sequence[Example], nominal: Nominal) -> Iterable[tuple[str, str, Example, dict[str, float]]]:
+    """Of each example, the axis and kind of its world that was left out, and what the weights of the others say."""
+    for axis in AXES:
+        for kind in sorted({example.answer["worlds"][axis] for example in examples}):
+            inside = [example for example in examples if example.answer["worlds"][axis] == kind]
+            others = [example for example in examples if example.answer["worlds"][axis] != kind]
+            if len(others) < 10:
+                continue
+            weights = learn_decision(others, nominal, True)
+            for example in inside:
+                yield axis, kind, example, outcome(_features(example, nominal), example, weights)
+
+
+def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, str]:
+    """Shares over examples with their probabilities."""
+    rows: dict[str, list[bool]] = {}
+    for example, p in found:
+        best = max(p, key=lambda name: p[name])
+        kind, levels = example.answer["kind"], example.answer["levels"]
+        if kind == "clean":
+            rows.setdefault("false alarms", []).append(best != "none")
+        elif kind == "unknown":
+            rows.setdefault("outside: unknown", []).append(best == UNKNOWN)
+            rows.setdefault("outside: none", []).append(best == "none")
+        else:
+            if kind == "single" and levels[0] != "weak":
+                rows.setdefault("medium, strong: right", []).append(best in example.truth)
+            rows.setdefault("wrong", []).append(best not in {*example.truth, "none", UNKNOWN})
+        rows.setdefault("log loss", []).append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
+    return {
+        name: f"{np.mean(values):.2f}" if name == "log loss" else f"{sum(values)}/{len(values)}"
+        for name, values in rows.items()
+    }
+
+
+def cases_of(run: Path) -> dict[str, dict[str, Any]]:
+    """Answers of a run by case."""
+    sealed = run.with_name(f"{run.name}.sealed")
+    return {
+        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(sealed.glob("*.json"))
+        if path.stem != "seeds" and (run / "bags" / path.stem).is_dir()
+    }
+
+
+def learn(runs: Sequence[Path], nominal: Nominal, jobs: int) -> tuple[Nominal, list[Example]]:
+    """A new record of nominal variability, and the examples that it was learnt from."""
+    cases = [(run, name, answer) for run in runs for name, answer in cases_of(run).items()]
+    for run in runs:
+        (run / "learn").mkdir(exist_ok=True)
+    with ProcessPoolExecutor(jobs) as pool:
+        clean = [(run / "bags" / name, run / "learn" / f"{name}.pkl") for run, name, a in cases if a["kind"] == "clean"]
+        evidence = [each for each in pool.map(linear_evidence, *zip(*clean, strict=True)) if each]
+        nominal = replace(nominal, widths=learn_widths(evidence, replace(nominal, widths=nominal.sheets)))
+        places = [(run / "bags" / name, run / "learn" / f"{name}.json") for run, name, _ in cases]
+        found = list(pool.map(partial(first_comparison, nominal=nominal), *zip(*places, strict=True)))
+    examples = [Example(answer, rows) for (_, _, answer), rows in zip(cases, found, strict=True) if rows]
+    nominal = replace(nominal, leftover=learn_leftover(examples))
+    decision = {name: learn_decision(examples, nominal, name == "selected") for name in ("selected", "alone")}
+    seeds = sorted(int(example.answer["seed"]) for example in examples)
+    source = {"commit": commit(), "robots": len(evidence), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
+    factor = interval_factor(examples)
+    return replace(nominal, decision=decision, interval_factor=factor, source=source), examples
+
+
+def main() -> None:
+    """See the top of this file."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--jobs", type=int, default=1)
+    asked = parser.parse_args()
+    nominal, examples = learn([run.absolute() for run in asked.runs], load_nominal(), asked.jobs)
+    asked.out.write_text(header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
+    found = list(left_out(examples, nominal))
+    for axis in AXES:
+        print(f"kinds of {axis} left out:", summary([(e, p) for a, _, e, p in found if a == axis]))
+
+
+def header() -> str:
+    """Comment at the top of a file of nominal variability."""
+    return """# SPDX-License-Identifier: BSD-3-Clause
+#
+# What nominal robots are like. Written by judge/learn.py; `coman baseline` writes such a file for a robot of your own.
+#
+# widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
+#     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
+#     data sheets and what is common, where learning begins. most: what they allow at most.
+# leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm.
+# decision: weights by which an effect is named, with recordings that help to choose and alone.
+# monitor: by law: unit; standard deviation of a phase mean from phase to phase in single and in double support, from
+#     one robot to the next (0: not known), and of the drift from one phase of a kind to the next, as a share of the
+#     noise. In weights for N, weight times COM height for Nm, mass times m/s for Ns.
+"""
+
+
+if __name__ == "__main__":
+    main()
