@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from synthetic import robot
 
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.unknown import Unknown
@@ -85,9 +87,12 @@ def made_up(effect: str, spread: float, reach: float, **more) -> Unknown:
     return Unknown(effect, where, key, "1", lambda r, w, x: (r, w), reach, spread, step=0.1, **more)
 
 
+# The torques of the standing robot are of no motion: gains of their sensors must not explain that.
+EXACT_TORQUES = replace(load_nominal(), widths={**load_nominal().widths, "torque_gain.spread": 1e-6})
+
 FIGURES = [
     made_up("payload", 0.0, 2.0, key="mass"),
     made_up("encoder_bias", 0.3, 1.5, where="knee"),
-    made_up("backlash", 0.0, 1.0, slack=0.2),
+    made_up("backlash", 0.2, 1.0),
     made_up("", 0.5, 0.5, own=True),
 ]

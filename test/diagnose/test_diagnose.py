@@ -29,7 +29,7 @@ HIDDEN = {
     "foot_slip": ("foot_slip", {"where": "right", "distance": 0.012}),
     "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
     "wrench_bias": ("wrench_bias", {"where": "right", "fz": 25.0}),  # the foot never seems to be in the air
-    "sensor_rotation": ("sensor_rotation", {"where": "left", "axis": "x", "angle": 0.35}),
+    "cogging": ("cogging", {"where": "LKneeSag", "amplitude": 4.0, "per_turn": 36}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
 MADE_OTHERWISE = {  # sensors of nominal robots
@@ -198,7 +198,7 @@ def test_a_nominal_robot_lacks_nothing(name, bags, diagnose):
 
 @pytest.mark.slow
 def test_what_no_effect_explains_is_unknown(bags, diagnose):
-    train, held = bags("sensor_rotation")
+    train, held = bags("cogging")
     result, _ = diagnose(train, "--holdout", held)
     assert result["verdict"] == "unknown" and result["effects"] == [] and result["too_much"], result["sentence"]
 
@@ -255,7 +255,7 @@ def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_pa
     [
         ("no_such_effect", "names:"),
         ("backlash:at=LKneeSag", "wanted NAME"),
-        ("backlash", "where=LHipYaw"),
+        ("encoder_bias", "where=LHipYaw"),
         ("backlash:where=LeftKnee", "allowed: where="),
         ("gravity_stiffness", "names:"),
     ],

@@ -17,7 +17,7 @@ from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN
 
 ROOT = Path(__file__).resolve().parents[3]
-FILES = sorted((ROOT / "config").glob("*.yaml"))
+FILES = sorted({*(ROOT / "config").glob("*.yaml")} - {ROOT / "config/nominal.yaml"})
 
 
 def keys(tree: dict, prefix: str = "") -> list[str]:

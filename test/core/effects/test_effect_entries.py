@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from diagnose_tools import standing, t
 
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.effects.ambiguity import Ambiguity
 from coman_reduced_model.core.effects.base import PLACES, Effect
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.core.effects.unknown import LINKS, PLAN, About, Unknown
-from coman_reduced_model.core.effects.widths import WIDTHS
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.world import World
 from coman_reduced_model.diagnose.physics.hypotheses import unknowns
@@ -35,7 +35,7 @@ def moving() -> tuple[Recording, World]:
 def about() -> About:
     recording, world = moving()
     joints = len(world.robot.joint_names)
-    return About(world.robot, world.gravity, True, True, True, np.full(joints, 0.05), recording.count)
+    return About(world.robot, world.gravity, True, True, True, np.full(joints, 0.05), recording.count, load_nominal())
 
 
 def differs(before, after) -> bool:
@@ -81,13 +81,13 @@ def missing_of_unknowns(effect: type[Effect]) -> set[str]:
         if not mine:
             out.add(f"unknown {parameter.name}")
         for each in mine:
-            if each.low < parameter.low - each.nominal and np.isfinite(each.low):
+            if np.isfinite(each.low) and each.value(each.low) < parameter.low - 1e-9:
                 out.add(f"bounds of {each.key}")
     places = {"joint": set(about().joints_and_legs)}.get(effect.place) or {*PLACES.get(effect.place, ())}
     for each in found:
         if each.where not in places | {PLAN, LINKS}:
             out.add(f"place of {each.key}")
-        if "reach" not in each.widths or not set(each.widths.values()) <= set(WIDTHS):
+        if "reach" not in each.widths or not set(each.widths.values()) <= set(load_nominal().widths):
             out.add(f"widths of {each.key}")
         recording, world = moving()
         after = each.apply(recording, world, each.step)
@@ -104,7 +104,7 @@ def test_no_part_of_an_entry_is_missing(name):
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_what_a_diagnosis_could_find_is_wider_than_nominal_scatter(name):
     for each in CATALOGUE[name].unknowns(about()):
-        assert each.reach > max(each.spread, each.slack) >= 0.0 and each.step > 0.0, each.name
+        assert each.reach > each.spread >= 0.0 and each.step > 0.0, each.name
 
 
 def test_missing_parts_are_noticed():
@@ -130,4 +130,4 @@ def test_missing_parts_are_noticed():
 
 
 def test_all_widths_are_used():
-    assert {name for each in unknowns(*moving()) for name in each.widths.values()} == set(WIDTHS)
+    assert {name for each in unknowns(*moving()) for name in each.widths.values()} == set(load_nominal().widths)

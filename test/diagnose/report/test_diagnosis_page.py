@@ -22,7 +22,6 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.base import Effect
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.core.effects.unknown import About, Unknown, world_plus
-from coman_reduced_model.core.effects.widths import widths
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import Smoothed
@@ -30,10 +29,11 @@ from coman_reduced_model.diagnose.inference.case import Case
 from coman_reduced_model.diagnose.inference.check import Checked, limitations
 from coman_reduced_model.diagnose.inference.effects import with_structure
 from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
+from coman_reduced_model.diagnose.inference.explanation import Odds
 from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding
 from coman_reduced_model.diagnose.inference.predicted_com import FreeRun, FreeRuns
 from coman_reduced_model.diagnose.inference.prediction import predict_com
-from coman_reduced_model.diagnose.inference.verdict import judge
+from coman_reduced_model.diagnose.inference.verdict import Found, verdict
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.diagnose.report.contents import build_diagnosis
 from coman_reduced_model.diagnose.report.page import diagnosis_page
@@ -44,7 +44,7 @@ WIDTH, FLOOR = 0.012, 3e-4  # [rad]
 JOINTS = ["LKneeSag", "RKneeSag"]
 STILL = lambda recording, world, x: (recording, world)  # noqa: E731
 KNOWN = [
-    Unknown("backlash", "LKneeSag", "width", "rad", STILL, 0.01, step=1e-3, slack=0.001, low=0.0),
+    Unknown("backlash", "LKneeSag", "width", "rad", STILL, 0.01, spread=0.001, step=1e-3, low=0.0),
     Unknown("encoder_bias", "LKneeSag", "bias", "rad", STILL, 0.02, 0.001, step=1e-3),
     Unknown("joint_stiffness", "RKneeSag", "scale", "1", STILL, 0.3, 0.05, nominal=1.0, step=0.01),
 ]
@@ -98,7 +98,8 @@ def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool =
     )
     where: Any = SimpleNamespace(ticks=ticks, staggers=False)
     evidence = weighed(problem, at, noises)
-    return Case(recording, where, state, problem, evidence, noises, dict.fromkeys(problem.rows, FLOOR))
+    base: Any = None
+    return Case(recording, where, state, problem, evidence, noises, base, dict.fromkeys(problem.rows, FLOOR))
 
 
 def free_run(config: Config, made_worse: bool) -> FreeRun:
@@ -117,6 +118,8 @@ def diagnosis(
     width: float = WIDTH,
     found: bool = True,
     hold: int = 1,
+    unknown: float = 0.1,
+    against: tuple[str, ...] = (),
     made_worse: bool = False,
     **recording: Any,
 ) -> Diagnosis:
@@ -132,18 +135,21 @@ def diagnosis(
         ]
         after = [case(name, width, finding.at, **recording) for name in ("train", "hold")[: 1 + hold]]
         finding.train, finding.hold = after[:1], after[1:]
-        finding.refused = [(next(o for o in options if o.effect == "encoder_bias"), "held-out bags speak against it")]
     finding.fit = finding.train[0].evidence.fit(finding.released)
     config, where = with_structure(load_config(ROOT / "config/coman.yaml")), SimpleNamespace(slides=())
     prepared: Any = [(each.recording, each.state.world, where) for each in before]
     checked = Checked(
-        prepared[:1], prepared[1:], ["bags/train"], ["bags/hold"][:hold], [each.recording for each in before],
+        prepared[:1], [], prepared[1:], ["bags/train"], ["bags/hold"][:hold], [each.recording for each in before],
         limitations(prepared, held_out=bool(hold)),
     )  # fmt: skip
     with ThreadPoolExecutor(1) as helper:
         free_runs = FreeRuns(helper, predict=lambda path, config, *_: free_run(config, made_worse))
         predicted = predict_com(finding, checked, config, free_runs)
-    return build_diagnosis(checked, judge(finding, checked), predicted, config, began=0.0)
+    finding.steps.append(([], Odds(0.9 - unknown, unknown, (), ())))
+    word = verdict(finding, checked.recordings[:1], False, against)
+    probabilities = {"none": 0.9 - unknown, "unknown": unknown, "backlash@LKneeSag": 0.1}
+    result = Found(finding, finding.leftover(), word, probabilities, against)
+    return build_diagnosis(checked, result, predicted, config, began=0.0)
 
 
 def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it():
@@ -152,7 +158,7 @@ def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it():
     headline = re.search(r"<h1>(.*?)</h1>", html)[1]  # type: ignore[index]
     assert headline.startswith("The left knee (LKneeSag) has 0.690 ± ")
     assert headline.endswith("degrees of backlash.")
-    for told in ("model.yaml", "spring law, LKneeSag", "held-out bags speak against it"):
+    for told in ("model.yaml", "spring law, LKneeSag", "backlash of LKneeSag", "opened once"):
         assert told in html
     assert html.count("<svg") == 4  # the law, residuals, COM, heat map
 
@@ -169,7 +175,8 @@ def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it():
 )
 def test_each_verdict_has_a_page(verdict, told, hold):
     width = WIDTH if verdict in ("unknown", "effect") else 0.0
-    made = diagnosis(width, verdict == "effect", hold, walks=verdict != "not_excited")
+    unknown = 0.8 if verdict == "unknown" else 0.1
+    made = diagnosis(width, verdict == "effect", hold, unknown=unknown, walks=verdict != "not_excited")
     assert made.result["verdict"] == verdict
     html = diagnosis_page(made)
     assert told in html
@@ -207,6 +214,14 @@ def test_the_page_shows_the_com_before_and_after_each_effect(made_worse):
     assert {(row[3][:3], row[4][:3]) for row in rows} == {("2.0", "3.0" if made_worse else "1.0")}
     assert {row[-1] for row in rows} == {"no" if made_worse else "yes"}
     assert ("worse, x" in html) == made_worse
+
+
+def test_what_the_confirming_recording_speaks_against_is_not_named():
+    made = diagnosis(against=("backlash@LKneeSag",))
+    assert made.result["verdict"] == "unknown" and made.result["effects"] == []
+    assert [each["name"] for each in made.result["suspected"]] == ["backlash"]
+    assert "backlash of LKneeSag would explain it, but the confirming recording" in made.sentence
+    assert "The confirming recording speaks against backlash of LKneeSag" in diagnosis_page(made)
 
 
 def test_a_recording_without_torques_has_a_page_that_says_so():
@@ -256,7 +271,7 @@ class KneePlay(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = widths("backlash.width", "slack", "reach")
+        prior = about.widths("backlash.width", "spread", "reach")
         return [cls.unknown("gap", world_plus("play", about.joints["LKneeSag"]), "LKneeSag", low=0.0, **prior)]
 
 

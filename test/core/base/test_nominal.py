@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of nominal variability: read, written, refused in one line."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+
+from coman_reduced_model.core.base.nominal import SECTIONS, load_nominal
+from coman_reduced_model.errors import ConfigError
+
+
+def test_the_shipped_population_is_whole():
+    nominal = load_nominal()
+    assert set(nominal.most) <= set(nominal.widths)
+    assert all(value > 0.0 for value in nominal.widths.values())
+    for weights in nominal.decision.values():
+        assert {"one", "train", "select", "ways", "leftover", "pulled", "unknown"} == set(weights)
+    assert {"commit", "seeds", "cases", "robots"} <= set(nominal.source)
+    assert nominal.interval_factor >= 1.0
+    assert all(median > 0.0 and scatter > 0.0 for median, scatter in nominal.leftover.values())
+
+
+def test_what_is_written_is_what_is_read(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(load_nominal().plain()))
+    again = load_nominal(path)
+    assert again.plain() == load_nominal().plain()
+    assert again.width("mass", "spread", times=2.0)["spread"] == pytest.approx(2.0 * again.widths["mass.spread"])
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "with 'widths:'"),
+        ("widths: [1, 2]", "with 'widths:'"),
+        ("widths: {a.spread: wide}", "a value of a wrong kind"),
+        ("widths: {a.spread: 1.0}\nfigures: {}", "figures: unknown"),
+        ("widths: {a.spread: 1.0}\nleftover: {spring: 3}", "a value of a wrong kind"),
+        ("widths: {", "is not YAML"),
+    ],
+)
+def test_nonsense_is_refused_in_one_line(text, reason, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=reason) as error:
+        load_nominal(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_nominal(tmp_path / "missing.yaml")
+
+
+def test_every_section_is_known():
+    assert set(SECTIONS) >= set(load_nominal().plain())

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Explanations compared at their own values, and the probabilities that are made of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose_tools import EXACT_TORQUES, JOINT, standing, stretched
+
+from coman_reduced_model.core.base.nominal import load_nominal
+from coman_reduced_model.diagnose.data.masks import masks, part_of
+from coman_reduced_model.diagnose.inference.case_cache import CaseCache
+from coman_reduced_model.diagnose.inference.compare import compare
+from coman_reduced_model.diagnose.inference.decide import odds
+from coman_reduced_model.diagnose.inference.explanation import Explanation, features, law_of, worst_leftover
+from coman_reduced_model.diagnose.inference.finding import Finding
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
+
+NOMINAL = load_nominal()
+WEIGHTS = {"one": -4.0, "train": 1.0, "select": 1.0, "ways": 1.0, "leftover": 0.5, "pulled": 0.5, "unknown": -3.0}
+
+
+def explanation(name: str = "", gain: float = 0.0, confirmed: float = 0.0, left: float = 1.0) -> Explanation:
+    option = Candidate(name, "", ()) if name else None
+    nothing = np.zeros(0)
+    leftover = {"spring/knee|single": left}
+    return Explanation(option, nothing, [], [], None, gain, confirmed, 1, leftover, {})  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def nominal():
+    decision = {"selected": WEIGHTS, "alone": {**WEIGHTS, "select": 0.0}}
+    return replace(NOMINAL, decision=decision, leftover={"spring|single": (1.0, 0.5)})
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.08])  # of nominal stiffness: the second is far from linear
+def test_a_softer_spring_is_the_best_explanation_at_its_true_value(factor):
+    recording, world = stretched(lambda tau, nominal: nominal / factor), standing()[1]
+    prepared = recording, world, masks(recording, world)
+    cache = CaseCache([prepared], [prepared], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
+    rivals = [o for o in candidates(cache.known) if o.where == JOINT and o.effect in ("joint_stiffness", "backlash")]
+    nothing, *others = compare(finding, cache, rivals)
+    assert nothing.option is None and nothing.gain == nothing.confirmed == 0.0
+    best = max(others, key=lambda each: each.gain + each.confirmed)
+    assert best.option is not None and best.option.effect == "joint_stiffness" and best.gain > 10.0 < best.confirmed
+    (i,) = best.option.unknowns
+    assert cache.known[i].value(best.fit.x[i]) == pytest.approx(factor, rel=0.1)
+
+
+def test_probabilities_add_up_and_follow_the_evidence(nominal):
+    alone = odds([explanation()], nominal)
+    assert alone.none + alone.unknown == pytest.approx(1.0) and alone.none > 0.8 and alone.named == 0.0
+    rivals = [explanation("payload", 40.0, 30.0), explanation("backlash", 2.0, -5.0)]
+    found = odds([explanation(), *rivals], nominal)
+    assert found.none + found.unknown + sum(found.effects) == pytest.approx(1.0)
+    assert found.named > 0.8 and found.group == (0,)
+    # Evidence of the training recordings that the selecting ones contradict is worth nothing.
+    assert odds([explanation(), explanation("payload", 40.0, -30.0)], nominal).named < 0.2
+    # What no explanation explains is unknown.
+    assert odds([explanation(left=100.0)], nominal).unknown > 0.5
+
+
+def test_what_cannot_be_told_apart_is_a_group(nominal):
+    rivals = [explanation("external_force", 20.0, 10.0), explanation("ground_slope", 19.0, 9.5)]
+    found = odds([explanation(), *rivals], nominal)
+    assert set(found.group) == {0, 1} and found.named == pytest.approx(sum(found.effects))
+
+
+def test_without_selecting_recordings_other_weights_count(nominal):
+    nothing, rival = explanation(confirmed=np.nan), explanation("payload", 40.0, np.nan)
+    assert nothing.features(nominal)["select"] == 0.0
+    assert (
+        0.0
+        < odds([nothing, rival], nominal).named
+        < odds([explanation(), explanation("payload", 40.0, 40.0)], nominal).named
+    )
+
+
+def test_laws_are_the_same_on_any_robot(nominal):
+    assert law_of("spring/l_knee|single") == "spring|single" == law_of("spring|single")
+    assert law_of("unloaded/left/fz|single") == "unloaded/f|single" == law_of("unloaded/f|single")
+    assert law_of("force/x|double") == "force/x|double"
+    z, where = worst_leftover({"spring/l_knee|single": np.e, "plan/x|single": 1e6}, nominal)
+    assert z == pytest.approx(2.0) and where == "spring/l_knee|single"  # a law that no robot showed says nothing
+    assert features(0.0, 0.0, 1, {}, {"mass.spread": np.e}, nominal)["pulled"] == pytest.approx(1.0)
+
+
+def test_a_part_of_a_recording_has_only_its_ticks():
+    recording, world = standing()
+    where = masks(recording, world)
+    first, last = part_of(where, 0.0, 0.5), part_of(where, 0.5, 1.0)
+    assert not (first.steady & last.steady).any()
+    np.testing.assert_array_equal(first.steady | last.steady, where.steady)

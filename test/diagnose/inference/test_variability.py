@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How much robots vary, learnt from robots that were drawn with known widths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose_tools import made_up
+
+from coman_reduced_model.core.base.nominal import Nominal
+from coman_reduced_model.core.effects.unknown import Unknown
+from coman_reduced_model.diagnose.inference.evidence import Evidence
+from coman_reduced_model.diagnose.inference.variability import adapted, learn_widths, with_widths
+
+JOINTS = 8
+POPULATION = Nominal({"play.spread": 0.1, "zero_f.spread": 1.0}, most={"play.spread": 0.5})
+
+
+def figures() -> list[Unknown]:
+    def of(name: str, i: int, spread: float, own: bool) -> Unknown:
+        return replace(made_up("", spread, spread, where=str(i), own=own), widths={"spread": name})
+
+    return [of("play.spread", i, 0.1, False) for i in range(JOINTS)] + [
+        of("zero_f.spread", i, 1.0, True) for i in range(JOINTS)
+    ]
+
+
+def recordings(rng, play: float, zero: float, count: int = 3) -> list[Evidence]:
+    """Of one robot: its play is the same in each, its zeros are not."""
+    known, values = figures(), play * rng.standard_normal(JOINTS)
+    out = []
+    for _ in range(count):
+        x = np.concatenate([values, zero * rng.standard_normal(JOINTS)])
+        A = rng.normal(size=(200, 2 * JOINTS))
+        r = A @ x + 0.2 * rng.standard_normal(200)
+        out.append(Evidence(known, np.zeros(2 * JOINTS), 25.0 * A.T @ A, 25.0 * A.T @ r, 25.0 * float(r @ r), 200))
+    return out
+
+
+def test_a_population_gets_the_widths_that_it_was_drawn_with():
+    rng = np.random.default_rng(0)
+    widths = learn_widths([recordings(rng, 0.3, 2.0) for _ in range(40)], POPULATION)
+    assert widths["play.spread"] == pytest.approx(0.3, rel=0.2)
+    assert widths["zero_f.spread"] == pytest.approx(2.0, rel=0.2)
+
+
+def test_no_width_is_more_than_plausible_and_one_odd_robot_changes_little():
+    rng = np.random.default_rng(1)
+    assert learn_widths([recordings(rng, 2.0, 1.0) for _ in range(10)], POPULATION)["play.spread"] == 0.5
+    robots = [recordings(rng, 0.1, 1.0) for _ in range(19)]
+    odd = learn_widths([*robots, recordings(rng, 0.1, 300.0)], POPULATION)
+    assert odd["zero_f.spread"] < 1.6
+
+
+def test_a_robot_whose_zeros_are_all_large_varies_more_but_one_large_zero_stands_out():
+    rng = np.random.default_rng(2)
+    known = adapted(recordings(rng, 0.1, 50.0), POPULATION)
+    assert known[-1].spread == pytest.approx(50.0, rel=0.5) and known[0].spread == pytest.approx(0.1, rel=0.6)
+    single = recordings(rng, 0.1, 1.0)
+    for each in single:
+        each.moment += 100.0 * each.gram[:, -1]
+    assert adapted(single, POPULATION)[-1].spread < 3.0
+    assert adapted(recordings(rng, 5.0, 1.0), POPULATION)[0].spread <= 0.5 + 1e-9  # no more than is plausible
+
+
+def test_spreads_are_relative_to_what_their_parameter_says():
+    (one,) = with_widths([replace(figures()[0], relative=3.0)], {"play.spread": 0.2})
+    assert one.spread == pytest.approx(0.6)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`coman baseline`: what is usual for one robot."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from diagnose_tools import standing
+from synthetic import walk, write_bag
+
+from coman_reduced_model.cli.main import run
+from coman_reduced_model.core.base.nominal import load_nominal
+from coman_reduced_model.diagnose.baseline import PLAUSIBLE, of_cases
+from coman_reduced_model.diagnose.data.masks import masks
+from coman_reduced_model.diagnose.inference.case import examine
+from coman_reduced_model.diagnose.physics.hypotheses import unknowns
+from coman_reduced_model.sim.disturbances import make
+from coman_reduced_model.sim.record import record
+
+
+def learnt(changes):
+    """The baseline of standing robots with these changes of a parameter, by name: one recording each."""
+    cases = []
+    for each in changes:
+        recording, world = standing()
+        known = unknowns(recording, world)
+        for name, value in each.items():
+            unknown = next(one for one in known if one.name == name)
+            recording, _ = unknown.apply(recording, world, -value)  # what the sensor reads of it
+        cases.append(examine((recording, world, masks(recording, world)), known, np.zeros(len(known))))
+    return of_cases(cases, load_nominal())
+
+
+def test_what_is_the_same_in_all_recordings_is_usual():
+    name = "encoder_bias@LKneeSag.bias"
+    usual, spread = learnt([{name: 0.0012}] * 3).nominal.parameters[name]
+    assert 0.0005 < usual < 0.0013  # the zero of the torque sensor takes the rest
+    assert spread < load_nominal().widths["encoder_bias.bias.spread"]
+
+
+def test_what_no_robot_plausibly_has_is_not_taken_over():
+    name = "encoder_bias@LKneeSag.bias"
+    baseline = learnt([{name: 0.05}] * 2)
+    most = PLAUSIBLE * load_nominal().most["encoder_bias.bias.spread"]
+    assert baseline.nominal.parameters[name][0] <= most + 1e-12
+    assert baseline.pulled["encoder_bias.bias"] > 3.0
+
+
+def test_one_recording_is_too_few(tmp_path, capsys):
+    bag = write_bag(tmp_path / "bag", walk(3.0))
+    assert run(["baseline", str(bag), "--out", str(tmp_path / "usual.yaml")]) == 2
+    assert "at least 2 are needed" in capsys.readouterr().err
+    assert not (tmp_path / "usual.yaml").exists()
+
+
+@pytest.mark.slow
+def test_with_a_baseline_of_the_robot_its_recordings_lack_nothing_and_more_is_seen(tmp_path, capsys):
+    """The same robot, well in three recordings, then with a small zero of one encoder."""
+    robot = make("scatter", {"seed": 3})
+    fault = make("encoder_bias", {"where": "RKneeSag", "bias": 0.004})
+    walks = [("well_1", "test1", []), ("well_2", "test2", []), ("well_3", "test1", []), ("odd", "test1", [fault])]
+    for seed, (name, gait, hidden) in enumerate(walks):
+        record(gait, tmp_path / name, disturbances=[robot, *hidden], seed=seed, duration_s=7.0)
+    usual = tmp_path / "usual.yaml"
+    bags = [str(tmp_path / name) for name in ("well_1", "well_2")]
+    assert run(["baseline", *bags, "--out", str(usual)]) == 0
+
+    def evidence(bag: str, *options: str) -> tuple[str, float]:
+        out = tmp_path / "out"
+        capsys.readouterr()
+        assert run(["diagnose", str(tmp_path / bag), "--out", str(out), "--force", "--json", *options]) == 0
+        result = json.loads(capsys.readouterr().out)
+        mine = [r["evidence"] for r in result["ranking"] if (r["name"], r["where"]) == ("encoder_bias", "RKneeSag")]
+        return result["verdict"], mine[0]
+
+    assert evidence("well_3", "--baseline", str(usual))[0] == "none"
+    assert evidence("odd", "--baseline", str(usual))[1] > evidence("odd")[1] + 1.0
