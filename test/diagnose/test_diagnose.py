@@ -17,7 +17,7 @@ from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
 
-SECONDS = 7.0
+SECONDS = 10.0
 HIDDEN = {
     "clean": None,
     "backlash": ("backlash", {"where": "RKneeSag", "width": 0.026}),
@@ -29,7 +29,7 @@ HIDDEN = {
     "foot_slip": ("foot_slip", {"where": "right", "distance": 0.012}),
     "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
     "wrench_bias": ("wrench_bias", {"where": "right", "fz": 25.0}),  # the foot never seems to be in the air
-    "cogging": ("cogging", {"where": "LKneeSag", "amplitude": 4.0, "per_turn": 36}),
+    "late_clock": ("late_clock", {"rate": 0.02}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
 MADE_OTHERWISE = {  # sensors of nominal robots
@@ -153,7 +153,6 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
         ("payload", "", "force/z"),
         ("encoder_bias", "LAnkSag", ""),
         ("encoder_delay", "", "torque/RKneeSag"),
-        ("motor_compliance", "", "spring/RHipLat"),
         ("wrench_bias", "right", "force/z"),
         ("foot_slip", "right", "slide/x"),
         ("touchdown_impact", "", "landing/z"),
@@ -179,6 +178,14 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
 
 
 @pytest.mark.slow
+def test_yielding_motors_that_echo_their_command_look_like_soft_joints(bags, diagnose):
+    train, held = bags("motor_compliance")
+    result, _ = diagnose(train, "--holdout", held)
+    assert result["verdict"] in ("effect", "unknown"), result["sentence"]
+    assert "motor_compliance" in [name for name in result["probabilities"] if name not in ("none", "unknown")][:3]
+
+
+@pytest.mark.slow
 def test_lagging_motors_that_echo_their_command_are_a_drive_delay(bags, diagnose):
     train, held = bags("motor_lag")
     result, _ = diagnose(train, "--holdout", held)
@@ -198,7 +205,7 @@ def test_a_nominal_robot_lacks_nothing(name, bags, diagnose):
 
 @pytest.mark.slow
 def test_what_no_effect_explains_is_unknown(bags, diagnose):
-    train, held = bags("cogging")
+    train, held = bags("late_clock")
     result, _ = diagnose(train, "--holdout", held)
     assert result["verdict"] == "unknown" and result["effects"] == [] and result["too_much"], result["sentence"]
 

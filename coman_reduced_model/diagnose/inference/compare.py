@@ -23,6 +23,7 @@ from .gauss_newton import ROUNDS, settle
 from .variability import MEMBERS, widths_of
 
 CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: alike until linearised there
+LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
 STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
 
@@ -40,7 +41,8 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
         held = np.nan
         if select:
             evidence = reduce(add, (_shared(c, n) for c, n in zip(select, noises[1], strict=True)))
-            held = evidence.posterior(*trained(finding.known, fit, released)).log
+            if not option or shown(evidence, option):
+                held = evidence.posterior(*trained(finding.known, fit, released)).log
         logs.append((fit.log, held))
     places = Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(finding.known)})
     out = []
@@ -61,6 +63,11 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[Arra
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]
     return at, train, select
+
+
+def shown(evidence: Evidence, option: Candidate) -> bool:
+    """Whether recordings depend on any parameter of an effect."""
+    return any(evidence.gram[i, i] * evidence.unknowns[i].reach ** 2 > LEAST_SHOWN for i in option.unknowns)
 
 
 def _quietest(several: Sequence[Sequence[Case]]) -> list[dict[str, Noise]]:

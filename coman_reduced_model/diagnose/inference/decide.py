@@ -33,14 +33,18 @@ def score(features: Mapping[str, float], weights: Mapping[str, float], effect: b
 def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
     """Of nothing more (the first explanation) and its rivals."""
     nothing, *rivals = explanations
-    selecting = not np.isnan(nothing.confirmed)
-    weights = nominal.decision["selected" if selecting else "alone"]
+    weights = _weights(nothing, nominal)
     scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
-    scores += [score(rival.features(nominal), weights, True) for rival in rivals]
+    scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
     p = np.exp(np.array(scores) - max(scores))
     p /= p.sum()
     effects = tuple(float(each) for each in p[2:])
     return Odds(float(p[0]), float(p[1]), effects, group_of(rivals, effects))
+
+
+def _weights(explanation: Explanation, nominal: Nominal) -> Mapping[str, float]:
+    """With selecting recordings that could show the effect, or without."""
+    return nominal.decision["alone" if np.isnan(explanation.confirmed) else "selected"]
 
 
 def group_of(rivals: Sequence[Explanation], effects: Sequence[float]) -> tuple[int, ...]:

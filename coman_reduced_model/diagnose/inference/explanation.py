@@ -114,6 +114,7 @@ class Odds:
 
     @property
     def verdict(self) -> str:
-        """What is most probable: `none`, `unknown` or `effect` (the group)."""
-        p = {"none": self.none, UNKNOWN: self.unknown, "effect": self.named}
-        return max(p, key=lambda name: p[name])
+        """`effect` if the group is most probable, `none` if that is at least as likely as not, else `unknown`."""
+        if self.named > max(self.none, self.unknown):
+            return "effect"
+        return "none" if self.none >= 0.5 else UNKNOWN
