@@ -47,7 +47,7 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
         raise ConfigError(f"{path}: is not YAML{where}: {getattr(error, 'problem', error)}") from None
-    if not isinstance(document, dict):
+    if not isinstance(document, dict) or not document:
         raise ConfigError(f"{path}: wanted a ROS 2 parameter file: '/**:' with 'ros__parameters:' below it")
     values: dict[str, Any] = {}
     for section, body in document.items():
