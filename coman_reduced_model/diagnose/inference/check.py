@@ -78,7 +78,7 @@ def check_recordings(
     Args:
         readings: of the `train_count` training bags, then of the held-out ones.
         assumed: effects by name and place that must be candidates of these recordings.
-        whole: without a held-out recording, no part of the last one is kept for confirming.
+        whole: no part of a training recording is kept for choosing and confirming, as where effects are assumed.
 
     Raises:
         BagError: a training bag hardly ever stands steadily.
@@ -102,6 +102,7 @@ def check_recordings(
     n = train_count
     train, hold = prepared[:n], prepared[n:]
     select, confirm = hold[:-1], hold[-1:]
+    whole = whole or bool(assumed)  # nothing is chosen then
     if not hold and not whole:
         train, confirm = _last_part_apart(train, CONFIRMING)
     if not select and not whole:

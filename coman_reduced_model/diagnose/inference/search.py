@@ -129,9 +129,8 @@ def fit_assumed(
     finding.first = finding.last = scores(evidence_of(finding.train), options)
     for name, where in assumed:
         mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
-        if mine:  # with all its parameters, in the way in which it shows most
-            whole = max(mine, key=lambda score: len(score.option.unknowns))
-            finding.chosen.append(ChosenEffect(whole.option, whole.gain, np.nan))
+        if mine:  # in the way in which it shows most: a parameter that these recordings leave open is not fitted
+            finding.chosen.append(ChosenEffect(mine[0].option, mine[0].gain, np.nan))
     finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
     finding.hold = cache.at(finding.at, "hold")
     return finding
