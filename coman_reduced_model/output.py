@@ -79,6 +79,21 @@ def check_file(path: str | Path, force: bool) -> Path:
     return path
 
 
+def write_file(path: Path, text: str) -> None:
+    """Write a file and the folders above it, whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.part")
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
 def to_json(value: Any) -> str:
     """JSON as it is defined: null for NaN and infinity, which it does not have."""
 

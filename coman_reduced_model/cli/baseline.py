@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..output import check_file
+from ..output import check_file, write_file
 from .common import (
     ConfigOption,
     ForceOption,
@@ -43,7 +43,7 @@ def baseline(
     with progress("learning") as report:
         learnt = run(bags, settings, urdf=urdf, names=TopicNames(namespace, remap or ()), progress=report)
     text = f"# What is usual for one robot, by {learnt.bags} recordings of it (coman baseline).\n"
-    out.write_text(text + yaml.safe_dump(learnt.nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
+    write_file(out, text + yaml.safe_dump(learnt.nominal.plain(), sort_keys=False, width=120))
     if learnt.pulled:
         rows = [[name, f"{value:.1f}"] for name, value in learnt.pulled.items()]
         print_table(

@@ -26,10 +26,10 @@ from .inference.case import Case, examine
 from .inference.check import check_recordings
 from .inference.compare import pulls
 from .inference.effects import with_structure
-from .inference.evidence import prior_variance
-from .inference.explanation import law_of
+from .inference.evidence import pooled, prior_variance
+from .inference.explanation import by_law
 from .inference.finding import leftover
-from .inference.variability import adapted, total
+from .inference.variability import adapted
 from .physics.hypotheses import unknowns
 
 LEAST_BAGS = 2
@@ -94,7 +94,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     """The baseline of examined recordings of one robot, linear about nominal."""
     known = adapted([case.evidence for case in cases], population)
     evidences = [replace(case.evidence, unknowns=known) for case in cases]
-    fit = total(evidences).fit()
+    fit = pooled(evidences).fit()
     own = np.array([unknown.own for unknown in known])
     shared = np.where(own, prior_variance(known), np.diag(fit.covariance) + 1e-18)
     each = [evidence.posterior(np.where(own, 0.0, fit.x), shared) for evidence in evidences]
@@ -142,10 +142,7 @@ def _leftover(each: Sequence[Mapping[str, float]], population: Nominal) -> dict[
     out = dict(population.leftover)
     values: dict[str, list[float]] = {}
     for groups in each:
-        worst: dict[str, float] = {}
-        for key, value in groups.items():
-            worst[law_of(key)] = max(worst.get(law_of(key), 0.0), value)
-        for law, value in worst.items():
+        for law, value in by_law(groups).items():
             values.setdefault(law, []).append(float(np.log(max(value, 1e-3))))
     for law, logs in values.items():
         if law in population.leftover:

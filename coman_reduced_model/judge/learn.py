@@ -35,10 +35,10 @@ from ..diagnose.inference.case import examine
 from ..diagnose.inference.case_cache import CaseCache
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.compare import compare
-from ..diagnose.inference.decide import ALL, EFFECT, score
+from ..diagnose.inference.decide import ALL, EFFECT, probabilities, score
 from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.evidence import Evidence
-from ..diagnose.inference.explanation import UNKNOWN, features, law_of
+from ..diagnose.inference.explanation import UNKNOWN, by_law, features
 from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
 from ..diagnose.inference.variability import learn_widths
@@ -119,17 +119,14 @@ def _first_comparison(checked: Checked, nominal: Nominal) -> list[dict[str, Any]
     rivals = rivals_of(finding, candidates(cache.known))
     rows = []
     for each in compare(finding, cache, rivals):
-        left: dict[str, float] = {}
-        for key, value in each.leftover.items():
-            left[law_of(key)] = max(left.get(law_of(key), 0.0), value)
         deviation, option, parameters = np.sqrt(np.diag(each.fit.covariance)), each.option, {}
         for i in option.unknowns if option else ():
             known = cache.known[i]
             parameters[known.key] = [known.nominal, each.fit.x[i], deviation[i], known.logarithmic]
         rows.append({
             "name": option.effect if option else "", "where": option.place if option else "", "gain": each.gain,
-            "confirmed": each.confirmed, "ways": each.ways, "leftover": left, "pulled": dict(each.pulled),
-            "parameters": parameters,
+            "confirmed": each.confirmed, "ways": each.ways, "leftover": by_law(each.leftover),
+            "pulled": dict(each.pulled), "parameters": parameters,
         })  # fmt: skip
     return rows
 
@@ -178,10 +175,9 @@ def outcome(found: Sequence[Mapping[str, float]], example: Example, weights: Map
     names = ["none", UNKNOWN, *(class_of(row["name"]) for row in example.rows[1:])]
     scores = [score(found[0], weights, False), weights[UNKNOWN]]
     scores += [score(each, weights, True) for each in found[1:]]
-    p = np.exp(np.array(scores) - max(scores))
     out: dict[str, float] = {}
-    for name, value in zip(names, p / p.sum(), strict=True):
-        out[name] = out.get(name, 0.0) + float(value)
+    for name, value in zip(names, probabilities(scores), strict=True):
+        out[name] = out.get(name, 0.0) + value
     return out
 
 

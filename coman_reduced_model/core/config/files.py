@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from ...errors import ConfigError, OutputError
-from ...output import check_file
+from ...errors import ConfigError
+from ...output import check_file, write_file
 from ...resources import config_path
 from .schema import Config, config_from_flat, parameter_table
 
@@ -113,11 +113,5 @@ def save_config(config: Config, path: str | Path, comment: str = "", force: bool
     path = check_file(path, force)
     if config.robot.urdf:
         config = config.replaced({"robot.urdf": os.path.relpath(config.directory / config.robot.urdf, path.parent)})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.part")
-        partial.write_text(config_to_yaml(config, comment), encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_file(path, config_to_yaml(config, comment))
     return path

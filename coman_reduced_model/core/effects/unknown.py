@@ -6,7 +6,7 @@ The diagnosis owns recordings and worlds; an effect sees of them what the protoc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar, cast
 
@@ -170,6 +170,14 @@ class About:
     def weight(self) -> float:
         """[N]."""
         return self.robot.mass * self.gravity
+
+
+def applied(known: Sequence[Unknown], at: Array, recording: _R, world: _W) -> tuple[_R, _W]:
+    """Recording and world under the hypothesis of deviations `at` (P,) from nominal, of each beyond what is usual."""
+    for unknown, value in zip(known, at, strict=True):
+        if value:
+            recording, world = unknown.apply(recording, world, float(value) + unknown.usual)
+    return recording, world
 
 
 # --- what unknowns do ---

@@ -5,15 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 
 from ...core.base.types import Array
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE, Effect
-from ...core.effects.unknown import Unknown
+from ...core.effects.unknown import Unknown, applied
 from ...core.robot.robot import Robot
 from ...errors import BagError
 from ..data.masks import TICKS, Masks, masks, on_flat_soles, with_taken_up
@@ -21,7 +19,19 @@ from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
-from .evidence import Evidence, Fit, Noise, Problem, Reference, assemble, prior_variance, reference, shifts_of, weigh
+from .evidence import (
+    Evidence,
+    Fit,
+    Noise,
+    Problem,
+    Reference,
+    assemble,
+    pooled,
+    prior_variance,
+    reference,
+    shifts_of,
+    weigh,
+)
 from .floor import floor
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
@@ -112,7 +122,7 @@ class Case:
 
 def evidence_of(cases: Sequence[Case]) -> Evidence:
     """Sum over recordings, with each recording's own parameters integrated out."""
-    return reduce(add, (case.evidence.shared() for case in cases))
+    return pooled(case.evidence for case in cases)
 
 
 def with_known(case: Case, known: list[Unknown]) -> Case:
@@ -138,10 +148,7 @@ def examine(
     evidence, noise, _ = weigh(problem, at, near.noise if near else None)
     if near:
         return Case(near.recording, where, near.state, problem, evidence, noise, base, near.floor)
-    moved = recording
-    for unknown, value in zip(known, at, strict=True):
-        if value:
-            moved, world = unknown.apply(moved, world, float(value) + unknown.usual)
+    moved, world = applied(known, at, recording, world)
     masked = with_taken_up(where, recording, moved, world)
     state = evaluate(moved, world, masked) if at.any() else base.measured
     return Case(recording, masked, state, problem, evidence, noise, base, like.floor if like else None)

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ...core.effects.unknown import Unknown
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of, examine
 from .case_cache import CaseCache
-from .evidence import Evidence, Fit, Noise, prior_variance, quieter, weighed
+from .evidence import Evidence, Fit, Noise, pooled, prior_variance, quieter, weighed
 from .explanation import Explanation
 from .finding import Finding, leftover
 from .gauss_newton import ROUNDS, settle
@@ -29,40 +28,40 @@ STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
 def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> list[Explanation]:
     """Nothing more, then each rival, linear around its own values, all judged with the same noise."""
-    nothing = finding.at, list(finding.train), list(finding.hold)
+    nothing = finding.train, finding.hold
     trials = [nothing, *(_settled(finding, cache, rival) for rival in rivals)]
-    noises = _quietest([trial[1] for trial in trials]), _quietest([trial[2] for trial in trials])
+    noises = _quietest([train for train, _ in trials]), _quietest([select for _, select in trials])
     options: list[Candidate | None] = [None, *rivals]
     fits, logs = [], []
-    for option, (_, train, select) in zip(options, trials, strict=True):
+    for option, (train, select) in zip(options, trials, strict=True):
         released = [*finding.released, *(option.unknowns if option else ())]
-        fit = reduce(add, (_shared(c, n) for c, n in zip(train, noises[0], strict=True))).fit(released)
+        fit = _weighed(train, noises[0]).fit(released)
         fits.append(fit)
         held = np.nan
         if select:
-            evidence = reduce(add, (_shared(c, n) for c, n in zip(select, noises[1], strict=True)))
+            evidence = _weighed(select, noises[1])
             if not option or shown(evidence, option):
                 held = evidence.posterior(*trained(finding.known, fit, released)).log
         logs.append((fit.log, held))
     places = Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(finding.known)})
     out = []
-    for option, (at, train, select), fit, (log, held) in zip(options, trials, fits, logs, strict=True):
+    for option, (train, select), fit, (log, held) in zip(options, trials, fits, logs, strict=True):
         released = [*finding.released, *(option.unknowns if option else ())]
         left = leftover([*train, *select], fit, released)
         gains = log - logs[0][0], held - logs[0][1]
         ways, pulled = places[option.effect] if option else 1, pulls(finding.known, fit, released)
-        out.append(Explanation(option, at, train, select, fit, *gains, ways, left, pulled))
+        out.append(Explanation(option, fit, *gains, ways, left, pulled))
     return out
 
 
-def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[Array, list[Case], list[Case]]:
-    """Values (P,) with a rival, and the cases of training and selecting bags around them."""
+def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list[Case], list[Case]]:
+    """Cases of training and selecting bags around the values with a rival."""
     released = [*finding.released, *rival.unknowns]
     at, train, _ = settle(finding, cache, released, ROUNDS if rival.effect in CLOCKS else 1)
     select = [
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]
-    return at, train, select
+    return train, select
 
 
 def shown(evidence: Evidence, option: Candidate) -> bool:
@@ -75,8 +74,10 @@ def _quietest(several: Sequence[Sequence[Case]]) -> list[dict[str, Noise]]:
     return [reduce(quieter, (case.noise for case in cases)) for cases in zip(*several, strict=True)]
 
 
-def _shared(case: Case, noise: dict[str, Noise]) -> Evidence:
-    return weighed(case.problem, case.evidence.at, noise).shared()
+def _weighed(cases: Sequence[Case], noises: Sequence[dict[str, Noise]]) -> Evidence:
+    """Of cases with a given noise each."""
+    pairs = zip(cases, noises, strict=True)
+    return pooled(weighed(case.problem, case.evidence.at, noise) for case, noise in pairs)
 
 
 def trained(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ import numpy as np
 from ...core.base.nominal import Nominal
 from .explanation import UNKNOWN, Explanation, Odds
 
-ALIKE = 3.0  # nats within which explanations cannot be told apart
+ALIKE = 3.0  # nats within which explanations cannot be distinguished
 EFFECT = ("one", "train", "select", "ways")  # weights of an effect; its bias first
 ALL = ("leftover", "pulled")  # weights of every explanation of the catalogue, and of `none`
 
@@ -36,10 +36,14 @@ def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
     weights = _weights(nothing, nominal)
     scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
     scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
+    none, unknown, *effects = probabilities(scores)
+    return Odds(none, unknown, tuple(effects), group_of(rivals, effects))
+
+
+def probabilities(scores: Sequence[float]) -> list[float]:
+    """By score, p = exp(s) / sum."""
     p = np.exp(np.array(scores) - max(scores))
-    p /= p.sum()
-    effects = tuple(float(each) for each in p[2:])
-    return Odds(float(p[0]), float(p[1]), effects, group_of(rivals, effects))
+    return [float(each) for each in p / p.sum()]
 
 
 def _weights(explanation: Explanation, nominal: Nominal) -> Mapping[str, float]:

@@ -10,8 +10,10 @@ knee's stiffness with both legs', a mass with a sensor's gain) thereby counts ag
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, toeplitz
@@ -19,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from ...core.base.compiled import compiled
 from ...core.base.types import Array, Integers
 from ...core.effects.catalogue import CATALOGUE, Effect
-from ...core.effects.unknown import Unknown
+from ...core.effects.unknown import Unknown, applied
 from ..data.masks import TICKS, Masks, with_taken_up
 from ..data.recording import Recording
 from ..data.signals import SMOOTHING, without_noise
@@ -79,10 +81,8 @@ def shifts_of(known: Sequence[Unknown], at: Array) -> Array:
 
 def reference(recording: Recording, world: World, where: Masks, known: Sequence[Unknown], at: Array) -> Reference:
     """Of a recording with the nominal state of its robot, under a hypothesis (P,) about its clocks."""
-    shifts, moved = shifts_of(known, at), recording
-    for unknown, value in zip(known, shifts, strict=True):
-        if value:
-            moved, world = unknown.apply(moved, world, float(value) + unknown.usual)
+    shifts = shifts_of(known, at)
+    moved, world = applied(known, shifts, recording, world)
     where = with_taken_up(where, recording, moved, world)
     measured = evaluate(moved, world, where)
     return Reference(measured, balanced(evaluate(without_noise(moved, world), world, where), where), shifts)
@@ -104,11 +104,8 @@ def assemble(
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
     """
     usual = np.array([unknown.usual for unknown in known]) * (at == 0.0)
-    recording, world = reference.quiet.recording, reference.quiet.world
     rest = at - reference.shifts
-    for unknown, value in zip(known, rest, strict=True):
-        if value:
-            recording, world = unknown.apply(recording, world, float(value) + unknown.usual)
+    recording, world = applied(known, rest, reference.quiet.recording, reference.quiet.world)
     where = with_taken_up(where, reference.quiet.recording, recording, world)
     quiet = evaluate(recording, world, where, reference.quiet) if rest.any() else reference.quiet
     base = {
@@ -196,6 +193,11 @@ class Evidence:
         y = cho_solve(factor, b)
         log = 0.5 * (float(b @ y) - energy) - float(np.log(np.diag(factor[0])).sum())
         return Fit(mean + s * y, factor, s, log)
+
+
+def pooled(evidences: Iterable[Evidence]) -> Evidence:
+    """Sum over recordings, with each recording's own parameters integrated out."""
+    return reduce(add, (each.shared() for each in evidences))
 
 
 @dataclass(frozen=True)

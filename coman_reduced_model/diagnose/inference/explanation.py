@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.base.nominal import Nominal
-from ...core.base.types import Array
 from ..physics.hypotheses import Candidate
-from .case import Case
 from .evidence import Fit
 
 MOST = 8.0  # what a feature counts at most: beyond, it is sure anyway
@@ -24,8 +22,6 @@ class Explanation:
 
     Attributes:
         option: one more effect; None: nothing more.
-        at: (P,) deviations from nominal around which its cases are linear.
-        train, select: cases of the training bags and of the selecting ones.
         fit: posterior on the training bags.
         gain, confirmed: log evidence against nothing more, of the training and of the selecting bags [nats].
         ways: number of places at which the effect could be.
@@ -34,9 +30,6 @@ class Explanation:
     """
 
     option: Candidate | None
-    at: Array
-    train: list[Case]
-    select: list[Case]
     fit: Fit
     gain: float
     confirmed: float
@@ -81,6 +74,14 @@ def law_of(key: str) -> str:
     return f"{law}/{rest.rpartition('/')[2][0]}|{part}" if law == "unloaded" else f"{channel}|{part}"
 
 
+def by_law(leftover: Mapping[str, float]) -> dict[str, float]:
+    """Of the groups of each law, the one that is left most."""
+    out: dict[str, float] = {}
+    for key, value in leftover.items():
+        out[law_of(key)] = max(out.get(law_of(key), 0.0), value)
+    return out
+
+
 def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> tuple[float, str]:
     """How far the worst law leaves more than on nominal robots, in their standard deviations; and its group."""
     worst, where = 0.0, ""
@@ -99,7 +100,7 @@ class Odds:
     Attributes:
         none, unknown: that nothing more is missing; that something outside the catalogue is.
         effects: by rival, in the order of the explanations.
-        group: indices of the rivals that cannot be told from the best one, itself first.
+        group: indices of the rivals that cannot be distinguished from the best one, itself first.
     """
 
     none: float

@@ -16,7 +16,7 @@ import numpy as np
 from ...core.base.nominal import Nominal
 from ...core.base.types import Array
 from ...core.effects.unknown import Unknown
-from .evidence import Evidence, prior_variance
+from .evidence import Evidence, pooled, prior_variance
 
 MEMBERS = 4  # of a width, from which on their median says how much a robot varies
 MEDIAN = 0.455  # of the square of a standard normal value
@@ -35,17 +35,11 @@ def widths_of(known: Sequence[Unknown]) -> dict[str, list[int]]:
     return out
 
 
-def total(evidences: Sequence[Evidence]) -> Evidence:
-    """Sum over recordings, with each recording's own parameters integrated out."""
-    first, *others = [each.shared() for each in evidences]
-    return sum(others, first)
-
-
 def squares(evidences: Sequence[Evidence]) -> tuple[Array, Array]:
     """Squared posterior means and variances (P,), of each recording's own parameters in the mean over recordings."""
     known = evidences[0].unknowns
     own = np.array([unknown.own for unknown in known])
-    fit = total(evidences).fit()
+    fit = pooled(evidences).fit()
     square, variance = fit.x**2, np.diag(fit.covariance).copy()
     if own.any():
         prior = np.where(own, prior_variance(known), variance + 1e-18)

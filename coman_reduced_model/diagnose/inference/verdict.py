@@ -31,7 +31,7 @@ class Found:
         finding: the chosen effects and the evidence.
         leftover: by group of residuals, what the chosen effects leave, in units of the noise floor.
         verdict: in one word.
-        probabilities: of `none`, `unknown`, and by effect and place, at the last choice that was made.
+        probabilities: of `none`, `unknown`, and by effect and place, at the first choice.
         contradicted: effects that the confirming recording speaks against.
     """
 
@@ -48,14 +48,9 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
     cache = CaseCache(checked.train, checked.select, nominal)
     finding = search(cache, assumed or None, progress)
     assert finding.fit is not None
-    finding.before = (
-        finding.before[0],
-        [
-            *finding.before[1],
-            *(examine(each, cache.known, finding.before[0][0].evidence.at) for each in checked.confirm),
-        ],
-    )
-    nominal_cases = finding.before[1][len(checked.select) :]
+    train, selecting = finding.before
+    nominal_cases = [examine(each, cache.known, train[0].evidence.at) for each in checked.confirm]
+    finding.before = train, [*selecting, *nominal_cases]
     confirming = [
         examine(each, cache.known, finding.at, case) for each, case in zip(checked.confirm, nominal_cases, strict=True)
     ]
@@ -65,8 +60,7 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
     finding.hold = [*finding.hold, *confirming]
     against = tuple(name for name, nats in finding.confirmed.items() if nats < AGAINST)
     leftover = finding.leftover()
-    train = checked.recordings[: len(checked.train)]
-    word = verdict(finding, train, bool(assumed), against)
+    word = verdict(finding, checked.recordings[: len(checked.train)], bool(assumed), against)
     return Found(finding, leftover, word, probabilities(finding), against)
 
 

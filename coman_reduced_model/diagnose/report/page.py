@@ -100,7 +100,7 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
             "factor, by which they held 95 % of the true values on robots with known faults. Evidence: log ratio of "
             "the probabilities of the data with the effect and with no more than nominal scatter [nats], of the "
             "training recordings, of those that help to choose, and of the one that confirms. The probability is that "
-            "of the effect and all that these recordings cannot tell from it."
+            "of the effect and all that these recordings cannot distinguish from it."
         )
         head = ["effect", "where", "parameter", "value", "training", "choosing", "confirming", "probability"]
         parts.append(Table(head, rows, caption, words=3))

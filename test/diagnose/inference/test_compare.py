@@ -24,9 +24,8 @@ WEIGHTS = {"one": -4.0, "train": 1.0, "select": 1.0, "ways": 1.0, "leftover": 0.
 
 def explanation(name: str = "", gain: float = 0.0, confirmed: float = 0.0, left: float = 1.0) -> Explanation:
     option = Candidate(name, "", ()) if name else None
-    nothing = np.zeros(0)
     leftover = {"spring/knee|single": left}
-    return Explanation(option, nothing, [], [], None, gain, confirmed, 1, leftover, {})  # type: ignore[arg-type]
+    return Explanation(option, None, gain, confirmed, 1, leftover, {})  # type: ignore[arg-type]
 
 
 @pytest.fixture
