@@ -158,8 +158,8 @@ class Pipeline:
             if self.monitor is not None:
                 self.monitor.reset()
         self.samples += 1
-        self.plausibility.update(sample)
         prediction = self.predictor.update(sample)
+        self.plausibility.update(sample)
         if self.monitor is not None:
             self.monitor.update(sample, self.predictor.link, prediction)
         return prediction
@@ -210,7 +210,7 @@ class Pipeline:
         if given and self.predictor.model.turning:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))
-        return found + self.plausibility.warnings()
+        return found + self.predictor.zeros.warnings() + self.plausibility.warnings()
 
     def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
         """What is wrong with a stream that the predictions need beside the joint states."""

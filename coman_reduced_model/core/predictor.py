@@ -16,6 +16,7 @@ from .effects.hooks import Now
 from .evaluation.baselines import predict_baselines
 from .evaluation.horizons import HorizonJudge
 from .measured.odometry import FootOdometry
+from .measured.sensor_zeros import SensorZeros
 from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
 from .model.cartesian import Model
@@ -40,6 +41,7 @@ class Predictor:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.
         TOPPLED: [rad] and so has one whose trunk leans this much more or less than the measured one.
         dynamics: the equation of motion that does both.
+        zeros: what the foot sensors read without load, where that is much: it is taken off.
         judge: the errors of the horizons so far.
 
     Example:
@@ -76,6 +78,7 @@ class Predictor:
         self.model = Model(robot, config, effects)
         self.dynamics = self._dynamics()
         self.link = robot.posture()
+        self.zeros = SensorZeros(config.support.weight or robot.mass * config.robot.gravity)
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
         self.judge = HorizonJudge(tuple(sorted(config.prediction.horizons)), config.prediction.reference != "none")
@@ -93,7 +96,7 @@ class Predictor:
         return kind(self.robot, self.config, self.model)
 
     def reset(self) -> None:
-        """Forget the past: as if the next sample were the first (odom starts again). The judged errors are kept."""
+        """Forget the past: the next sample is the first, odom starts again. Judged errors and zeros are kept."""
         self.support.reset()
         self.odometry.reset()
         for effect in self.effects:
@@ -126,6 +129,8 @@ class Predictor:
             self.reset()
         for effect in self.effects:
             effect.correct(sample)
+        self.link.update(sample.q, sample.qd)
+        self.zeros.correct(sample, self.link)
         left, right = sample.left_wrench, sample.right_wrench
         flags = Flags.STALE_WRENCH if left is None or right is None else Flags.OK
         support = self.support.update(
@@ -133,7 +138,6 @@ class Predictor:
         )
         for effect in self.effects:
             effect.begin(sample.stamp_ns, support)
-        self.link.update(sample.q, sample.qd)
         foot, R, p = support.support_foot, self.link.R, self.link.p
         T_odom_sole = self.odometry.update(foot, R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT])
         for effect in self._sliding:

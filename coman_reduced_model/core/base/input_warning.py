@@ -17,6 +17,7 @@ class WarningKind(Enum):
     SIGN = "vertical forces of the wrong sign"
     SWAPPED = "left and right wrench swapped"
     BIAS = "a wrench that does not vanish in the air"
+    ZERO = "a sensor reads so much without load that it was taken off"
 
 
 @dataclass(frozen=True)

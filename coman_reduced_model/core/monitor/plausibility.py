@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks for faults that no single message shows: wrenches of wrong sign, swapped feet, bias of an unloaded foot.
 
-They are reported, never corrected: the user decides what is wrong.
+They are reported, never corrected: the user decides what is wrong. Zeros of sensors that are so far off that the
+weight shows it were taken off before (`measured/sensor_zeros.py`).
 """
 
 from __future__ import annotations
@@ -12,13 +13,13 @@ from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
+from ..measured.sensor_zeros import CLEARANCE
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 _INTERVAL_NS = 20_000_000  # between looks
 _MIN_LOOKS = 50  # before a warning: 1 s
-_CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
 _NEGATIVE = 0.02  # share of the weight: a mean force below minus this is more than a bias
 _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
 _CARRIES = 0.8  # share of the total force on the one foot of a single support
@@ -62,7 +63,7 @@ class Plausibility:
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
-        if abs(height) <= _CLEARANCE:
+        if abs(height) <= CLEARANCE:
             return
         higher = Foot.RIGHT if height > 0.0 else Foot.LEFT
         self._air[higher] += 1

@@ -20,6 +20,7 @@ from ...core.base.types import Array, Booleans, Foot, Integers, Phase, Sample
 from ...core.config.schema import Config
 from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
+from ...core.predictor import Predictor
 from ...core.robot.robot import Robot
 from ...errors import BagError
 from ...progress import Progress
@@ -30,7 +31,6 @@ _REACH = 0.02  # [s] a grid point farther than this from any sample is not used
 _SHORTEST = 2.0  # [s] of recording
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
-_LEAST_LOADED, _ALL = 5.0, 0.8  # percent of the time in which each foot of a walk is in the air; of the weight
 FEET = (Foot.LEFT, Foot.RIGHT)
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -123,8 +123,22 @@ def load(
         for effect in pipeline.predictor.effects:
             for sample in samples:
                 effect.correct(sample)
+        _take_zeros_off(samples, pipeline.predictor)
+        warnings = session.warnings
     robot = pipeline.robot
-    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, session.warnings), robot
+    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, warnings), robot
+
+
+def _take_zeros_off(samples: list[Sample], predictor: Predictor) -> None:
+    """Take off what the foot sensors read without load, as the predictor does; all of it by what it learns last."""
+    wrenches = [[None if each is None else each.copy() for each in (s.left_wrench, s.right_wrench)] for s in samples]
+    for sample in samples:
+        predictor.link.update(sample.q, sample.qd)
+        predictor.zeros.correct(sample, predictor.link)
+    if predictor.zeros.active:
+        for sample, (left, right) in zip(samples, wrenches, strict=True):
+            sample.left_wrench = None if left is None else left - predictor.zeros.of(Foot.LEFT)
+            sample.right_wrench = None if right is None else right - predictor.zeros.of(Foot.RIGHT)
 
 
 def _grid(
@@ -157,7 +171,7 @@ def _grid(
         return _resample(at, values, t)
 
     forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete])  # type: ignore[index]
-    phases, shares, supports, noticed = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
+    phases, shares, supports = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
     left, right = array("left_wrench"), array("right_wrench")
     q = array("q")
     assert left is not None and right is not None and q is not None
@@ -174,42 +188,16 @@ def _grid(
         phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
         away < _REACH, _counts(np.array([s.q for s in complete])), _yaws(robot, q, supports[later], begins),
-        (*warnings, *noticed), float(np.median(np.diff(at))),
+        warnings, float(np.median(np.diff(at))),
     )  # fmt: skip
 
 
-def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers, list[str]]:
-    """Phase, load share, support foot (n,) from vertical forces (n, 2) [N] of left and right, and what was noticed.
-
-    A sensor that is off by more than the thresholds never shows that its foot is in the air. Where there are no steps
-    because of that, the least that it reads is taken for its zero: while the other foot bears all of the weight.
-    """
-
-    def detected(zeros: Array) -> tuple[Integers, Array, Integers]:
-        detector = SupportDetector(config.support, weight)
-        pairs = zip(stamps.tolist(), (forces - zeros).tolist(), strict=True)
-        states = [detector.update(stamp, left, right) for stamp, (left, right) in pairs]
-        phases, shares, feet = zip(*((s.phase, s.left_share, s.support_foot) for s in states), strict=True)
-        return np.array(phases), np.array(shares), np.array(feet)
-
-    found = detected(np.zeros(2))
-    if moving(found[0]):
-        return *found, []
-    zeros = np.percentile(forces, _LEAST_LOADED, axis=0)
-    zeros[zeros < config.support.contact_off * weight] = 0.0
-    for foot, zero in enumerate(zeros):
-        least = forces[:, foot] <= zero + config.support.contact_off * weight
-        if zero and np.median(forces[least, 1 - foot] - zeros[1 - foot]) < _ALL * weight:
-            zeros[foot] = 0.0
-    if not zeros.any():
-        return *found, []
-    again = detected(zeros)
-    if not moving(again[0]):
-        return *found, []
-    readings = [
-        f"the {FEET[k].name.lower()} foot's sensor reads {zeros[k]:.0f} N and more" for k in np.flatnonzero(zeros)
-    ]
-    return *again, [f"{', '.join(readings)}: taken for its zero, else there would be no steps"]
+def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers]:
+    """Phase, load share, support foot (n,) from vertical forces (n, 2) [N] of left and right."""
+    detector = SupportDetector(config.support, weight)
+    states = [detector.update(stamp, *pair) for stamp, pair in zip(stamps.tolist(), forces.tolist(), strict=True)]
+    phases, shares, feet = zip(*((s.phase, s.left_share, s.support_foot) for s in states), strict=True)
+    return np.array(phases), np.array(shares), np.array(feet)
 
 
 def _drift(wrench: Array, air: Booleans) -> Array:

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the foot sensors read without load, where that is so much that the total force contradicts the weight.
+
+The zeros of both sensors, (12,) in the axes of their soles, are the state of a Kalman filter, and two things measure
+them: a foot that is in the air by the joints reads its zero; and forces and moments about the COM that the weight does
+not balance are zeros, as far as the robot is not accelerated. So a foot that never leaves the ground gets its zero from
+the balance. Both hold on level ground.
+
+As long as the total vertical force is near the weight nothing is learnt and nothing is changed: a good sensor is left
+alone, and costs nothing. Only the past is used, and what was learnt lasts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..base.input_warning import InputWarning, WarningKind
+from ..base.stream_names import WRENCHES
+from ..base.types import Array, Foot, Sample
+
+if TYPE_CHECKING:
+    from ..robot.robot import Posture
+
+FEET = (Foot.LEFT, Foot.RIGHT)
+CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
+OFF = 0.1  # share of the weight by which the total vertical force is off where zeros are learnt
+SAID = 0.04  # share of the weight from which a zero is reported
+REVERSED = -0.5  # share of the weight, below which forces have the wrong sign rather than zeros
+FIRST_S, MEMORY_S = 0.2, 1.0  # [s] of total force that are needed, and that count
+EVERY_NS = 20_000_000  # between measurements
+# Standard deviations, of forces in weights and of moments in weights times a metre.
+PRIOR = (1.0, 0.01)
+WANDERS = (0.002, 0.00002)  # of a zero, in a second
+IN_THE_AIR = (0.03, 0.0015)  # by the inertia of a foot that swings
+OFF_BALANCE = (0.4, 0.04)  # by accelerations, and masses that are not those of the URDF
+
+
+class SensorZeros:
+    """The zeros of both foot sensors, where they matter.
+
+    Args:
+        weight: of the robot [N].
+
+    Attributes:
+        active: whether zeros are learnt and taken off.
+    """
+
+    def __init__(self, weight: float) -> None:
+        self._weight = weight
+        self.active = False
+        self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
+        self._x = np.zeros(12)
+        self._P = np.diag(self._variance(PRIOR, 2))
+
+    def of(self, foot: Foot) -> Array:
+        """Zero (6,) of a foot's sensor: force [N] and moment [Nm] at the sole, in its axes."""
+        k = 6 * FEET.index(foot)
+        return self._x[k : k + 6]
+
+    def correct(self, sample: Sample, link: Posture) -> None:
+        """Take a sample, whose joints `link` has, and take the zeros off its wrenches, in place."""
+        left, right = sample.left_wrench, sample.right_wrench
+        if left is None or right is None:
+            return
+        dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
+        if not self.active:
+            self._watch(float(left[2] + right[2]) / self._weight, dt)
+            if not self.active:
+                return
+        if sample.stamp_ns >= self._next_ns:
+            self._P += np.diag(self._variance(WANDERS, 2)) * EVERY_NS * 1e-9
+            self._measure(np.concatenate([left, right]), link)
+            self._next_ns = sample.stamp_ns + EVERY_NS
+        left -= self._x[:6]
+        right -= self._x[6:]
+
+    def warnings(self) -> list[InputWarning]:
+        """What is taken off, of each foot where it matters."""
+        found = []
+        for foot, stream in WRENCHES.items() if self.active else ():
+            zero = self.of(foot)
+            if np.abs(zero[:3]).max() > SAID * self._weight:
+                forces = ", ".join(f"{value:.0f}" for value in zero[:3])
+                text = (
+                    f"{stream}: reads about ({forces}) N without load, by the foot in the air and the balance of "
+                    "weight: taken off; better set the sensor's zero"
+                )
+                found.append(InputWarning(WarningKind.ZERO, stream, text))
+        return found
+
+    def _watch(self, total: float, dt: float) -> None:
+        """Whether the total force, in weights, is off for longer than a robot accelerates."""
+        if not np.isfinite(total):
+            return
+        dt = dt if 0.0 < dt < MEMORY_S else 0.0
+        self._seconds = min(self._seconds + dt, MEMORY_S)
+        self._mean += (total - self._mean) * min(1.0, dt / max(self._seconds, 1e-9))
+        self.active = self._seconds >= FIRST_S and self._mean > REVERSED and abs(self._mean - 1.0) > OFF
+
+    def _measure(self, reading: Array, link: Posture) -> None:
+        """Readings (12,) of both sensors, when the robot stands as `link` says."""
+        height = link.sole_pose(Foot.LEFT, Foot.RIGHT)[2, 3]
+        above = link.sole_pose(Foot.RIGHT, Foot.LEFT)[2, 3]
+        stands = Foot.LEFT
+        if min(abs(height), abs(above)) > CLEARANCE and height * above < 0.0:
+            k, stands = (6, Foot.LEFT) if height > 0.0 else (0, Foot.RIGHT)
+            H = np.zeros((6, 12))
+            H[:, k : k + 6] = np.eye(6)
+            self._update(H, reading[k : k + 6], self._variance(IN_THE_AIR, 1))
+        # Forces and moments about the COM, in the axes of a sole on the ground.
+        H, axes = np.zeros((6, 12)), link.R[stands].T
+        for k, foot in zip((0, 6), FEET, strict=True):
+            R, arm = axes @ link.R[foot], axes @ (link.p[foot] - link.com)
+            H[:3, k : k + 3] = H[3:, k + 3 : k + 6] = R
+            H[3:, k : k + 3] = np.cross(np.broadcast_to(arm, (3, 3)), R.T).T
+        weight = np.array([0.0, 0.0, self._weight, 0.0, 0.0, 0.0])
+        self._update(H, H @ reading - weight, self._variance(OFF_BALANCE, 1))
+
+    def _update(self, H: Array, z: Array, variance: Array) -> None:
+        """Measurement z (6,) = H (6, 12) x with noise of a `variance` (6,)."""
+        PH = self._P @ H.T
+        gain = np.linalg.solve(H @ PH + np.diag(variance), PH.T).T
+        self._x += gain @ (z - H @ self._x)
+        self._P -= gain @ PH.T
+        self._P = 0.5 * (self._P + self._P.T)
+
+    def _variance(self, deviations: tuple[float, float], feet: int) -> Array:
+        """(6 * feet,) of forces and moments."""
+        return (np.tile(np.repeat(deviations, 3), feet) * self._weight) ** 2

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Zeros of foot sensors: found while the robot walks or stands, and phases as with good sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import recording
+
+import coman_reduced_model as coman
+from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
+from coman_reduced_model.core.predictor import Predictor
+
+LEFT, RIGHT = np.array([20.0, -12.0, 120.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, -70.0, -1.5, 0.5, -0.2])
+NONE = np.zeros(6)
+LEARNT = 300  # samples (1.5 s) after which phases must be right
+
+
+@pytest.fixture(scope="module")
+def walk() -> tuple[coman.Robot, coman.Config, list[Sample]]:
+    with coman.Session(coman.bag_path("test1")) as session:
+        return session.robot, session.config, list(session.samples())
+
+
+def run(walk: tuple[coman.Robot, coman.Config, list[Sample]], left: Array, right: Array) -> tuple[Predictor, Array]:
+    """The predictor at the end, and the phases (n,)."""
+    robot, config, samples = walk
+    predictor, phases = Predictor(robot, config), []
+    for sample in samples:
+        wrenches = [
+            None if each is None else each + zero
+            for each, zero in ((sample.left_wrench, left), (sample.right_wrench, right))
+        ]
+        changed = replace(sample, left_wrench=wrenches[0], right_wrench=wrenches[1])
+        phases.append(predictor.update(changed).support.phase)
+    return predictor, np.array(phases)
+
+
+def test_good_sensors_are_left_alone(walk) -> None:
+    predictor, _ = run(walk, NONE, NONE)
+    assert not predictor.zeros.active and not predictor.zeros.warnings()
+
+
+@pytest.mark.parametrize(("left", "right"), [(LEFT, RIGHT), (LEFT, NONE), (NONE, RIGHT), (-LEFT, -RIGHT)])
+def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array, right: Array) -> None:
+    _, expected = run(walk, NONE, NONE)
+    predictor, phases = run(walk, left, right)
+    assert set(expected) >= {Phase.LEFT, Phase.RIGHT, Phase.DOUBLE}
+    assert np.mean(phases[LEARNT:] != expected[LEARNT:]) < 0.02
+    for foot, zero in ((Foot.LEFT, left), (Foot.RIGHT, right)):
+        np.testing.assert_allclose(predictor.zeros.of(foot)[:3], zero[:3], atol=5.0)
+        np.testing.assert_allclose(predictor.zeros.of(foot)[3:], zero[3:], atol=0.5)
+    said = " ".join(map(str, predictor.zeros.warnings()))
+    assert ("left_foot" in said) == left.any() and ("right_foot" in said) == right.any()
+
+
+def test_reversed_forces_are_no_zeros(walk) -> None:
+    robot, config, samples = walk
+    predictor = Predictor(robot, config)
+    for sample in samples:
+        if sample.left_wrench is not None and sample.right_wrench is not None:
+            predictor.update(replace(sample, left_wrench=-sample.left_wrench, right_wrench=-sample.right_wrench))
+    assert not predictor.zeros.active
+
+
+def test_a_real_robot_whose_sensors_read_hundreds_of_newtons() -> None:
+    folder = recording("real/icub_yoga")
+    config = coman.load_config(folder / "icub02.yaml")
+    phases = {}
+    for name in ("zeroed", "raw"):
+        with coman.Session(folder / name, config) as session:
+            phases[name] = np.array([p.support.phase for p in session.predictions()])
+            zeros = session.pipeline.predictor.zeros
+    assert np.mean(phases["raw"] != phases["zeroed"]) < 0.02
+    # What the right sensor reads in the air, and what the left one, which never leaves the ground, has too little.
+    np.testing.assert_allclose(zeros.of(Foot.RIGHT)[:3], [269.0, 79.0, -114.5], atol=5.0)
+    assert zeros.of(Foot.LEFT)[2] == pytest.approx(-214.0, abs=10.0)
