@@ -59,6 +59,12 @@ def judge(
         bool,
         typer.Option("--no-oracle", help="Leave out the two oracles: given the effect, and given the variability."),
     ] = False,
+    baseline: Annotated[
+        bool,
+        typer.Option(
+            "--baseline", help="Each diagnosis gets the baseline of its robot, from three healthy recordings."
+        ),
+    ] = False,
     again: Annotated[
         bool, typer.Option("--again", help="Another round of verdicts on the bags in DIR; the score counts the rounds.")
     ] = False,
@@ -70,6 +76,7 @@ def judge(
     which of its seeds are. A run on fresh seeds prints the line to add to that file: they are spent from then on.
     """
     from ..errors import ConfigError
+    from ..judge.run import BASELINES
 
     if what not in WHAT:
         raise ConfigError(f"{what!r}: allowed: {', '.join(WHAT)}")
@@ -82,7 +89,9 @@ def judge(
         return
     chosen, fixed = _seeds(seeds, out), {"worlds": _worlds(worlds or ())}
     if what == "diagnosis":
-        _judge_diagnosis(out, chosen, _kinds(only), jobs, command, not no_baselines, not no_oracle, again, fixed, json)
+        options: dict[str, Any] = {"baselines": () if no_baselines else BASELINES, "oracle": not no_oracle}
+        options |= {"again": again, "baseline": baseline, **fixed}
+        _judge_diagnosis(out, chosen, _kinds(only), jobs, command, options, json)
     else:
         _judge_on_clean(what, out, chosen, jobs, fixed, json)
 
@@ -105,18 +114,14 @@ def _judge_diagnosis(
     kinds: Sequence[str],
     jobs: int,
     command: Sequence[str],
-    baselines: bool,
-    oracle: bool,
-    again: bool,
-    fixed: Mapping[str, Any],
+    options: Mapping[str, Any],
     json: bool,
 ) -> None:
-    from ..judge.run import BASELINES, DIAGNOSE, run
+    from ..judge.run import DIAGNOSE, run
     from ..judge.score import score_run
 
-    simpler = BASELINES if baselines else ()
     with progress("judging") as report:
-        names = run(out, seeds, kinds, jobs, command or DIAGNOSE, simpler, oracle, again, report, **fixed)
+        names = run(out, seeds, kinds, jobs, command or DIAGNOSE, progress=report, **options)
         result = score_run(out, names)
     if json:
         print_json(result)

@@ -40,6 +40,8 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
     )
     print(f"one diagnosis: median {_number(time['median'])} s, longest {_number(time['largest'])} s (target 60 s)")
     print(_redrawn(redrawn["cases"], redrawn["lowered"]))
+    if result["with_baseline"]:
+        print(f"{result['with_baseline']} of {sum(result['cases'].values())} diagnoses had a baseline of their robot")
     if result["round"] > 1:
         print(f"round {result['round']}: the answers to these bags were opened before")
     print(

@@ -61,6 +61,7 @@ def baseline(
     *,
     urdf: str | Path | None = None,
     names: TopicNames | None = None,
+    population: Nominal | None = None,
     progress: Progress | None = None,
 ) -> Baseline:
     """Learn what is usual for a robot.
@@ -69,6 +70,7 @@ def baseline(
         bags: recordings of one robot when nothing was wrong, two or more.
         config: nominal robot and model.
         urdf, names: the robot, if not as configured or recorded; the topics.
+        population: of robots, which the recordings change; default: the shipped one.
         progress: called with the fraction done and the current work.
 
     Raises:
@@ -78,7 +80,7 @@ def baseline(
         raise BagError(f"{len(bags)} recording: at least {LEAST_BAGS} are needed to see what varies between them")
     refuse_repeated(bags)
     report = progress or (lambda fraction, what: None)
-    config, population = with_structure(config), load_nominal()
+    config, population = with_structure(config), population or load_nominal()
     readings = read_bags(bags, config, urdf, names, between(report, 0.0, READ))
     checked = check_recordings(readings, len(bags), config, [], whole=True)
     known = unknowns(checked.train[0][0], checked.train[0][1], population)
@@ -114,8 +116,11 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
             parameters[unknown.name] = unknown.usual + usual, spread
     left = [leftover([case], fit, []) for case in cases]
     pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
-    learnt = replace(population, sheets={}, parameters=parameters, leftover=_leftover(left, population))
-    return Baseline(replace(learnt, source={"recordings": len(cases)}), len(cases), pulled)
+    learnt = replace(
+        population, source={"recordings": len(cases)}, sheets={}, with_baseline={},
+        parameters=parameters, leftover=_leftover(left, population), **population.with_baseline,
+    )  # fmt: skip
+    return Baseline(learnt, len(cases), pulled)
 
 
 def _spread(values: Sequence[Array], mean: Array, population: Array) -> Array:

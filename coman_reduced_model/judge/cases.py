@@ -30,6 +30,7 @@ from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, class_of, draw_effe
 
 KINDS = ("clean", "single", "pair", "unknown")
 BAGS = ("train", "hold1", "hold2")
+HEALTHY = 3  # recordings of a robot before anything was hidden in it, for its baseline
 HELD_OUT_S = 10.0  # [s] of a held-out walk
 ATTEMPTS = 4  # draws at a level before the next lower level is taken
 _KINDS_OF_BLOCK = [*["clean"] * 20, *["single"] * 12, *["pair"] * 4, *["unknown"] * 4]
@@ -159,6 +160,18 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
             (temporary / "robot.yaml").write_text(data_sheet(case.world.table), encoding="utf-8")
             return answer(case)
     return None
+
+
+def write_healthy(world: World, seed: int, folder: str | Path, force: bool = False) -> None:
+    """Record the robot of a case without what is hidden: on HEALTHY gaits, drawn of those on which it does not fall."""
+    rng = np.random.default_rng([19, seed])
+    with OutputFolder(folder, force) as temporary:
+        for gait in rng.permutation(list(GAITS)):
+            bag = temporary / str(gait)
+            if not _walks(with_gait(world, str(gait), world.duration_s), bag, (), int(rng.integers(2**31))):
+                shutil.rmtree(bag, ignore_errors=True)
+            elif len(list(temporary.iterdir())) == HEALTHY:
+                break
 
 
 def _walks(world: World, bag: Path, hidden: Sequence[Disturbance], seed: int) -> bool:

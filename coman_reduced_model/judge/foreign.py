@@ -21,7 +21,8 @@ from ..errors import ConfigError, OutputError
 from ..progress import Progress
 from ..resources import config_path, version
 from .by_kind import by_kind
-from .run import DIAGNOSE, run_all, run_diagnosis
+from .commands import run_diagnosis
+from .run import DIAGNOSE, run_all
 from .score import OTHER, rate
 
 NOT_KINDS = ("hidden", "right", "parameters")

@@ -7,6 +7,7 @@
 1. How much nominal robots vary, from the clean cases (expectation maximisation, diagnose/inference/variability.py).
 2. What the laws leave on them, and the first comparison of explanations of every case, with these widths.
 3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
+4. Both again with a baseline of each robot, for the cases that have healthy recordings (`coman judge --baseline`).
 
 Kinds of worlds are left out one by one: the shares that are printed are of kinds that the weights did not see.
 """
@@ -30,6 +31,7 @@ from scipy.optimize import minimize
 from ..core.base.nominal import Nominal, load_nominal
 from ..core.base.types import Array
 from ..core.config.files import load_config
+from ..diagnose.baseline import baseline
 from ..diagnose.data.reading import read_bags
 from ..diagnose.inference.case import examine
 from ..diagnose.inference.case_cache import CaseCache
@@ -59,11 +61,12 @@ class Example:
     """The first comparison of a case.
 
     Attributes:
-        answer: of the case.
+        answer: of the case; nominal: what its robot was compared to.
         rows: nothing more, then each rival: name, where, gain, confirmed, ways, leftover (by law), pulled, parameters.
     """
 
     answer: Mapping[str, Any]
+    nominal: Nominal
     rows: Sequence[Mapping[str, Any]]
 
     @property
@@ -111,6 +114,21 @@ def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[st
     return found
 
 
+def with_baseline(
+    bags: Path, healthy: Path, stored: Path, nominal: Nominal
+) -> tuple[Nominal, list[dict[str, Any]]] | None:
+    """A robot's baseline by its healthy recordings, and `first_comparison` with it; kept in a file."""
+    if not stored.is_file():
+        try:
+            config = load_config(bags / "robot.yaml")
+            own = baseline(sorted(healthy.iterdir()), config, population=nominal).nominal
+            stored.write_bytes(pickle.dumps((own, _first_comparison(checked_case(bags), own))))
+        except ComanError:
+            return None
+    found: tuple[Nominal, list[dict[str, Any]]] = pickle.loads(stored.read_bytes())
+    return found
+
+
 def _first_comparison(checked: Checked, nominal: Nominal) -> list[dict[str, Any]]:
     cache = CaseCache(checked.train, checked.select, nominal)
     nothing = np.zeros(len(cache.known))
@@ -145,11 +163,11 @@ def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]
     return out
 
 
-def learn_decision(examples: Sequence[Example], nominal: Nominal, selected: bool) -> dict[str, float]:
+def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
     """Weights of the features, by the mean log loss of the probability of the truth."""
     names = [*EFFECT, *ALL, UNKNOWN]
     free = [name for name in names if selected or name != "select"]
-    cases = [(_features(each, nominal), each) for each in examples]
+    cases = [(_features(each), each) for each in examples]
 
     def loss(values: Array) -> float:
         weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
@@ -162,11 +180,11 @@ def learn_decision(examples: Sequence[Example], nominal: Nominal, selected: bool
     return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
 
 
-def _features(example: Example, nominal: Nominal) -> list[dict[str, float]]:
+def _features(example: Example) -> list[dict[str, float]]:
     out = []
     for row in example.rows:
         confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
-        out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], nominal))
+        out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], example.nominal))
     return out
 
 
@@ -204,7 +222,7 @@ def interval_factor(examples: Sequence[Example]) -> float:
     return max(float(np.quantile(ratios, 0.95)), 1.0) if ratios else 1.0
 
 
-def left_out(examples: Sequence[Example], nominal: Nominal) -> Iterable[tuple[str, str, Example, dict[str, float]]]:
+def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float]]]:
     """Of each example, the axis and kind of its world that was left out, and what the weights of the others say."""
     for axis in AXES:
         for kind in sorted({example.answer["worlds"][axis] for example in examples}):
@@ -212,9 +230,9 @@ def left_out(examples: Sequence[Example], nominal: Nominal) -> Iterable[tuple[st
             others = [example for example in examples if example.answer["worlds"][axis] != kind]
             if len(others) < 10:
                 continue
-            weights = learn_decision(others, nominal, True)
+            weights = learn_decision(others, True)
             for example in inside:
-                yield axis, kind, example, outcome(_features(example, nominal), example, weights)
+                yield axis, kind, example, outcome(_features(example), example, weights)
 
 
 def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, str]:
@@ -249,8 +267,8 @@ def cases_of(run: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def learn(runs: Sequence[Path], nominal: Nominal, jobs: int) -> tuple[Nominal, list[Example]]:
-    """A new record of nominal variability, and the examples that it was learnt from."""
+def learn(runs: Sequence[Path], nominal: Nominal, jobs: int) -> tuple[Nominal, list[Example], list[Example]]:
+    """A new record of nominal variability, the examples that it was learnt from, and those with baselines."""
     cases = [(run, name, answer) for run in runs for name, answer in cases_of(run).items()]
     for run in runs:
         (run / "learn").mkdir(exist_ok=True)
@@ -260,13 +278,29 @@ def learn(runs: Sequence[Path], nominal: Nominal, jobs: int) -> tuple[Nominal, l
         nominal = replace(nominal, widths=learn_widths(evidence, replace(nominal, widths=nominal.sheets)))
         places = [(run / "bags" / name, run / "learn" / f"{name}.json") for run, name, _ in cases]
         found = list(pool.map(partial(first_comparison, nominal=nominal), *zip(*places, strict=True)))
-    examples = [Example(answer, rows) for (_, _, answer), rows in zip(cases, found, strict=True) if rows]
-    nominal = replace(nominal, leftover=learn_leftover(examples))
-    decision = {name: learn_decision(examples, nominal, name == "selected") for name in ("selected", "alone")}
+        examples = [Example(a, nominal, rows) for (_, _, a), rows in zip(cases, found, strict=True) if rows]
+        nominal = replace(nominal, leftover=learn_leftover(examples))
+        examples = [replace(example, nominal=nominal) for example in examples]
+        known = [each for each in cases if (each[0] / "healthy" / each[1]).is_dir()]
+        tasks = [
+            (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.baseline.pkl")
+            for run, name, _ in known
+        ]
+        own = list(pool.map(partial(with_baseline, nominal=nominal), *zip(*tasks, strict=True))) if tasks else []
+    baselines = [Example(a, *each) for (_, _, a), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
-    source = {"commit": commit(), "robots": len(evidence), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
-    factor = interval_factor(examples)
-    return replace(nominal, decision=decision, interval_factor=factor, source=source), examples
+    source = {
+        "commit": commit(), "robots": len(evidence), "cases": len(examples), "baselines": len(baselines),
+        "seeds": [seeds[0], seeds[-1]],
+    }  # fmt: skip
+    nominal = replace(nominal, source=source, **_decisions(examples))
+    return replace(nominal, with_baseline=_decisions(baselines) if baselines else {}), examples, baselines
+
+
+def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
+    """What is learnt from examples: weights, and the factor on intervals."""
+    decision = {name: learn_decision(examples, name == "selected") for name in ("selected", "alone")}
+    return {"decision": decision, "interval_factor": interval_factor(examples)}
 
 
 def main() -> None:
@@ -276,11 +310,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
-    nominal, examples = learn([run.absolute() for run in asked.runs], load_nominal(), asked.jobs)
+    nominal, *several = learn([run.absolute() for run in asked.runs], load_nominal(), asked.jobs)
     asked.out.write_text(header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
-    found = list(left_out(examples, nominal))
-    for axis in AXES:
-        print(f"kinds of {axis} left out:", summary([(e, p) for a, _, e, p in found if a == axis]))
+    for title, examples in zip(("population", "with a baseline"), several, strict=True):
+        found = list(left_out(examples))
+        for axis in AXES if found else ():
+            print(f"{title}: kinds of {axis} left out:", summary([(e, p) for a, _, e, p in found if a == axis]))
 
 
 def header() -> str:
@@ -293,7 +328,8 @@ def header() -> str:
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most.
 # leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm.
-# decision: weights by which an effect is named, with recordings that help to choose and alone.
+# decision: weights by which an effect is named, with recordings that help to choose and alone. with_baseline: the same
+#     where the robot's own baseline is known.
 # monitor: by law: unit; standard deviation of a phase mean from phase to phase in single and in double support, from
 #     one robot to the next (0: not known), and of the drift from one phase of a kind to the next, as a share of the
 #     noise. In weights for N, weight times COM height for Nm, mass times m/s for Ns.

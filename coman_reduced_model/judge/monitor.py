@@ -28,8 +28,9 @@ from ..sim.worlds import World, draw_world, record_world
 from .by_kind import by_kind
 from .cases import data_sheet
 from .families import FAMILIES, LEVELS, draw_effect
+from .folder import RunFolder
 from .prediction import prediction_rows
-from .run import RunFolder, run_all
+from .run import run_all
 from .score import rate
 from .sudden import beginning
 

@@ -25,7 +25,8 @@ from ..progress import Progress
 from ..resources import version
 from .by_kind import by_kind
 from .cases import BAGS
-from .run import RunFolder, chosen_cases, make_case, run_all
+from .folder import RunFolder
+from .run import chosen_cases, make_case, run_all
 
 AXES_XYZ = ("x", "y", "z")
 HORIZON = "0.2"  # [s] of the skill that is reported

@@ -3,7 +3,8 @@
 
     OUT/commit.txt      the commit that the run was begun at: figures of different versions are not pooled
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
-    OUT/verdicts/CASE/  diagnosis.json, baselines.json, run.json (exit code, time)
+    OUT/healthy/CASE/   with --baseline: the same robot without what is hidden
+    OUT/verdicts/CASE/  baseline.yaml where it was learnt, diagnosis.json, baselines.json, run.json (exit code, time)
     OUT/verdicts.sha256 hashes of all verdicts, written before any answer is read
     OUT/oracle/CASE/    diagnosis.json of a diagnosis that is given the name and place of each effect
     OUT/ranking/CASE/   ranking.json of all candidates by a method that is given how much clean robots vary
@@ -19,75 +20,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import subprocess
 import sys
-import tempfile
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
 from ..progress import Progress
-from .cases import BAGS, BLOCK, HiddenCase, draw_case, write_seed
+from ..sim.worlds.world import world_from_yaml
+from .cases import BAGS, BLOCK, HiddenCase, draw_case, write_healthy, write_seed
+from .commands import CaseCopy, last_line, run_command, run_diagnosis
+from .folder import RunFolder
 from .seeds import commit, fresh_range, parse_range
 
 DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
+LEARN_BASELINE = (sys.executable, "-m", "coman_reduced_model.cli.main", "baseline")
 BASELINES = (sys.executable, "-m", "coman_reduced_model.judge.baselines")
 RANK = (sys.executable, "-m", "coman_reduced_model.judge.rank")
 FRESH = 200  # cases of a run by default
-TIMEOUT = 600.0  # [s] after which a diagnosis counts as failed
-
-
-@dataclass(frozen=True)
-class RunFolder:
-    """The files of a run."""
-
-    out: Path
-
-    @property
-    def sealed(self) -> Path:
-        """Folder of the answers."""
-        return self.out.with_name(f"{self.out.name}.sealed")
-
-    @property
-    def seeds(self) -> Path:
-        """The seeds of the run; they are the answers to whoever can run this code."""
-        return self.sealed / "seeds.json"
-
-    @property
-    def hashes(self) -> Path:
-        """Hashes of the verdicts."""
-        return self.out / "verdicts.sha256"
-
-    @property
-    def commit(self) -> Path:
-        """The commit that the run was begun at."""
-        return self.out / "commit.txt"
-
-    @property
-    def rounds(self) -> Path:
-        """Hashes of earlier verdicts on the same bags."""
-        return self.out / "rounds.txt"
-
-    def bags(self, case: str) -> Path:
-        return self.out / "bags" / case
-
-    def verdict(self, case: str) -> Path:
-        return self.out / "verdicts" / case
-
-    def oracle(self, case: str) -> Path:
-        return self.out / "oracle" / case
-
-    def ranking(self, case: str) -> Path:
-        return self.out / "ranking" / case
-
-    def answer(self, case: str) -> Path:
-        return self.sealed / f"{case}.json"
 
 
 def choose_seeds(text: str, out: str | Path) -> Sequence[int]:
@@ -168,6 +120,7 @@ def run(
     baselines: Sequence[str] = BASELINES,
     oracle: bool = True,
     again: bool = False,
+    baseline: bool = False,
     progress: Progress | None = None,
     **fixed: Any,
 ) -> list[str]:
@@ -183,6 +136,7 @@ def run(
         oracle: also run the two oracles: diagnoses that are given the name and place of each effect, and rankings
             (rank.py) that are given the variability of clean robots of this world.
         again: keep the bags and judge a changed workflow on them; the score counts the rounds.
+        baseline: each diagnosis gets the baseline of its robot, learnt from recordings without what is hidden.
         progress: called with the fraction done and a text.
         fixed: see draw_case.
 
@@ -194,14 +148,29 @@ def run(
         OutputError: `out` cannot be written, or the run was begun at another commit.
     """
     folder, cases = chosen_cases(out, seeds, kinds, again, **fixed)
+    _keep_to_baselines(folder, baseline)
     names = [case.name for case in cases]
-    tasks = [(folder, case.seed, tuple(command), tuple(baselines), fixed) for case in cases]
+    tasks = [(folder, case.seed, tuple(command), tuple(baselines), fixed, baseline) for case in cases]
     run_all(_judge_case, tasks, jobs, _part(progress, 0.0, 0.85 if oracle else 1.0), "cases")
     seal(folder, names)
     if oracle:
         asked = [(folder, name, tuple(command)) for name in names]
         run_all(_run_oracles, asked, jobs, _part(progress, 0.85, 1.0), "oracles")
     return names
+
+
+def _keep_to_baselines(folder: RunFolder, baseline: bool) -> None:
+    """All diagnoses of a run have baselines, or none.
+
+    Raises:
+        OutputError: it was begun otherwise.
+    """
+    healthy = folder.out / "healthy"
+    if any((folder.out / "verdicts").iterdir()) and healthy.is_dir() != baseline:
+        begun = "with" if healthy.is_dir() else "without"
+        raise OutputError(f"{folder.out}: was begun {begun} --baseline: go on so, or take another folder")
+    if baseline:
+        healthy.mkdir(exist_ok=True)
 
 
 def _drop_verdicts(folder: RunFolder) -> None:
@@ -246,13 +215,29 @@ def make_case(folder: RunFolder, seed: int, **fixed: Any) -> str:
     return name
 
 
+def make_healthy(folder: RunFolder, name: str) -> None:
+    """Healthy recordings of the robot of a case, unless they exist."""
+    if not folder.healthy(name).is_dir():
+        answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
+        write_healthy(world_from_yaml(answer["world"]), answer["seed"], folder.healthy(name))
+
+
 def _judge_case(
-    folder: RunFolder, seed: int, command: Sequence[str], baselines: Sequence[str], fixed: dict[str, Any]
+    folder: RunFolder,
+    seed: int,
+    command: Sequence[str],
+    baselines: Sequence[str],
+    fixed: dict[str, Any],
+    baseline: bool = False,
 ) -> None:
     """Bags, verdict and baselines of one case."""
     name = make_case(folder, seed, **fixed)
     if not (folder.verdict(name) / "run.json").is_file():
-        _diagnose_case(folder, name, folder.verdict(name), command)
+        usual = None
+        if baseline:
+            make_healthy(folder, name)
+            usual = _learn_baseline(folder, name)
+        _diagnose_case(folder, name, folder.verdict(name), command, usual=usual)
     if baselines and not (folder.verdict(name) / "baselines.json").is_file():
         _run_baselines(folder.bags(name), folder.verdict(name), baselines)
 
@@ -267,83 +252,34 @@ def _run_baselines(bags: Path, verdict: Path, command: Sequence[str]) -> None:
     """Run the simpler methods on a copy of the training walk of a case."""
     with _case_copy(bags) as (copy, environment):
         train, config = copy / BAGS[0], copy / "robot.yaml"
-        result = _run_command([*command, str(train), "--config", str(config)], copy, environment)
-    text = result.stdout if result.returncode == 0 else json.dumps({"failed": _last_line(result.stderr)})
+        result = run_command([*command, str(train), "--config", str(config)], copy, environment)
+    text = result.stdout if result.returncode == 0 else json.dumps({"failed": last_line(result.stderr)})
     (verdict / "baselines.json").write_text(text, encoding="utf-8")
 
 
-class _CaseCopy:
-    """A temporary copy of bags and configuration, outside the run: all that a diagnosis can see."""
-
-    def __init__(self, bags: Sequence[Path], config: Path) -> None:
-        self._bags, self._config = bags, config
-
-    def __enter__(self) -> tuple[Path, dict[str, str]]:
-        self._folder = Path(tempfile.mkdtemp(prefix="walk_"))
-        for bag in self._bags:
-            shutil.copytree(bag, self._folder / bag.name)
-        shutil.copy2(self._config, self._folder / "robot.yaml")
-        # Nothing inherited names the run: neither the working directory nor the command line that started the judge.
-        hidden = str(self._bags[0].parents[2])
-        needed, revealing = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME"), ("OLDPWD", "PWD", "_")
-        environment = {k: v for k, v in os.environ.items() if k in needed or (hidden not in v and k not in revealing)}
-        return self._folder, environment
-
-    def __exit__(self, *_: object) -> None:
-        shutil.rmtree(self._folder, ignore_errors=True)
+def _case_copy(bags: Path) -> CaseCopy:
+    return CaseCopy([bags / bag for bag in BAGS], bags / "robot.yaml")
 
 
-def _case_copy(bags: Path) -> _CaseCopy:
-    return _CaseCopy([bags / bag for bag in BAGS], bags / "robot.yaml")
-
-
-def _run_command(command: Sequence[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    try:
-        return subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return subprocess.CompletedProcess(command, -1, "", f"no verdict within {TIMEOUT:g} s")
-    except OSError as error:
-        raise ConfigError(f"{command[0]}: cannot be started: {error.strerror}") from None
-
-
-def _last_line(text: str) -> str:
-    return (text.strip().splitlines() or [""])[-1]
-
-
-def run_diagnosis(
-    bags: Sequence[Path], config: Path, verdict: Path, command: Sequence[str], extra: Sequence[str] = ()
+def _diagnose_case(
+    folder: RunFolder, name: str, verdict: Path, command: Sequence[str], *extra: str, usual: Path | None = None
 ) -> None:
-    """Run the workflow on a copy of bags and configuration; keep its diagnosis, exit code, times and last message.
-
-    Args:
-        bags: the training bag, then the held-out ones.
-        config: data sheet of the robot.
-        verdict: folder for diagnosis.json and run.json.
-        command: the workflow, to which bags and options are appended.
-        extra: more options.
-    """
-    verdict.mkdir(parents=True, exist_ok=True)
-    with _CaseCopy(bags, config) as (copy, environment):
-        train, *held_out = (str(copy / bag.name) for bag in bags)
-        options = [part for bag in held_out for part in ("--holdout", bag)]
-        out = copy / "out"
-        arguments = [train, *options, "--config", str(copy / "robot.yaml"), "--out", str(out), "--json", *extra]
-        before = os.times()
-        began = time.perf_counter()
-        result = _run_command([*command, *arguments], copy, environment)
-        seconds, after = time.perf_counter() - began, os.times()
-        cpu = after.children_user + after.children_system - before.children_user - before.children_system
-        if (out / "diagnosis.json").is_file():
-            shutil.copy2(out / "diagnosis.json", verdict / "diagnosis.json")
-    report = {"exit": result.returncode, "seconds": seconds, "cpu_seconds": cpu, "message": _last_line(result.stderr)}
-    (verdict / "run.json").write_text(json.dumps(report), encoding="utf-8")
-
-
-def _diagnose_case(folder: RunFolder, name: str, verdict: Path, command: Sequence[str], *extra: str) -> None:
     bags = [folder.bags(name) / bag for bag in BAGS]
-    run_diagnosis(bags, folder.bags(name) / "robot.yaml", verdict, command, extra)
+    run_diagnosis(bags, folder.bags(name) / "robot.yaml", verdict, command, extra, usual)
+
+
+def _learn_baseline(folder: RunFolder, name: str) -> Path | None:
+    """The baseline of a case's robot; None, and a message beside the verdict: it could not be learnt."""
+    verdict, bags = folder.verdict(name), sorted(folder.healthy(name).iterdir())
+    verdict.mkdir(parents=True, exist_ok=True)
+    with CaseCopy(bags, folder.bags(name) / "robot.yaml") as (copy, environment):
+        paths, out = [str(copy / bag.name) for bag in bags], copy / "baseline.yaml"
+        options = ["--config", str(copy / "robot.yaml"), "--out", str(out)]
+        result = run_command([*LEARN_BASELINE, *paths, *options], copy, environment)
+        if out.is_file():
+            return Path(shutil.copy2(out, verdict / "baseline.yaml"))
+    (verdict / "no_baseline.txt").write_text(f"{last_line(result.stderr)}\n", encoding="utf-8")
+    return None
 
 
 def _run_oracles(folder: RunFolder, name: str, command: Sequence[str]) -> None:
@@ -364,8 +300,8 @@ def _write_ranking(folder: RunFolder, name: str, world: str) -> None:
     """Rank the candidates by the method that is given the variability of clean robots of this world."""
     with _case_copy(folder.bags(name)) as (copy, environment):
         (copy / "world.yaml").write_text(world, encoding="utf-8")
-        result = _run_command([*RANK, str(copy)], copy, environment)
-    text = result.stdout if result.returncode == 0 else json.dumps({"failed": _last_line(result.stderr)})
+        result = run_command([*RANK, str(copy)], copy, environment)
+    text = result.stdout if result.returncode == 0 else json.dumps({"failed": last_line(result.stderr)})
     (folder.ranking(name) / "ranking.json").write_text(text, encoding="utf-8")
 
 

@@ -21,7 +21,8 @@ from scipy.stats import binomtest
 from ..resources import version
 from .by_kind import by_kind, new_kinds
 from .families import CLASSES, class_of
-from .run import RunFolder, seal
+from .folder import RunFolder
+from .run import seal
 from .seeds import commit, spent_among
 
 OTHER = ("none", "unknown", "not_excited")
@@ -121,6 +122,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "seeds": _seeds([row["seed"] for row in rows]),
         "cases": dict(Counter(row["kind"] for row in rows)),
+        "with_baseline": sum(bool(case.get("with_baseline")) for case in cases),
         "redrawn": {  # because the robot fell: first another robot or place, then one level lower; too large: lower
             "cases": sum(row["attempt"] > 0 for row in rows),
             "lowered": sum(row["lowered"] for row in rows),
@@ -271,6 +273,7 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
                 "answer": _json(folder.answer(name)),
                 "verdict": _json(folder.verdict(name) / "diagnosis.json"),
                 "run": _json(folder.verdict(name) / "run.json"),
+                "with_baseline": (folder.verdict(name) / "baseline.yaml").is_file(),
                 "baselines": _json(folder.verdict(name) / "baselines.json"),
                 "oracle": _json(folder.oracle(name) / "diagnosis.json"),
                 "ranking": _json(folder.ranking(name) / "ranking.json"),

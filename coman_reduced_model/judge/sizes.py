@@ -20,8 +20,8 @@ from ..errors import ComanError
 from ..sim.worlds import World
 from ..sim.worlds.world import world_from_yaml
 from .families import FAMILIES, SIZES, Family, working_stretch
+from .folder import RunFolder
 from .rank import evidence_with, ranking
-from .run import RunFolder
 from .variability import true_deviations
 
 

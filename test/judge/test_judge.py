@@ -25,7 +25,8 @@ from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import baselines, cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, LEVELS, draw_effect
-from coman_reduced_model.judge.run import RunFolder, choose_seeds, run
+from coman_reduced_model.judge.folder import RunFolder
+from coman_reduced_model.judge.run import choose_seeds, run
 from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, score_run
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make

@@ -36,7 +36,7 @@ def example(kind: str, gain: float, left: float = 1.0, error: float = 0.0) -> Ex
             "pulled": {}, "parameters": parameters,
         }  # fmt: skip
 
-    return Example(answer, [row("", 0.0), row("payload", gain)])
+    return Example(answer, NOMINAL, [row("", 0.0), row("payload", gain)])
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +49,8 @@ def examples():
 
 
 def test_weights_separate_what_the_features_separate(examples):
-    weights = learn_decision(examples, NOMINAL, selected=True)
-    found = [(each, outcome(_features(each, NOMINAL), each, weights)) for each in examples]
+    weights = learn_decision(examples, selected=True)
+    found = [(each, outcome(_features(each), each, weights)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
     said = summary(found)
     assert said["medium, strong: right"] == "20/20" and said["wrong"] == "0/20" and said["outside: none"] == "0/10"
@@ -59,7 +59,7 @@ def test_weights_separate_what_the_features_separate(examples):
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):
-    assert learn_decision(examples, NOMINAL, selected=False)["select"] == 0.0
+    assert learn_decision(examples, selected=False)["select"] == 0.0
 
 
 def test_what_laws_leave_is_learnt_from_clean_robots_alone(examples):

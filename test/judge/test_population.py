@@ -19,10 +19,11 @@ from coman_reduced_model.judge import families
 from coman_reduced_model.judge.by_kind import by_kind, new_kinds
 from coman_reduced_model.judge.cases import draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
+from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.monitor import delays, draw_onset, families_with_onset
 from coman_reduced_model.judge.prediction import measure
-from coman_reduced_model.judge.run import RunFolder, chosen_cases
+from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.sudden import beginning
 from coman_reduced_model.judge.variability import true_deviations
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make

@@ -15,7 +15,8 @@ from conftest import ROOT
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.judge import seeds as judge_seeds
 from coman_reduced_model.judge.cases import BAGS, answer, draw_case
-from coman_reduced_model.judge.run import RunFolder, choose_seeds, run
+from coman_reduced_model.judge.folder import RunFolder
+from coman_reduced_model.judge.run import choose_seeds, run
 from coman_reduced_model.judge.seeds import describe, entry_to_add, fresh_range, spent
 
 FILE = ROOT / "coman_reduced_model" / "judge" / "seeds.yaml"

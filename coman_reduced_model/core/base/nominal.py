@@ -17,7 +17,10 @@ import yaml
 from ...errors import ConfigError
 from ...resources import config_path
 
-SECTIONS = ("source", "widths", "sheets", "most", "leftover", "decision", "interval_factor", "parameters", "monitor")
+SECTIONS = (
+    "source", "widths", "sheets", "most", "leftover", "decision", "interval_factor", "with_baseline", "parameters",
+    "monitor",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class Nominal:
             the laws leave on nominal robots [noise floors].
         decision: weights of the features by which an effect is named (diagnose/inference/decide.py).
         interval_factor: by which a 95 % interval of the fit is longer.
+        with_baseline: `decision` and `interval_factor` where a robot's own baseline is known.
         parameters: of one robot, by name of a parameter (`mass@LHipYaw`): what is usual for it, and the spread.
         monitor: by law, see core/monitor/channels.py.
     """
@@ -44,6 +48,7 @@ class Nominal:
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     interval_factor: float = 1.0
+    with_baseline: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     monitor: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -106,6 +111,7 @@ def _load(path: str) -> Nominal:
                 for name, weights in (document.get("decision") or {}).items()
             },
             interval_factor=float(document.get("interval_factor") or 1.0),
+            with_baseline=document.get("with_baseline") or {},
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
             monitor=document.get("monitor") or {},
         )

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The files of a run of the judge; run.py says what each is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The files of a run."""
+
+    out: Path
+
+    @property
+    def sealed(self) -> Path:
+        """Folder of the answers."""
+        return self.out.with_name(f"{self.out.name}.sealed")
+
+    @property
+    def seeds(self) -> Path:
+        """The seeds of the run; they are the answers to whoever can run this code."""
+        return self.sealed / "seeds.json"
+
+    @property
+    def hashes(self) -> Path:
+        """Hashes of the verdicts."""
+        return self.out / "verdicts.sha256"
+
+    @property
+    def commit(self) -> Path:
+        """The commit that the run was begun at."""
+        return self.out / "commit.txt"
+
+    @property
+    def rounds(self) -> Path:
+        """Hashes of earlier verdicts on the same bags."""
+        return self.out / "rounds.txt"
+
+    def bags(self, case: str) -> Path:
+        return self.out / "bags" / case
+
+    def healthy(self, case: str) -> Path:
+        return self.out / "healthy" / case
+
+    def verdict(self, case: str) -> Path:
+        return self.out / "verdicts" / case
+
+    def oracle(self, case: str) -> Path:
+        return self.out / "oracle" / case
+
+    def ranking(self, case: str) -> Path:
+        return self.out / "ranking" / case
+
+    def answer(self, case: str) -> Path:
+        return self.sealed / f"{case}.json"
