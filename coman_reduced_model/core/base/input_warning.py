@@ -16,6 +16,7 @@ class WarningKind(Enum):
     NO_USE = "a parameter has no effect with the chosen model"
     SIGN = "vertical forces of the wrong sign"
     SWAPPED = "left and right wrench swapped"
+    UNIT = "values in another unit"
     BIAS = "a wrench that does not vanish in the air"
     ZERO = "a sensor reads so much without load that it was taken off"
 
@@ -33,6 +34,11 @@ class InputWarning:
     kind: WarningKind
     stream: str
     text: str
+
+    @property
+    def prevents_diagnosis(self) -> bool:
+        """Whether nothing can be learnt about the robot before it is mended."""
+        return self.kind in (WarningKind.SIGN, WarningKind.SWAPPED, WarningKind.UNIT)
 
     @property
     def prevents_prediction(self) -> bool:

@@ -28,6 +28,7 @@ CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compl
 OFF = 0.1  # share of the weight by which the total vertical force is off where zeros are learnt
 SAID = 0.04  # share of the weight from which a zero is reported
 REVERSED = -0.5  # share of the weight, below which forces have the wrong sign rather than zeros
+KILOGRAMS = (0.09, 0.115)  # share of the weight [N] that a force in kgf is, about 1 / 9.81: no zeros either
 FIRST_S, MEMORY_S = 0.2, 1.0  # [s] of total force that are needed, and that count
 EVERY_NS = 20_000_000  # between measurements
 # Standard deviations, of forces in weights and of moments in weights times a metre.
@@ -62,7 +63,7 @@ class SensorZeros:
     def correct(self, sample: Sample, link: Posture) -> None:
         """Take a sample, whose joints `link` has, and take the zeros off its wrenches, in place."""
         left, right = sample.left_wrench, sample.right_wrench
-        if left is None or right is None:
+        if left is None or right is None or not (left.any() and right.any()):  # not even noise: no sensor
             return
         dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
         if not self.active:
@@ -97,7 +98,8 @@ class SensorZeros:
         dt = dt if 0.0 < dt < MEMORY_S else 0.0
         self._seconds = min(self._seconds + dt, MEMORY_S)
         self._mean += (total - self._mean) * min(1.0, dt / max(self._seconds, 1e-9))
-        self.active = self._seconds >= FIRST_S and self._mean > REVERSED and abs(self._mean - 1.0) > OFF
+        another = self._mean < REVERSED or KILOGRAMS[0] < self._mean < KILOGRAMS[1]
+        self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
     def _measure(self, reading: Array, link: Posture) -> None:
         """Readings (12,) of both sensors, when the robot stands as `link` says."""

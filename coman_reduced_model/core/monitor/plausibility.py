@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks for faults that no single message shows: wrenches of wrong sign, swapped feet, bias of an unloaded foot.
+"""Checks for faults that no single message shows: wrong signs and units, swapped feet, bias of an unloaded foot.
 
 They are reported, never corrected: the user decides what is wrong. Zeros of sensors that are so far off that the
 weight shows it were taken off before (`measured/sensor_zeros.py`).
@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..base.input_warning import InputWarning, WarningKind
-from ..base.stream_names import WRENCHES
+from ..base.stream_names import JOINTS, MOTORS, WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
-from ..measured.sensor_zeros import CLEARANCE
+from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -23,6 +25,9 @@ _MIN_LOOKS = 50  # before a warning: 1 s
 _NEGATIVE = 0.02  # share of the weight: a mean force below minus this is more than a bias
 _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
 _CARRIES = 0.8  # share of the total force on the one foot of a single support
+_TURN = 2.0 * np.pi  # [rad] by which no joint of a leg is turned
+_GEARED = 5.0  # motor positions over joint positions, from which they are not on the same side of the gear
+_MOVES = 0.05  # [rad] of a joint, from which the two are compared
 
 
 class Plausibility:
@@ -32,6 +37,8 @@ class Plausibility:
         self._robot = robot
         self._weight = config.support.weight or robot.mass * config.robot.gravity
         self._posture = robot.posture()
+        legs = {*config.robot.left.joints, *config.robot.right.joints}
+        self._of_legs = np.array([name in legs for name in robot.joint_names])
         self.reconfigure(config)
         self.reset()
 
@@ -46,6 +53,9 @@ class Plausibility:
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._looks = 0
         self._lower_carries = self._higher_carries = 0
+        joints = len(self._robot.joint_names)
+        self._lowest = np.full((2, joints), np.inf)  # positions of joints and motors
+        self._highest = -self._lowest
         self._air = {Foot.LEFT: 0, Foot.RIGHT: 0}  # looks at the foot in the air by the joints
         self._air_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
 
@@ -54,6 +64,10 @@ class Plausibility:
         if sample.stamp_ns < self._next:
             return
         self._next = sample.stamp_ns + _INTERVAL_NS
+        for k, q in enumerate((sample.q, sample.motor_q)):
+            if q is not None:
+                np.fmin(self._lowest[k], q, out=self._lowest[k])
+                np.fmax(self._highest[k], q, out=self._highest[k])
         if sample.left_wrench is None or sample.right_wrench is None:
             return
         left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
@@ -85,7 +99,7 @@ class Plausibility:
 
     def warnings(self) -> list[InputWarning]:
         """Present warnings."""
-        found = []
+        found = self._units()
         if self._looks >= _MIN_LOOKS:
             for foot, name in WRENCHES.items():
                 mean = self._force[foot] / self._looks
@@ -110,4 +124,33 @@ class Plausibility:
                     f"{self._lifts:.0f} N (support.contact_off) lift-offs are missed"
                 )
                 found.append(InputWarning(WarningKind.BIAS, name, text))
+        return found
+
+    def _units(self) -> list[InputWarning]:
+        """What is in degrees, in kilograms, or before a gear."""
+        found = []
+        span = self._highest - self._lowest
+        largest = np.where(self._of_legs, np.maximum(self._highest[0], -self._lowest[0]), 0.0)
+        k = int(np.argmax(largest))
+        if largest[k] > _TURN:
+            text = (
+                f"{JOINTS}: {self._robot.joint_names[k]} is at {largest[k]:.3g} rad, more than a turn: in degrees? "
+                "wanted are radians"
+            )
+            found.append(InputWarning(WarningKind.UNIT, JOINTS, text))
+        moves = (span[0] > _MOVES) & (span[1] > _MOVES)
+        ratio = float(np.median(span[1][moves] / span[0][moves])) if moves.any() else 1.0
+        if not 1.0 / _GEARED < ratio < _GEARED:
+            text = (
+                f"{MOTORS}: positions move {ratio:.3g} times as far as those of {JOINTS}: before the gear, or in "
+                "another unit? wanted is the motor side behind the gear, in radians"
+            )
+            found.append(InputWarning(WarningKind.UNIT, MOTORS, text))
+        share = sum(self._force.values()) / max(self._looks, 1) / self._weight
+        if self._looks >= _MIN_LOOKS and KILOGRAMS[0] < share < KILOGRAMS[1]:
+            text = (
+                f"wrenches: the mean vertical force of both feet is {share * self._weight:.3g}, and the robot weighs "
+                f"{self._weight:.0f} N: in kilograms? wanted are newtons"
+            )
+            found.append(InputWarning(WarningKind.UNIT, "", text))
         return found

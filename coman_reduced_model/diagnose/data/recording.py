@@ -124,7 +124,12 @@ def load(
             for sample in samples:
                 effect.correct(sample)
         _take_zeros_off(samples, pipeline.predictor)
+        for sample in samples:
+            pipeline.plausibility.update(sample)
         warnings = session.warnings
+        for warning in pipeline.status().warnings:
+            if warning.prevents_diagnosis:
+                raise BagError(f"{bag.path.name}: {warning}; until that is mended nothing can be learnt of the robot")
     robot = pipeline.robot
     return _grid(Path(path).name, samples, imu, imu_frame, robot, config, warnings), robot
 
@@ -152,7 +157,9 @@ def _grid(
 ) -> Recording:
     complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
-        raise BagError(f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose")
+        why = f" ({warnings[0]})" if warnings else ""
+        text = f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose{why}"
+        raise BagError(text)
     stamps = np.array([s.stamp_ns for s in complete])
     order = np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1) > 0)
     complete, stamps = [complete[i] for i in order], stamps[order]

@@ -10,6 +10,7 @@ import pytest
 from synthetic import LEFT, RIGHT, robot, walk
 
 from coman_reduced_model.core.base.input_warning import WarningKind
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
 
@@ -54,8 +55,25 @@ def test_bias_of_a_foot_in_the_air_is_reported(share):
         return stream, message
 
     warnings = warnings_of(biased)
-    assert [(each.kind, each.stream) for each in warnings] == [(WarningKind.BIAS, RIGHT)] * (share > 0.04)
-    assert all("lift-offs are missed" in each.text for each in warnings)
+    kind = WarningKind.ZERO if share > 0.1 else WarningKind.BIAS  # the weight shows it: taken off
+    assert [(each.kind, each.stream) for each in warnings] == [(kind, RIGHT)] * (share > 0.04)
+    assert all("lift-offs are missed" in each.text or "taken off" in each.text for each in warnings)
+
+
+@pytest.mark.parametrize(
+    ("streams", "field", "factor", "words"),
+    [
+        ((JOINTS, MOTORS), "position", 180.0 / np.pi, "in degrees"),
+        ((MOTORS,), "position", 100.0, "before the gear"),
+        ((LEFT, RIGHT), "force", 1.0 / 9.81, "in kilograms"),
+    ],
+)
+def test_other_units_are_reported(streams, field, factor, words):
+    def scaled(stream, message):
+        return stream, (replace(message, **{field: factor * getattr(message, field)}) if stream in streams else message)
+
+    found = [each for each in warnings_of(scaled) if each.kind is WarningKind.UNIT]
+    assert len(found) == 1 and words in found[0].text and found[0].prevents_diagnosis
 
 
 def test_a_threshold_that_changes_counts_from_then_on():

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is wrong with a recording rather than with a robot is the first and only thing that a diagnosis says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import LEFT, RIGHT, walk, write_bag
+
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.diagnose.data.recording import load
+from coman_reduced_model.errors import BagError
+
+OTHER = {LEFT: (RIGHT, "r_sole"), RIGHT: (LEFT, "l_sole")}
+
+
+def swapped(stream, message):
+    return (OTHER[stream][0], replace(message, frame_id=OTHER[stream][1])) if stream in OTHER else (stream, message)
+
+
+def scaled(streams, field, factor):
+    def change(stream, message):
+        return stream, replace(message, **{field: factor * getattr(message, field)}) if stream in streams else message
+
+    return change
+
+
+def late(stream, message):
+    return stream, replace(message, stamp_ns=message.stamp_ns + 10**9) if stream in OTHER else message
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (swapped, "left and right swapped?"),
+        (scaled((LEFT, RIGHT), "force", -1.0), "wrong sign?"),
+        (scaled((LEFT, RIGHT), "force", 1.0 / 9.81), "in kilograms?"),
+        (scaled((JOINTS, MOTORS), "position", 180.0 / np.pi), "in degrees?"),
+        (scaled((MOTORS,), "position", 100.0), "before the gear"),
+    ],
+    ids=["swapped", "sign", "kilograms", "degrees", "gear"],
+)
+def test_a_recording_that_cannot_be_right_is_refused_with_the_reason(tmp_path, change, words):
+    bag = write_bag(tmp_path / "bag", [change(*each) for each in walk(6.0)])
+    with pytest.raises(BagError) as error:
+        load(bag, Config())
+    assert words in str(error.value) and "\n" not in str(error.value) and str(error.value).startswith("bag: ")
+
+
+def test_a_recording_that_can_be_right_is_read(tmp_path):
+    recording, _ = load(write_bag(tmp_path / "bag", walk(6.0)), Config())
+    assert not recording.warnings
+
+
+def test_clocks_that_differ_are_said(tmp_path):
+    """A second log can be a second late, and its stamps right: so this is no reason to refuse."""
+    recording, _ = load(write_bag(tmp_path / "bag", [late(*each) for each in walk(6.0)]), Config())
+    assert len([line for line in recording.warnings if "its clock is" in line]) == 2
