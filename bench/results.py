@@ -5,9 +5,9 @@
     python bench/results.py free_run update          # these pages; free_run takes some two minutes
     python bench/results.py --list
 
-`judge`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED names; they
-are written only when they are named. A page holds what a command prints, or a table made of its JSON. `free_run` also
-writes the table of the README and the picture beside it. Recordings that are not part of the project are read from
+`judge`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED
+names; they are written only when they are named. A page holds what a command prints, or a table made of its JSON.
+`free_run` also writes the table of the README and the picture beside it. Recordings that are not part of the project are read from
 ../shared, or --shared DIR; a page says which of them it went without.
 """
 
@@ -36,7 +36,7 @@ from markdown import AXES, honest_line, millimetres, table, trimmed, value, writ
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
-OF_RUNS = ("judge", "prediction", "monitor", "others")  # pages of runs of the judge, which take hours
+OF_RUNS = ("judge", "baseline", "prediction", "monitor", "others")  # pages of runs of the judge, which take hours
 
 
 @dataclass(frozen=True)
@@ -348,6 +348,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "engines": script("Two physics engines", ("engines",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
     "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),
+    "baseline": judged("How good the diagnosis is with a baseline", "score.json", "show_diagnosis", "baseline"),
     "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),
     "monitor": judged("Monitor by kind of world", "monitor.json", "show_monitor"),
     "others": judged("Diagnosis of recordings that others simulated", "score.json", "show_folder", "others"),

@@ -27,8 +27,8 @@ FEET = (Foot.LEFT, Foot.RIGHT)
 CLEARANCE = 0.01  # [m] a foot this much higher is in the air; less may be compliance or a soft floor
 OFF = 0.1  # share of the weight by which the total vertical force is off where zeros are learnt
 SAID = 0.04  # share of the weight from which a zero is reported
-REVERSED = -0.5  # share of the weight, below which forces have the wrong sign rather than zeros
-KILOGRAMS = (0.09, 0.115)  # share of the weight [N] that a force in kgf is, about 1 / 9.81: no zeros either
+REVERSED = (-1.2, -0.8)  # shares of the weight: rather the wrong sign than zeros
+KILOGRAMS = (0.09, 0.115)  # the same, of a weight in kgf: about 1 / 9.81
 FIRST_S, MEMORY_S = 0.2, 1.0  # [s] of total force that are needed, and that count
 EVERY_NS = 20_000_000  # between measurements
 # Standard deviations, of forces in weights and of moments in weights times a metre.
@@ -98,7 +98,7 @@ class SensorZeros:
         dt = dt if 0.0 < dt < MEMORY_S else 0.0
         self._seconds = min(self._seconds + dt, MEMORY_S)
         self._mean += (total - self._mean) * min(1.0, dt / max(self._seconds, 1e-9))
-        another = self._mean < REVERSED or KILOGRAMS[0] < self._mean < KILOGRAMS[1]
+        another = any(low < self._mean < high for low, high in (REVERSED, KILOGRAMS))
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
     def _measure(self, reading: Array, link: Posture) -> None:

@@ -43,7 +43,9 @@ def test_good_sensors_are_left_alone(walk) -> None:
     assert not predictor.zeros.active and not predictor.zeros.warnings()
 
 
-@pytest.mark.parametrize(("left", "right"), [(LEFT, RIGHT), (LEFT, NONE), (NONE, RIGHT), (-LEFT, -RIGHT)])
+@pytest.mark.parametrize(
+    ("left", "right"), [(LEFT, RIGHT), (LEFT, NONE), (NONE, RIGHT), (-LEFT, -RIGHT), (-2.0 * LEFT, 3.0 * RIGHT)]
+)
 def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array, right: Array) -> None:
     _, expected = run(walk, NONE, NONE)
     predictor, phases = run(walk, left, right)
