@@ -7,8 +7,8 @@
 
 `judge`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED
 names; they are written only when they are named. A page holds what a command prints, or a table made of its JSON.
-`free_run` also writes the table of the README and the picture beside it. Recordings that are not part of the project are read from
-../shared, or --shared DIR; a page says which of them it went without.
+`free_run` also writes the table of the README and the picture beside it. Recordings that are not part of the
+project are read from ../shared, or --shared DIR; a page says which of them it went without.
 """
 
 from __future__ import annotations

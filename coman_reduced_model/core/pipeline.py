@@ -158,10 +158,11 @@ class Pipeline:
             if self.monitor is not None:
                 self.monitor.reset()
         self.samples += 1
-        prediction = self.predictor.update(sample)
         self.plausibility.update(sample)
+        prediction = self.predictor.update(sample)
         if self.monitor is not None:
-            self.monitor.update(sample, self.predictor.link, prediction)
+            assert self.predictor.sample is not None
+            self.monitor.update(self.predictor.sample, self.predictor.link, prediction)
         return prediction
 
     def reconfigure(self, config: Config) -> None:
@@ -210,7 +211,9 @@ class Pipeline:
         if given and self.predictor.model.turning:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))
-        return found + self.predictor.zeros.warnings() + self.plausibility.warnings()
+        zeros = self.predictor.zeros.warnings()
+        known = {each.stream for each in zeros}  # whose zero looks like a wrong sign, or a bias
+        return found + zeros + [each for each in self.plausibility.warnings() if each.stream not in known]
 
     def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
         """What is wrong with a stream that the predictions need beside the joint states."""

@@ -42,6 +42,7 @@ class Predictor:
         TOPPLED: [rad] and so has one whose trunk leans this much more or less than the measured one.
         dynamics: the equation of motion that does both.
         zeros: what the foot sensors read without load, where that is much: it is taken off.
+        sample: the last one, without these zeros; None: there was none.
         judge: the errors of the horizons so far.
 
     Example:
@@ -79,6 +80,7 @@ class Predictor:
         self.dynamics = self._dynamics()
         self.link = robot.posture()
         self.zeros = SensorZeros(config.support.weight or robot.mass * config.robot.gravity)
+        self.sample: Sample | None = None
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
         self.judge = HorizonJudge(tuple(sorted(config.prediction.horizons)), config.prediction.reference != "none")
@@ -103,6 +105,7 @@ class Predictor:
             effect.reset()
         self.judge.restart()
         self.dynamics.reset()
+        self.zeros.restart()
         self._stamp_ns = 0
         self._phase = Phase.FLIGHT
         self._foot = Foot.NONE
@@ -130,7 +133,7 @@ class Predictor:
         for effect in self.effects:
             effect.correct(sample)
         self.link.update(sample.q, sample.qd)
-        self.zeros.correct(sample, self.link)
+        sample = self.sample = self.zeros.corrected(sample, self.link)
         left, right = sample.left_wrench, sample.right_wrench
         flags = Flags.STALE_WRENCH if left is None or right is None else Flags.OK
         support = self.support.update(

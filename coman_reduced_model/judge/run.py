@@ -5,7 +5,7 @@
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/healthy/CASE/   with --baseline: the same robot without what is hidden
     OUT/verdicts/CASE/  baseline.yaml where it was learnt, diagnosis.json, baselines.json, run.json (exit code, time)
-    OUT/verdicts.sha256 hashes of all verdicts, written before any answer is read
+    OUT/verdicts.sha256 hashes of all verdicts, written before a score reads any answer
     OUT/oracle/CASE/    diagnosis.json of a diagnosis that is given the name and place of each effect
     OUT/ranking/CASE/   ranking.json of all candidates by a method that is given how much clean robots vary
     OUT/rounds.txt      a hash for each earlier round of verdicts on the same bags (--again)
@@ -39,6 +39,7 @@ DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
 LEARN_BASELINE = (sys.executable, "-m", "coman_reduced_model.cli.main", "baseline")
 BASELINES = (sys.executable, "-m", "coman_reduced_model.judge.baselines")
 RANK = (sys.executable, "-m", "coman_reduced_model.judge.rank")
+WITH_BASELINE = ".with_baseline"  # among the verdicts, so that --again may choose otherwise
 FRESH = 200  # cases of a run by default
 
 
@@ -165,12 +166,15 @@ def _keep_to_baselines(folder: RunFolder, baseline: bool) -> None:
     Raises:
         OutputError: it was begun otherwise.
     """
-    healthy = folder.out / "healthy"
-    if any((folder.out / "verdicts").iterdir()) and healthy.is_dir() != baseline:
-        begun = "with" if healthy.is_dir() else "without"
-        raise OutputError(f"{folder.out}: was begun {begun} --baseline: go on so, or take another folder")
+    verdicts = folder.out / "verdicts"
+    begun = (verdicts / WITH_BASELINE).is_file()
+    if any(verdicts.iterdir()) and begun != baseline:
+        raise OutputError(
+            f"{folder.out}: was begun {'with' if begun else 'without'} --baseline: go on so, or take another folder"
+        )
     if baseline:
-        healthy.mkdir(exist_ok=True)
+        (folder.out / "healthy").mkdir(exist_ok=True)
+        (verdicts / WITH_BASELINE).touch()
 
 
 def _drop_verdicts(folder: RunFolder) -> None:
@@ -272,6 +276,9 @@ def _learn_baseline(folder: RunFolder, name: str) -> Path | None:
     """The baseline of a case's robot; None, and a message beside the verdict: it could not be learnt."""
     verdict, bags = folder.verdict(name), sorted(folder.healthy(name).iterdir())
     verdict.mkdir(parents=True, exist_ok=True)
+    if not bags:
+        (verdict / "no_baseline.txt").write_text("it falls on all gaits\n", encoding="utf-8")
+        return None
     with CaseCopy(bags, folder.bags(name) / "robot.yaml") as (copy, environment):
         paths, out = [str(copy / bag.name) for bag in bags], copy / "baseline.yaml"
         options = ["--config", str(copy / "robot.yaml"), "--out", str(out)]
@@ -290,7 +297,9 @@ def _run_oracles(folder: RunFolder, name: str, command: Sequence[str]) -> None:
     if not (folder.oracle(name) / "run.json").is_file():
         assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in answer["effects"]]
         options = [part for text in assumed for part in ("--assume", text)]
-        _diagnose_case(folder, name, folder.oracle(name), command, *options)
+        learnt = folder.verdict(name) / "baseline.yaml"
+        usual = learnt if learnt.is_file() else None
+        _diagnose_case(folder, name, folder.oracle(name), command, *options, usual=usual)
     if not (folder.ranking(name) / "ranking.json").is_file():
         folder.ranking(name).mkdir(parents=True, exist_ok=True)
         _write_ranking(folder, name, answer["world"])

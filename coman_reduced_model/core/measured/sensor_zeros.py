@@ -6,12 +6,13 @@ them: a foot that is in the air by the joints reads its zero; and forces and mom
 not balance are zeros, as far as the robot is not accelerated. So a foot that never leaves the ground gets its zero from
 the balance. Both hold on level ground.
 
-As long as the total vertical force is near the weight nothing is learnt and nothing is changed: a good sensor is left
-alone, and costs nothing. Only the past is used, and what was learnt lasts.
+As long as the total vertical force is near the weight, or both feet bear nothing, nothing is learnt and nothing is
+changed: a good sensor is left alone, and costs nothing. Only the past is used, and what was learnt lasts.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,8 @@ OFF = 0.1  # share of the weight by which the total vertical force is off where 
 SAID = 0.04  # share of the weight from which a zero is reported
 REVERSED = (-1.2, -0.8)  # shares of the weight: rather the wrong sign than zeros
 KILOGRAMS = (0.09, 0.115)  # the same, of a weight in kgf: about 1 / 9.81
-FIRST_S, MEMORY_S = 0.2, 1.0  # [s] of total force that are needed, and that count
+BEARS = 0.1  # share of the weight: where both feet read less, the robot jumps or hangs
+FIRST_S, MEMORY_S, GAP_S = 0.5, 1.0, 0.05  # [s] of total force that are needed, and that count; of one sample at most
 EVERY_NS = 20_000_000  # between measurements
 # Standard deviations, of forces in weights and of moments in weights times a metre.
 PRIOR = (1.0, 0.01)
@@ -52,6 +54,7 @@ class SensorZeros:
         self._weight = weight
         self.active = False
         self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
+        self._alive = np.zeros(2, dtype=bool)
         self._x = np.zeros(12)
         self._P = np.diag(self._variance(PRIOR, 2))
 
@@ -60,22 +63,27 @@ class SensorZeros:
         k = 6 * FEET.index(foot)
         return self._x[k : k + 6]
 
-    def correct(self, sample: Sample, link: Posture) -> None:
-        """Take a sample, whose joints `link` has, and take the zeros off its wrenches, in place."""
+    def restart(self) -> None:
+        """The next sample may have any stamp; what was learnt is kept."""
+        self._last_ns = self._next_ns = 0
+
+    def corrected(self, sample: Sample, link: Posture) -> Sample:
+        """A sample, whose joints `link` has, with the zeros taken off its wrenches: itself where there are none."""
         left, right = sample.left_wrench, sample.right_wrench
-        if left is None or right is None or not (left.any() and right.any()):  # not even noise: no sensor
-            return
+        if left is None or right is None or not np.isfinite(left.sum() + right.sum()):
+            return sample
         dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
         if not self.active:
-            self._watch(float(left[2] + right[2]) / self._weight, dt)
+            self._alive |= np.array([left.any(), right.any()])
+            if self._alive.all():  # a sensor that gives nothing but zeros is none
+                self._watch(float(left[2]) / self._weight, float(right[2]) / self._weight, dt)
             if not self.active:
-                return
+                return sample
         if sample.stamp_ns >= self._next_ns:
             self._P += np.diag(self._variance(WANDERS, 2)) * EVERY_NS * 1e-9
             self._measure(np.concatenate([left, right]), link)
             self._next_ns = sample.stamp_ns + EVERY_NS
-        left -= self._x[:6]
-        right -= self._x[6:]
+        return replace(sample, left_wrench=left - self._x[:6], right_wrench=right - self._x[6:])
 
     def warnings(self) -> list[InputWarning]:
         """What is taken off, of each foot where it matters."""
@@ -91,13 +99,13 @@ class SensorZeros:
                 found.append(InputWarning(WarningKind.ZERO, stream, text))
         return found
 
-    def _watch(self, total: float, dt: float) -> None:
-        """Whether the total force, in weights, is off for longer than a robot accelerates."""
-        if not np.isfinite(total):
+    def _watch(self, left: float, right: float, dt: float) -> None:
+        """Whether the total of both vertical forces, in weights, is off for longer than a robot accelerates."""
+        if max(abs(left), abs(right)) < BEARS:
             return
-        dt = dt if 0.0 < dt < MEMORY_S else 0.0
+        dt = min(max(dt, 0.0), GAP_S)
         self._seconds = min(self._seconds + dt, MEMORY_S)
-        self._mean += (total - self._mean) * min(1.0, dt / max(self._seconds, 1e-9))
+        self._mean += (left + right - self._mean) * min(1.0, dt / max(self._seconds, 1e-9))
         another = any(low < self._mean < high for low, high in (REVERSED, KILOGRAMS))
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks for faults that no single message shows: wrong signs and units, swapped feet, bias of an unloaded foot.
 
-They are reported, never corrected: the user decides what is wrong. Zeros of sensors that are so far off that the
-weight shows it were taken off before (`measured/sensor_zeros.py`).
+They are reported, never corrected: the user decides what is wrong. Wrenches are looked at as they came, before large
+zeros are taken off (`measured/sensor_zeros.py`).
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ class Plausibility:
         joints = len(self._robot.joint_names)
         self._lowest = np.full((2, joints), np.inf)  # positions of joints and motors
         self._highest = -self._lowest
+        self._turned = np.zeros(joints, dtype=int)  # looks at a joint of a leg beyond a turn
         self._air = {Foot.LEFT: 0, Foot.RIGHT: 0}  # looks at the foot in the air by the joints
         self._air_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
 
@@ -68,6 +69,7 @@ class Plausibility:
             if q is not None:
                 np.fmin(self._lowest[k], q, out=self._lowest[k])
                 np.fmax(self._highest[k], q, out=self._highest[k])
+        self._turned += self._of_legs & (np.abs(sample.q) > _TURN)
         if sample.left_wrench is None or sample.right_wrench is None:
             return
         left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
@@ -130,11 +132,11 @@ class Plausibility:
         """What is in degrees, in kilograms, or before a gear."""
         found = []
         span = self._highest - self._lowest
-        largest = np.where(self._of_legs, np.maximum(self._highest[0], -self._lowest[0]), 0.0)
-        k = int(np.argmax(largest))
-        if largest[k] > _TURN:
+        k = int(np.argmax(self._turned))
+        if self._turned[k] >= _MIN_LOOKS:
+            largest = max(self._highest[0, k], -self._lowest[0, k])
             text = (
-                f"{JOINTS}: {self._robot.joint_names[k]} is at {largest[k]:.3g} rad, more than a turn: in degrees? "
+                f"{JOINTS}: {self._robot.joint_names[k]} is at {largest:.3g} rad, more than a turn: in degrees? "
                 "wanted are radians"
             )
             found.append(InputWarning(WarningKind.UNIT, JOINTS, text))

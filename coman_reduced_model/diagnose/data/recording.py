@@ -123,32 +123,32 @@ def load(
         for effect in pipeline.predictor.effects:
             for sample in samples:
                 effect.correct(sample)
-        _take_zeros_off(samples, pipeline.predictor)
         for sample in samples:
             pipeline.plausibility.update(sample)
+        zeros = _zeros(samples, pipeline.predictor)
         warnings = session.warnings
         for warning in pipeline.status().warnings:
             if warning.prevents_diagnosis:
                 raise BagError(f"{bag.path.name}: {warning}; until that is mended nothing can be learnt of the robot")
     robot = pipeline.robot
-    return _grid(Path(path).name, samples, imu, imu_frame, robot, config, warnings), robot
+    return _grid(Path(path).name, samples, zeros, imu, imu_frame, robot, config, warnings), robot
 
 
-def _take_zeros_off(samples: list[Sample], predictor: Predictor) -> None:
-    """Take off what the foot sensors read without load, as the predictor does; all of it by what it learns last."""
-    wrenches = [[None if each is None else each.copy() for each in (s.left_wrench, s.right_wrench)] for s in samples]
+def _zeros(samples: list[Sample], predictor: Predictor) -> Array:
+    """(2,) what both sensors read vertically without load [N], where that is so much that it hides the phases.
+
+    As the predictor learns it, in the end. Only phases are freed of it: zeros are unknowns of the diagnosis.
+    """
     for sample in samples:
         predictor.link.update(sample.q, sample.qd)
-        predictor.zeros.correct(sample, predictor.link)
-    if predictor.zeros.active:
-        for sample, (left, right) in zip(samples, wrenches, strict=True):
-            sample.left_wrench = None if left is None else left - predictor.zeros.of(Foot.LEFT)
-            sample.right_wrench = None if right is None else right - predictor.zeros.of(Foot.RIGHT)
+        predictor.zeros.corrected(sample, predictor.link)
+    return np.array([predictor.zeros.of(foot)[2] for foot in FEET])
 
 
 def _grid(
     name: str,
     samples: list[Sample],
+    zeros: Array,
     imu: list[tuple[int, Array]],
     imu_frame: str,
     robot: Robot,
@@ -177,7 +177,7 @@ def _grid(
         values = np.array([np.full(size, np.nan) if row is None else row for row in rows])
         return _resample(at, values, t)
 
-    forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete])  # type: ignore[index]
+    forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete]) - zeros  # type: ignore[index]
     phases, shares, supports = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
     left, right = array("left_wrench"), array("right_wrench")
     q = array("q")

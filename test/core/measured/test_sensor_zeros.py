@@ -79,3 +79,35 @@ def test_a_real_robot_whose_sensors_read_hundreds_of_newtons() -> None:
     # What the right sensor reads in the air, and what the left one, which never leaves the ground, has too little.
     np.testing.assert_allclose(zeros.of(Foot.RIGHT)[:3], [269.0, 79.0, -114.5], atol=5.0)
     assert zeros.of(Foot.LEFT)[2] == pytest.approx(-214.0, abs=10.0)
+
+
+def test_a_robot_that_hangs_or_jumps_has_no_zeros(walk) -> None:
+    robot, config, samples = walk
+    predictor = Predictor(robot, config)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(samples), 2, 6))
+    for sample, (left, right) in zip(samples, noise, strict=True):
+        predictor.update(replace(sample, left_wrench=left, right_wrench=right))
+    assert not predictor.zeros.active
+
+
+def test_a_clock_that_goes_back_and_values_that_are_none_do_not_end_learning(walk) -> None:
+    robot, config, samples = walk
+    predictor = Predictor(robot, config)
+    known = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
+    for again, zero in enumerate((LEFT, 0.5 * LEFT)):
+        for k, sample in enumerate(known):
+            wrench = sample.left_wrench + (zero if k % 97 else np.nan)
+            predictor.update(replace(sample, stamp_ns=sample.stamp_ns - again * 50 * 10**9, left_wrench=wrench))
+    assert np.isfinite(predictor.zeros.of(Foot.LEFT)).all()
+    assert predictor.zeros.of(Foot.LEFT)[2] == pytest.approx(0.5 * LEFT[2], abs=15.0)
+
+
+def test_samples_stay_as_they_came(walk) -> None:
+    robot, config, samples = walk
+    predictor = Predictor(robot, config)
+    sample = replace(samples[500], left_wrench=samples[500].left_wrench + LEFT)
+    before = sample.left_wrench.copy()
+    predictor.zeros.active = True
+    predictor.update(sample)
+    np.testing.assert_array_equal(sample.left_wrench, before)
+    assert predictor.sample is not None and predictor.sample is not sample
