@@ -65,7 +65,7 @@ class SensorZeros:
 
     def restart(self) -> None:
         """The next sample may have any stamp; what was learnt is kept."""
-        self._last_ns = self._next_ns = 0
+        self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
 
     def corrected(self, sample: Sample, link: Posture) -> Sample:
         """A sample, whose joints `link` has, with the zeros taken off its wrenches: itself where there are none."""
