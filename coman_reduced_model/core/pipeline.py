@@ -211,9 +211,8 @@ class Pipeline:
         if given and self.predictor.model.turning:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))
-        zeros = self.predictor.zeros.warnings()
-        known = {each.stream for each in zeros}  # whose zero looks like a wrong sign, or a bias
-        return found + zeros + [each for each in self.plausibility.warnings() if each.stream not in known]
+        zeros = self.predictor.zeros
+        return found + zeros.warnings() + self.plausibility.warnings({foot: zeros.of(foot)[2] for foot in WRENCHES})
 
     def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
         """What is wrong with a stream that the predictions need beside the joint states."""

@@ -7,6 +7,7 @@ zeros are taken off (`measured/sensor_zeros.py`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,7 @@ _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on 
 _CARRIES = 0.8  # share of the total force on the one foot of a single support
 _TURN = 2.0 * np.pi  # [rad] by which no joint of a leg is turned
 _GEARED = 5.0  # motor positions over joint positions, from which they are not on the same side of the gear
+_NO_ZEROS = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
 _MOVES = 0.05  # [rad] of a joint, from which the two are compared
 
 
@@ -99,12 +101,12 @@ class Plausibility:
         counts["wrenches/swapped"] = self._higher_carries
         return {name: count for name, count in counts.items() if count}
 
-    def warnings(self) -> list[InputWarning]:
-        """Present warnings."""
+    def warnings(self, zeros: Mapping[Foot, float] = _NO_ZEROS) -> list[InputWarning]:
+        """Present warnings, beside what the sensors are known to read vertically without load [N]."""
         found = self._units()
         if self._looks >= _MIN_LOOKS:
             for foot, name in WRENCHES.items():
-                mean = self._force[foot] / self._looks
+                mean = self._force[foot] / self._looks - zeros[foot]
                 if mean < -_NEGATIVE * self._weight:
                     text = (
                         f"{name}: the mean vertical force is {mean:.0f} N: wrong sign? wanted is what the ground "
@@ -119,7 +121,7 @@ class Plausibility:
             )
             return [*found, InputWarning(WarningKind.SWAPPED, "", text)]
         for foot, name in WRENCHES.items():
-            mean = self._air_force[foot] / max(self._air[foot], 1)
+            mean = self._air_force[foot] / max(self._air[foot], 1) - zeros[foot]
             if self._air[foot] >= _MIN_LOOKS // 2 and self._lifts < mean < _STANDS * self._weight:
                 text = (
                     f"{name}: reads {mean:.0f} N on average while the foot is in the air by the joints: a bias? above "
