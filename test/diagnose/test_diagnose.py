@@ -212,15 +212,15 @@ def test_what_no_effect_explains_is_unknown(bags, diagnose):
 
 @pytest.mark.slow
 def test_an_effect_that_spoils_the_predicted_com_is_not_in_the_model(tmp_path, diagnose):
-    """Foot sensors that are 4 Nm off, of which it is assumed that the trunk's COM is elsewhere."""
+    """Joint states that are 30 ms late, of which it is assumed that the ground gives way."""
     for seed, gait in enumerate(("test1", "test2")):
-        hidden = [make("wrench_bias", {"ty": 4.0})]
+        hidden = [make("encoder_delay", {"delay": 0.03})]
         record(gait, tmp_path / gait, disturbances=hidden, seed=seed, duration_s=SECONDS)
-    result, out = diagnose(tmp_path / "test1", "--holdout", tmp_path / "test2", "--assume", "com_offset")
+    result, out = diagnose(tmp_path / "test1", "--holdout", tmp_path / "test2", "--assume", "ground_compliance")
     (effect,) = result["effects"]
-    assert effect["name"] == "com_offset" and abs(effect["parameters"]["x"]["value"]) > 0.005
+    assert effect["name"] == "ground_compliance" and effect["parameters"]
     assert load_config(out / result["model"]).active == ()
-    assert not effect["in_model"] and effect["com"]["after"]["x"] > 2.0 * effect["com"]["before"]["x"]
+    assert not effect["in_model"] and effect["com"]["after"]["x"] > 1.01 * effect["com"]["before"]["x"]
     assert "makes the predicted COM of held-out walks worse" in result["sentence"]
     com_is_shown(result)
 
