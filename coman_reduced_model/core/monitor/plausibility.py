@@ -25,7 +25,7 @@ _INTERVAL_NS = 20_000_000  # between looks
 _MIN_LOOKS = 50  # before a warning: 1 s
 _NEGATIVE = 0.02  # share of the weight: a mean force below minus this is more than a bias
 _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
-_CARRIES = 0.8  # share of the total force on the one foot of a single support
+_CARRIES = 0.8  # share of both forces on the foot in the air, from which the feet are swapped
 _TURN = 2.0 * np.pi  # [rad] by which no joint of a leg is turned
 _GEARED = 5.0  # motor positions over joint positions, from which they are not on the same side of the gear
 _NO_ZEROS = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
@@ -54,13 +54,14 @@ class Plausibility:
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._looks = 0
-        self._lower_carries = self._higher_carries = 0
         joints = len(self._robot.joint_names)
         self._lowest = np.full((2, joints), np.inf)  # positions of joints and motors
         self._highest = -self._lowest
         self._turned = np.zeros(joints, dtype=int)  # looks at a joint of a leg beyond a turn
         self._air = {Foot.LEFT: 0, Foot.RIGHT: 0}  # looks at the foot in the air by the joints
         self._air_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
+        self._other_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}  # of the other foot meanwhile
+        self._swapped = 0
 
     def update(self, sample: Sample) -> None:
         """Take one sample; stamps must increase between resets."""
@@ -84,21 +85,16 @@ class Plausibility:
         if abs(height) <= CLEARANCE:
             return
         higher = Foot.RIGHT if height > 0.0 else Foot.LEFT
+        in_air, other = (left, right) if higher is Foot.LEFT else (right, left)
         self._air[higher] += 1
-        self._air_force[higher] += left if higher is Foot.LEFT else right
-        # By magnitude, so that wrong signs do not matter.
-        total = abs(left) + abs(right)
-        if total < 0.5 * self._weight or max(abs(left), abs(right)) < _CARRIES * total:
-            return
-        if (abs(left) > abs(right)) == (higher is Foot.LEFT):
-            self._higher_carries += 1
-        else:
-            self._lower_carries += 1
+        self._air_force[higher] += in_air
+        self._other_force[higher] += other
+        self._swapped += abs(in_air) > max(abs(other), 0.5 * self._weight)
 
     def counts(self) -> dict[str, int]:
         """Suspect looks (50 a second); a nominal robot has some too, such as at touchdown."""
         counts = {f"{name}/negative": self._negative[foot] for foot, name in WRENCHES.items()}
-        counts["wrenches/swapped"] = self._higher_carries
+        counts["wrenches/swapped"] = self._swapped
         return {name: count for name, count in counts.items() if count}
 
     def warnings(self, zeros: Mapping[Foot, float] = _NO_ZEROS) -> list[InputWarning]:
@@ -113,11 +109,14 @@ class Plausibility:
                         "exerts on the foot (positive while it stands)"
                     )
                     found.append(InputWarning(WarningKind.SIGN, name, text))
-        looks = self._lower_carries + self._higher_carries
-        if looks >= _MIN_LOOKS // 2 and self._higher_carries > 0.8 * looks:
+        air = sum(abs(self._air_force[foot] - self._air[foot] * zeros[foot]) for foot in WRENCHES)
+        ground = sum(abs(self._other_force[foot] - self._air[foot] * zeros[foot.other]) for foot in WRENCHES)
+        looks = sum(self._air.values())
+        # By magnitude, so that wrong signs do not matter.
+        if looks >= _MIN_LOOKS // 2 and air + ground > 0.5 * self._weight * looks and air > _CARRIES * (air + ground):
             text = (
-                f"wrenches: in {self._higher_carries} of {looks} looks at single support the foot in the air by "
-                "the joints carries the robot by the wrenches: left and right swapped?"
+                f"wrenches: the foot in the air by the joints reads {air / looks:.0f} N on average, the other one "
+                f"{ground / looks:.0f} N: left and right swapped?"
             )
             return [*found, InputWarning(WarningKind.SWAPPED, "", text)]
         for foot, name in WRENCHES.items():

@@ -45,6 +45,19 @@ def test_swapped_feet_are_reported():
     assert warning.kind is WarningKind.SWAPPED and "swapped" in warning.text
 
 
+@pytest.mark.parametrize("zeros", [(-1.26, -1.78), (0.6, -0.9), (2.0, 1.5)])
+def test_large_zeros_do_not_look_like_swapped_feet(zeros):
+    """In weights; with the first ones a foot in the air reads a larger magnitude than one that stands."""
+
+    def shifted(stream, message):
+        if stream in (LEFT, RIGHT):
+            zero = zeros[stream == RIGHT] * robot().mass * 9.81
+            message = replace(message, force=message.force + np.array([0.0, 0.0, zero]))
+        return stream, message
+
+    assert {each.kind for each in warnings_of(shifted)} == {WarningKind.ZERO}
+
+
 @pytest.mark.parametrize("share", [0.03, 0.06, 0.2])
 def test_bias_of_a_foot_in_the_air_is_reported(share):
     """Above contact_off, 4 % of the weight, its lift-offs are missed and the robot appears to be in double support."""
