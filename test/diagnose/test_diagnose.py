@@ -13,6 +13,7 @@ from synthetic import WRENCHES, walk, write_bag
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.diagnose.inference.evidence import ONE_A_STEP
+from coman_reduced_model.diagnose.report.contents import MATERIAL
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
@@ -113,6 +114,13 @@ def com_is_shown(result: dict) -> None:
         assert all(0.0 < com[which][axis] < 0.05 for which in ("before", "after") for axis in "xyz")
         assert com["steps"] > 4 and all(low < high for low, high in com["change"].values())
         assert effect["in_model"] or any(low > 0.0 for low, _ in com["change"].values())
+        share = effect["explains"]["share"]
+        assert effect["minor"] == (share < MATERIAL)
+        if effect["explains"]["of"] == "com":
+            squares = [sum(value**2 for value in com[which].values()) for which in ("before", "after")]
+            assert share == pytest.approx(1.0 - squares[1] / squares[0])
+        else:
+            assert 0.0 < share < 1.0
 
 
 @pytest.mark.slow
@@ -122,6 +130,8 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
     width = named(result, "backlash", "RKneeSag")["width"]
     assert width["value"] == pytest.approx(0.026, rel=0.3) and width["interval"][0] > 0.0 and width["unit"] == "rad"
     shrinks(result, "spring/RKneeSag")
+    (effect,) = result["effects"]
+    assert effect["explains"]["of"] == "com" and not effect["minor"]
 
     # What it prints is what discrepancy.md says, and what it writes.
     assert result == json.loads((out / "diagnosis.json").read_text())

@@ -119,6 +119,11 @@ class Effect:
         fields = {"unit": parameter.unit, "nominal": parameter.nominal, **more}
         return Unknown(cls.name, where, key, change=change, **fields)
 
+    @classmethod
+    def moves_com(cls) -> bool:
+        """Whether it is physics that the predicted COM depends on, not what sensors or motors report."""
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in ("load", "slide", "springs", "push"))
+
     def reset(self) -> None:
         """Forget the past: the next sample is the first one."""
 

@@ -19,7 +19,7 @@ from .finding import Finding
 from .search import CLASSES
 
 CONFIDENCE = 1.96  # standard deviations of an interval
-_MEASURED = "the motor states show it, so the model needs no change for it"
+MEASURED = "the motor states show it, so the model needs no change for it"
 
 
 def effect_entries(finding: Finding, config: Config) -> list[dict[str, Any]]:
@@ -44,7 +44,7 @@ def effect_entries(finding: Finding, config: Config) -> list[dict[str, Any]]:
                 "probability": effect.probability,
                 "group": list(effect.group),
                 "in_model": not measured,
-                "left_out": _MEASURED if measured else "",
+                "left_out": MEASURED if measured else "",
             }
         )
     return out

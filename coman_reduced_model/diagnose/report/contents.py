@@ -4,19 +4,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ...core.base.types import Array, Integers, Phase
 from ...core.config.schema import Config
+from ...core.effects.catalogue import CATALOGUE
 from ...core.evaluation.statistics import by_axis
 from ..inference.case import Case
 from ..inference.check import Checked
 from ..inference.compare import pulls
+from ..inference.effects import MEASURED
 from ..inference.evidence import ONE_A_STEP
-from ..inference.finding import Finding
+from ..inference.finding import ChosenEffect, Finding
 from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
@@ -28,6 +30,7 @@ COM_FLOOR = 0.0002  # [m] noise of the measured COM with 12-bit encoders
 STEADY_SHARE = 0.7  # of a residual: where its means over whole phases make up more, it is steady
 STEADY_BAND, MOVING_BAND = [0.0, 1.5], [1.5, 9.0]  # [Hz]
 LEAST_TICKS = 10  # of a phase, from which on a residual is localised there
+MATERIAL = 0.05  # share of what is missing that an effect explains: one that explains less is minor
 
 
 def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config: Config, began: float) -> Diagnosis:
@@ -38,6 +41,9 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         began: time.perf_counter() at the start [s].
     """
     finding, effects, named = found.finding, predicted.effects, found.verdict == "effect"
+    for effect, chosen in zip(effects, finding.chosen, strict=True):
+        effect["explains"] = explained(finding, chosen, effect)
+        effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
         for effect in effects:
             effect.update(in_model=False, left_out="not enough to explain what is missing")
@@ -73,6 +79,30 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     }
     result["sentence"] = sentence(result)
     return Diagnosis(result, predicted.model if named else config, finding, checked.recordings, predicted.shown)
+
+
+def explained(finding: Finding, chosen: ChosenEffect, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """The share of what is missing that a chosen effect explains, and of what: both as squares.
+
+    Physics explains the error of the predicted COM in the bags that judge it; what sensors or motors report, and what
+    the model has anyway, explains the residuals that depend on it, in units of their noise floors, in held-out walks.
+    """
+    if CATALOGUE[chosen.option.effect].moves_com() and entry["left_out"] != MEASURED:
+        before, after = (sum(value**2 for value in entry["com"][which].values()) for which in ("before", "after"))
+        return {"of": "com", "share": float(1.0 - after / before) if before > 0.0 else float("nan")}
+    assert finding.fit is not None
+    without = with_it = 0.0
+    mine = list(chosen.option.unknowns)
+    for case in finding.hold or finding.train:
+        x = case.own(finding.fit, finding.released)
+        nominal = x.copy()
+        nominal[mine] = 0.0
+        left, more = case.left(x), case.left(nominal)
+        for key, floor in case.floor.items():
+            if floor > 0.0 and key in left and case.problem.columns[key][:, mine].any():
+                with_it += float(left[key] @ left[key]) / floor**2
+                without += float(more[key] @ more[key]) / floor**2
+    return {"of": "residuals", "share": 1.0 - with_it / without if without > 0.0 else float("nan")}
 
 
 def pulled(finding: Finding) -> dict[str, float]:

@@ -27,8 +27,7 @@ CHANNELS = {
 }
 # What a unit is shown as: name and factor.
 _SHOWN = {"rad": ("degrees", 180.0 / math.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}
-
-
+EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
 HEAVY, SURE = 0.03, 3.0  # of the weight by the URDF, and standard deviations, beyond which it is said
 
 
@@ -63,6 +62,9 @@ def effect_sentence(effect: Mapping[str, Any]) -> str:
     text = _said(effect)
     if effect.get("left_out"):
         text += f" (not in the model: {effect['left_out']})"
+    elif effect.get("minor"):
+        share, of = effect["explains"]["share"], EXPLAINED[effect["explains"]["of"]]
+        text += f" (minor: it explains {max(share, 0.0):.0%} of {of})"
     if effect["class"]:
         text += (
             f", or another effect of the class {spaced(effect['class'])}, which this data cannot distinguish from it"

@@ -258,6 +258,18 @@ def test_a_sentence_holds_values_intervals_and_signs():
     assert "x 5.00 ± 0.25 N" in effect("external_force", "", "x", 5.0, "N")
 
 
+@pytest.mark.parametrize(
+    ("of", "said"), [("com", "2 % of the error of the predicted COM"), ("residuals", "2 % of the")]
+)
+def test_what_is_real_but_hardly_matters_is_said_to_be_minor(of, said):
+    slip = {"distance": {"value": 0.003, "unit": "m", "interval": [0.002, 0.004]}}
+    entry = {"name": "foot_slip", "class": None, "where": "left", "parameters": slip}
+    entry |= {"explains": {"of": of, "share": 0.02}, "minor": True}
+    assert f"(minor: it explains {said.replace(' %', '%')}" in effect_sentence(entry)
+    assert "minor" not in effect_sentence({**entry, "minor": False})
+    assert "minor" not in effect_sentence({**entry, "left_out": "it makes the predicted COM worse"})
+
+
 class KneePlay(Effect):
     """An effect in one file: this one."""
 
