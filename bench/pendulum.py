@@ -33,7 +33,7 @@ def main() -> None:
         rmse, skill = predictor.judge.rmse(), predictor.judge.skill()
         for h, errors in rmse.items():
             for axis, word in enumerate(("fore-aft", "lateral")):
-                figures = (f"{errors[who][axis] * 1e3:.2f}" for who in ("model", "persistence", "lipm"))
+                figures = (f"{errors[who][axis] * 1e3:.2f}" for who in ("published", "persistence", "lipm"))
                 table.add_row(name, h, word, *figures, f"{skill[h][axis]:+.2f}")
     Console(width=120).print(table)
 

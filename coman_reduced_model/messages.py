@@ -205,9 +205,26 @@ def prediction_from(message: Any) -> Prediction:
         _xyz(message.predicted_position),
         _xyz(message.predicted_velocity),
         matrix_from(message.sole_pose),
-        [HorizonPrediction(each.h, _xyz(each.position)) for each in message.horizons],
+        [_horizon_from(each) for each in message.horizons],
         Flags(message.flags),
+        predicted_covariance=_covariance_from(message, "predicted_covariance"),
     )
+
+
+def _horizon_from(message: Any) -> HorizonPrediction:
+    share = getattr(message, "model_share", None)
+    return HorizonPrediction(
+        message.h,
+        _xyz(message.position),
+        _covariance_from(message, "covariance"),
+        np.full(3, np.nan) if share is None else _xyz(share),
+    )
+
+
+def _covariance_from(message: Any, name: str) -> Array:
+    """(3, 3); NaN in messages of version 1, which have none."""
+    values = getattr(message, name, None)
+    return np.full((3, 3), np.nan) if values is None else np.array(values, dtype=np.float64).reshape(3, 3)
 
 
 FROM = {
@@ -285,12 +302,21 @@ def prediction_to(types: MessageTypes, prediction: Prediction, into: Any = None)
     if len(message.horizons) != len(prediction.horizons):
         zero = np.zeros(3)
         message.horizons = [
-            types.HorizonPrediction(h=0.0, position=_vector(types.Point, zero)) for _ in prediction.horizons
+            types.HorizonPrediction(
+                h=0.0,
+                position=_vector(types.Point, zero),
+                covariance=np.zeros(9),
+                model_share=_vector(types.Vector3, zero),
+            )
+            for _ in prediction.horizons
         ]
     for target, horizon in zip(message.horizons, prediction.horizons, strict=True):
         target.h = float(horizon.h)
         _fill(target.position, horizon.com)
+        target.covariance = horizon.covariance.ravel()
+        _fill(target.model_share, horizon.model_share)
     message.flags = int(prediction.flags)
+    message.predicted_covariance = prediction.predicted_covariance.ravel()
     return message
 
 
@@ -312,6 +338,7 @@ def _blank_prediction(types: MessageTypes) -> Any:
         sole_pose=pose_to(types, identity),
         horizons=[],
         flags=0,
+        predicted_covariance=np.zeros(9),
     )
 
 

@@ -205,11 +205,15 @@ def a_prediction(seed=0, horizons=3):
     T = np.eye(4)
     T[:3, :3] = Rotation.random(random_state=seed).as_matrix()
     T[:3, 3] = rng.normal(size=3)
-    ahead = [HorizonPrediction(0.1 * (k + 1), rng.normal(size=3)) for k in range(horizons)]
+    ahead = [
+        HorizonPrediction(0.1 * (k + 1), *rng.normal(size=(1, 3)), rng.normal(size=(3, 3)), rng.normal(size=3))
+        for k in range(horizons)
+    ]
     support = SupportState(Phase.RIGHT, Foot.RIGHT, 0.25, 0.125, 300.0)
     return Prediction(
-        STAMP + seed, "r_sole", support, *rng.normal(size=(6, 3)), T, ahead, Flags.RESET | Flags.NEAR_SINGULAR
-    )
+        STAMP + seed, "r_sole", support, *rng.normal(size=(6, 3)), T, ahead, Flags.RESET | Flags.NEAR_SINGULAR,
+        predicted_covariance=rng.normal(size=(3, 3)),
+    )  # fmt: skip
 
 
 def xyz(value):
@@ -237,6 +241,11 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert m.matrix_from(message.sole_pose) == pytest.approx(sent.T_odom_sole, abs=1e-12)
     assert [each.h for each in message.horizons] == [each.h for each in sent.horizons]
     assert [xyz(each.position) for each in message.horizons] == [each.com.tolist() for each in sent.horizons]
+    assert [each.covariance.tolist() for each in message.horizons] == [
+        each.covariance.ravel().tolist() for each in sent.horizons
+    ]
+    assert [xyz(each.model_share) for each in message.horizons] == [each.model_share.tolist() for each in sent.horizons]
+    assert message.predicted_covariance.tolist() == sent.predicted_covariance.ravel().tolist()
     assert message.flags == 48
 
 

@@ -45,8 +45,8 @@ def _support_format(frame: bytes) -> struct.Struct:
 def _prediction_format(frame: bytes, horizons: int) -> struct.Struct:
     layout = _Layout().header(frame).header(frame).add("B", 2).add("d", 3 + 7 * 3 + 7).add("I")
     if horizons:
-        layout.add("d", 4 * horizons)
-    return struct.Struct(layout.add("I").format)
+        layout.add("d", 16 * horizons)
+    return struct.Struct(layout.add("I").add("d", 9).format)
 
 
 @lru_cache(maxsize=64)
@@ -89,7 +89,11 @@ def encode_prediction(prediction: Prediction) -> bytes:
     p, s, T = prediction, prediction.support, prediction.T_odom_sole
     frame = _frame(p.frame_id)
     header = _header(p.stamp_ns, frame)
-    ahead = [value for each in p.horizons for value in (each.h, *each.com.tolist())]
+    ahead = [
+        value
+        for each in p.horizons
+        for value in (each.h, *each.com.tolist(), *each.covariance.ravel().tolist(), *each.model_share.tolist())
+    ]
     return _LITTLE_ENDIAN + _prediction_format(frame, len(p.horizons)).pack(
         *header,
         *header,
@@ -109,4 +113,5 @@ def encode_prediction(prediction: Prediction) -> bytes:
         len(p.horizons),
         *ahead,
         p.flags,
+        *p.predicted_covariance.ravel().tolist(),
     )

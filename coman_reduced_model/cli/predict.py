@@ -70,9 +70,12 @@ def _show(summary: dict[str, Any], out: Path) -> None:
     )
     if summary["skill"]:
         print_table(
-            "Skill of the predictions ahead: 1 - RMSE / RMSE of the best baseline",
-            ["horizon [s]", *axes],
-            [[h, *by_axis_text(skill, 1.0, 2)] for h, skill in summary["skill"].items()],
+            "Predictions ahead: skill (1 - RMSE / RMSE of the best baseline), share within the 90 % interval [%]",
+            ["horizon [s]", *axes, *(f"within {axis}" for axis in axes)],
+            [
+                [h, *by_axis_text(skill, 1.0, 2), *by_axis_text(summary["within_90"][h], 100.0, 0)]
+                for h, skill in summary["skill"].items()
+            ],
         )
     rejected = ", ".join(f"{reason}: {count}" for reason, count in summary["rejected"].items()) or "none"
     print(f"{summary['samples']} samples, {summary['duration_s']:.1f} s, {summary['realtime_factor']:.0f} x real time")

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, isfinite
+from math import expm1, hypot, isfinite
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction
 from .config.schema import Config
 from .effects.catalogue import Effect, build_effects
 from .effects.hooks import Now
-from .evaluation.baselines import predict_baselines
+from .evaluation.baselines import BASELINES, predict_baselines
+from .evaluation.blend import MEMORY, NOW, covariance, remember
 from .evaluation.horizons import HorizonJudge
 from .measured.odometry import FootOdometry
 from .measured.sensor_zeros import SensorZeros
@@ -23,6 +24,7 @@ from .model.cartesian import Model
 from .model.dynamics import Dynamics
 from .model.horizon import drop_impossible
 from .model.point_mass import Pendulum, PointMass
+from .model.reference import plan_ahead
 from .model.trunk.model import TrunkModel
 from .robot.robot import Robot
 
@@ -83,9 +85,11 @@ class Predictor:
         self.sample: Sample | None = None
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
-        self.judge = HorizonJudge(tuple(sorted(config.prediction.horizons)), config.prediction.reference != "none")
+        chosen = config.prediction
+        self.judge = HorizonJudge(tuple(sorted(chosen.horizons)), chosen.reference != "none", chosen.blend)
         self._horizons = np.array(self.judge.horizons)
-        self._nothing = np.full((len(self._horizons), 3), np.nan)
+        self._residuals = np.zeros((3, 3))  # [m^2] fading sums of products, and the share of the memory that is known
+        self._residuals_known = 0.0
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
         self._sliding = [e for e in effects if type(e).slide is not Effect.slide]
         self._needs_zmp = config.prediction.reference == "none" or len(self._horizons) > 0
@@ -168,22 +172,37 @@ class Predictor:
             flags |= Flags.NO_REFERENCE | Flags.NOT_INITIALISED
         horizons = None
         if len(self._horizons):
-            if ready:
-                horizons = dynamics.ahead(now, self._horizons)
-                if drop_impossible(horizons, com, com_vel, self._horizons, self.model.gravity, self.DIVERGED):
-                    flags |= Flags.REJECTED_STATE
-            baselines = predict_baselines(
-                com, com_vel, _NAN3 if zmp is None else zmp, self.model.gravity, self._horizons
-            )
-            model = self._nothing if horizons is None else horizons
-            self.judge.update(sample.stamp_ns, T_odom_sole, com, dynamics.reference, model, *baselines)
+            horizons, ahead_flags = self._ahead(now, ready)
+            if ahead_flags:
+                flags |= ahead_flags
         prediction = self._finish(
             sample, support, T_odom_sole, flags, com, com_vel,
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
         if ready and self.model.turning:
             prediction.measured_tilt, prediction.predicted_tilt = self.link.tilt(foot), dynamics.tilt
+        if not flags.diverged:
+            fresh = -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
+            self._residuals_known = remember(self._residuals, self._residuals_known, prediction.residual, fresh)
+        prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
         return prediction
+
+    def _ahead(self, now: Now, ready: bool) -> tuple[Array | None, Flags]:
+        """What is published for the horizons, (k, 3) [m] in the support sole; None if the model has no input."""
+        dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
+        ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
+        if ready:
+            ahead[0] = dynamics.ahead(now, self._horizons)
+            if drop_impossible(ahead[0], now.com, now.com_vel, self._horizons, gravity, self.DIVERGED):
+                flags |= Flags.REJECTED_STATE
+        ahead[1:] = predict_baselines(
+            now.com, now.com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
+            dynamics.reference, dynamics.reference_vel, *plan_ahead(now.sample, now.foot),
+        )  # fmt: skip
+        published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead)
+        if not ready:
+            return None, flags
+        return published, flags | Flags.SIMPLER_AHEAD if self.judge.simpler_is_better else flags
 
     def _free_run(self, now: Now) -> Flags:
         """Bring the free run to this sample, or begin it again: at a touchdown, and where it has diverged."""
@@ -242,9 +261,16 @@ class Predictor:
             _NAN3 if state is None else state[:3].copy(),
             _NAN3 if state is None else state[3:].copy(),
             T_odom_sole,
-            [] if horizons is None else list(map(HorizonPrediction, self.judge.horizons, horizons)),
+            [] if horizons is None else self._published(horizons),
             flags,
         )
+
+    def _published(self, horizons: Array) -> list[HorizonPrediction]:
+        judge = self.judge
+        return [
+            HorizonPrediction(h, com, judge.covariance(i), judge.model_share(i))
+            for i, (h, com) in enumerate(zip(judge.horizons, horizons, strict=True))
+        ]
 
     def _touchdown(self, support: SupportState) -> bool:
         """Whether a step ends at this sample: the swing foot lands, or stance changes without double support."""

@@ -21,7 +21,13 @@ from .draw import FAINT, INK, SERIES, STYLES, legend, line, log_ticks, new_figur
 
 DIRECTIONS = {"x": "x, forward", "y": "y, left", "z": "z, up"}
 MEASURED, PREDICTED, REFERENCE = "measured", "predicted", "reference (rigid robot)"
-_LABELS = {"model": "this model", "rigid": "rigid robot", "persistence": "persistence", "lipm": "LIPM"}
+_LABELS = {
+    "published": "published",
+    "model": "model alone",
+    "planned": "planned",
+    "persistence": "persistence",
+    "lipm": "LIPM",
+}
 
 
 class NoData(Exception):
@@ -78,7 +84,7 @@ def three_steps(run: Run, axes: str = "xz", count: int = 3) -> Figure:
 
 
 def horizon_error(errors: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> Figure:
-    """RMS error over the horizon, per axis, of the model and its baselines.
+    """RMS error over the horizon, per axis, of what is published, of the model and of baselines.
 
     Args:
         errors: `horizon_rmse_m` of summary.json: by horizon [s], predictor and axis [m].
@@ -86,16 +92,16 @@ def horizon_error(errors: Mapping[str, Mapping[str, Mapping[str, float | None]]]
     names = [
         name for name in _LABELS if any(_number(by[name].get(a)) for by in errors.values() if name in by for a in AXES)
     ]
-    if "model" not in names:
+    if "published" not in names:
         raise NoData("No horizon prediction was judged.")
     figure, plots = new_figure(1, 3, 3.1)
-    markers = dict(zip(_LABELS, "osD^", strict=True))
+    markers = dict(zip(_LABELS, "osD^v", strict=True))
     for ax, axis in zip(plots, AXES, strict=True):
         for name in names:
             values = {float(h): by[name].get(axis) for h, by in errors.items()}
             known = [(h, 1e3 * value) for h, value in values.items() if value is not None and np.isfinite(value)]
             colour = SERIES[list(_LABELS).index(name)]
-            width, size = (2.2, 7) if name == "model" else (1.3, 5)
+            width, size = (2.2, 7) if name == "published" else (1.3, 5)
             if known:
                 x, y = zip(*known, strict=True)
                 ax.plot(

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core.base.limits import DIVERGED, TOPPLED
 from ..core.config.schema import OPTIONS, config_from_flat
+from ..core.evaluation.baselines import BASELINES
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
@@ -27,7 +28,7 @@ from .verdict import millimetres, percent, sentence
 
 REPORT_FILE, PLOTS_FOLDER = "report.html", "plots"
 _SUMMARY_FILE, _PREDICTIONS_BAG = "summary.json", "predictions"
-_PREDICTORS = {"model": "this model", "rigid": "rigid robot", "persistence": "persistence", "lipm": "LIPM"}
+_PREDICTORS = {"published": "published", "model": "model alone", "clairvoyant": "rigid, knowing its motors' future"}
 _FLAGS = {
     "NO_REFERENCE": "no reference of the configured source: neither reference nor prediction",
     "STALE_WRENCH": "a foot wrench is missing or too old: the phase is held",
@@ -36,6 +37,7 @@ _FLAGS = {
     "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
     "RESET": "the free run was initialised from the measurement",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
+    "SIMPLER_AHEAD": "ahead, a prediction without springs has lately been better than the model's: it has taken over",
 }
 
 
@@ -263,9 +265,11 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
     made = picture(
         "horizons",
         lambda: figures.horizon_error(errors),
-        "RMS error against the horizon for this model and three baselines, per axis, on a logarithmic scale.",
+        "RMS error against the horizon of what is published, of the model alone and of baselines, per axis.",
         "Error of predictions from the measured state, some tenths of a second ahead, all judged on the same samples. "
-        "Persistence: the COM keeps its velocity. LIPM: inverted pendulum about the measured ZMP.",
+        "Published: the model and the baselines, blended by how wrong each has lately been. Planned: a rigid robot "
+        "whose motors go on as announced, or at their speed. Persistence: the COM keeps its velocity. LIPM: inverted "
+        "pendulum about the measured ZMP.",
         plots,
     )
 
@@ -274,7 +278,9 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         return "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
 
     note = (
-        "Skill: 1 - RMSE of the model / RMSE of the best baseline. Above 0 it is better than all of them, 1 is perfect."
+        "Skill: 1 - RMSE of what is published / RMSE of the best baseline. Above 0 it is better than all of them, 1 is "
+        "perfect. Within: share of what was published that was within its 90 % interval. A rigid robot that knows what "
+        "its motors will do is no baseline: nobody knows that."
     )
     if not errors and skill:  # of a live run, which holds no more
         rows = [[f"{horizon} s", *(shown(horizon, axis) for axis in AXES)] for horizon in skill]
@@ -282,12 +288,31 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
     if isinstance(made, Notice):
         return Section("Prediction ahead", [made], "ahead")
     rows = []
+    within = summary.get("within_90") or {}
     for horizon, by in errors.items():
         for axis in AXES:
             cells = [millimetres((by.get(name) or {}).get(axis)).removesuffix(" mm") for name in _PREDICTORS]
-            rows.append([f"{horizon} s, {axis}", *cells, shown(horizon, axis)])
-    head = ["horizon, axis", *(f"{name} [mm]" for name in _PREDICTORS.values()), "skill"]
+            share = (within.get(horizon) or {}).get(axis)
+            inside = "–" if share is None or not math.isfinite(share) else percent(share)
+            rows.append([f"{horizon} s, {axis}", *cells, _best_baseline(by, axis), shown(horizon, axis), inside])
+    head = [
+        "horizon, axis",
+        *(f"{name} [mm]" for name in _PREDICTORS.values()),
+        "best baseline [mm]",
+        "skill",
+        "within",
+    ]
     return Section("Prediction ahead", [made, Table(head, rows, note)], "ahead")
+
+
+def _best_baseline(by: Mapping[str, Mapping[str, float | None]], axis: str) -> str:
+    """Error in mm, and which."""
+    known = [(error, name) for name in BASELINES if (error := (by.get(name) or {}).get(axis)) is not None]
+    known = [each for each in known if math.isfinite(each[0])]
+    if not known:
+        return "–"
+    error, name = min(known)
+    return f"{millimetres(error).removesuffix(' mm')} ({name})"
 
 
 def _left(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:

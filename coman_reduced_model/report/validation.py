@@ -42,7 +42,7 @@ def validation_page(done: Validation, cases: Sequence[RobotCase], result: Mappin
             head,
             cells,
             "Root of the mean squared error of the free run over all walks; the worst walk; RMS error of the trunk's "
-            "pitch; skill of predictions 0.2 s ahead (1 - RMSE / RMSE of the best of rigid robot, persistence, LIPM). "
+            "pitch; skill of predictions 0.2 s ahead (1 - RMSE / RMSE of the best baseline). "
             "Constants are those of the data sheet; tuned: on another gait (for test 1 on test 2, else on test 1).",
             strong=strong,
         ),

@@ -81,7 +81,7 @@ def _without_reference(summary: Mapping[str, Any], errors: Mapping[str, float | 
     free = ", ".join(f"{axis} {millimetres(errors.get(axis))}" for axis in AXES)
     text = f"the free run is off by {free} RMS; without a reference there is no rigid robot to compare with"
     for horizon, by in (summary.get("horizon_rmse_m") or {}).items():
-        ahead, skill = by.get("model") or {}, (summary.get("skill") or {}).get(horizon) or {}
+        ahead, skill = by.get("published") or {}, (summary.get("skill") or {}).get(horizon) or {}
         if any(_known(ahead.get(axis)) for axis in AXES):
             near = ", ".join(f"{axis} to {millimetres(ahead.get(axis))} ({_skill(skill.get(axis))})" for axis in AXES)
             return f"{horizon} s ahead the COM is predicted in {near} RMS (skill against the best baseline); {text}"

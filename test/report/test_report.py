@@ -65,7 +65,7 @@ def summary_of(predictions, **changes):
     statistics = RunStatistics(0.25)
     for prediction in predictions:
         statistics.add(prediction)
-    errors = {"model": 1e-3, "rigid": 3e-3, "persistence": 2e-3, "lipm": float("nan")}
+    errors = {"published": 1e-3, "model": 1.5e-3, "planned": 3e-3, "persistence": 2e-3, "lipm": float("nan")}
     summary = {
         "bag": "bags/test1",
         "robot": {"name": "coman", "mass_kg": 17.3},

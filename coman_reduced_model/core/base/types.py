@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]  # indices, counts, stamps [ns], phases and feet by number
 Booleans = NDArray[np.bool_]
-_NAN2 = np.full(2, np.nan)
+_NAN2, _NAN3, _NAN33 = np.full(2, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
 
 
 class Phase(IntEnum):
@@ -126,7 +126,8 @@ class Flags(IntFlag):
     NO_SUPPORT = 8  # flight, or the phase is not known yet
     NEAR_SINGULAR = 16  # the support leg is close to a singular posture: stiffness was limited
     RESET = 32  # the free run was initialised from the measurement at this sample
-    REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or a prediction ahead is NaN
+    REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or the model's prediction ahead lost
+    SIMPLER_AHEAD = 128  # a prediction without springs has lately been better than the model's on some axis and horizon
 
     @property
     def diverged(self) -> bool:
@@ -151,10 +152,15 @@ class SupportState:
 
 @dataclass(slots=True)
 class HorizonPrediction:
-    """COM predicted h seconds ahead of the stamp, in the frame of the current support sole."""
+    """COM predicted h seconds ahead of the stamp, in the frame of the current support sole.
+
+    With `prediction.blend` the model's and simpler predictions are blended by how wrong each has lately been.
+    """
 
     h: float  # [s]
     com: Array  # (3,) [m]
+    covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [m^2] of its errors lately; NaN: not known yet
+    model_share: Array = field(default_factory=lambda: _NAN3)  # (3,) [1] by axis, weight of the model in the blend
 
 
 @dataclass(slots=True)
@@ -179,6 +185,7 @@ class Prediction:
     # (2,) roll, pitch of the trunk about x, y of the support sole [rad]; NaN without trunk_rotation
     measured_tilt: Array = field(default_factory=lambda: _NAN2)
     predicted_tilt: Array = field(default_factory=lambda: _NAN2)
+    predicted_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [m^2] of the residuals lately
 
     @property
     def residual(self) -> Array:

@@ -125,6 +125,9 @@ class PredictionConfig:
     horizons: tuple[float, ...] = par(
         (0.1, 0.2, 0.4), "s", "horizons of the prediction from the measured state", 0.005, 2.0
     )
+    blend: bool = par(
+        True, "", "blend the model's predictions ahead with simpler ones, by how wrong each has lately been"
+    )
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Predictions h seconds ahead without a model of the springs: what a model is compared with."""
+"""Predictions h seconds ahead without a model of the springs, from what is known now: what a model is compared with."""
 
 from __future__ import annotations
 
@@ -7,21 +7,40 @@ import numpy as np
 
 from ..base.compiled import compiled
 from ..base.types import Array
+from ..model.reference import look
+
+BASELINES = ("planned", "deflected", "persistence", "still", "lipm")
 
 
 @compiled
-def predict_baselines(com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array) -> Array:
-    """Persistence p + p' h and the LIPM from the measured state with the measured ZMP, (2, k, 3) [m].
+def predict_baselines(
+    com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array, reference: Array, reference_vel: Array,
+    plan: Array, plan_vel: Array, plan_dt: float,
+) -> Array:  # fmt: skip
+    """Predictions (5, k, 3) [m] in the support sole, by BASELINES.
 
-    Height is constant in the LIPM. A ZMP of NaN gives a LIPM of NaN.
+    planned: where the reference will be, by its preview or else at its velocity: a rigid robot. deflected: the same,
+    as far from it as now. persistence: p + p' h. still: p. lipm: from the measured state about the measured ZMP, its
+    height constant.
+
+    Args:
+        com, com_vel, zmp: (3,) measured [m], [m/s]; NaN where not known.
+        gravity: [m/s^2].
+        horizons: (k,) [s].
+        reference, reference_vel: (3,) COM of the rigid robot now; NaN if there is none.
+        plan, plan_vel, plan_dt: from `reference.plan_ahead`.
     """
-    out = np.empty((2, horizons.shape[0], 3))
-    persistence, lipm = out[0], out[1]
+    out = np.empty((5, horizons.shape[0], 3))
     omega = np.sqrt(gravity / max(com[2], 0.05))
+    moved, faster = np.empty(3), np.empty(3)
     for h in range(horizons.shape[0]):
+        look(plan, plan_vel, plan_dt, reference_vel, horizons[h], moved, faster)
         c, s = np.cosh(omega * horizons[h]), np.sinh(omega * horizons[h])
         for i in range(3):
-            persistence[h, i] = com[i] + com_vel[i] * horizons[h]
-            lipm[h, i] = zmp[i] + (com[i] - zmp[i]) * c + com_vel[i] / omega * s
-        lipm[h, 2] = com[2] + 0.0 * zmp[0]
+            out[0, h, i] = reference[i] + moved[i]
+            out[1, h, i] = com[i] + moved[i]
+            out[2, h, i] = com[i] + com_vel[i] * horizons[h]
+            out[3, h, i] = com[i]
+            out[4, h, i] = zmp[i] + (com[i] - zmp[i]) * c + com_vel[i] / omega * s
+        out[4, h, 2] = com[2] + 0.0 * zmp[0]
     return out

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Predictions h seconds ahead, judged when the measurement arrives, against three baselines on the same samples."""
+"""Predictions h seconds ahead: blended, and judged when the measurement arrives, all on the same samples."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 
 from ..base.compiled import compiled
 from ..base.types import Array
+from .baselines import BASELINES
+from .blend import KNOWN, Experience, blend, covariance, learn, no_experience, weigh
 
 Ints = NDArray[np.int64]
-PREDICTORS = ("model", "rigid", "persistence", "lipm")
-BASELINES = PREDICTORS[1:]
+# published: the blend of the model and its baselines. clairvoyant: a rigid robot that knows what its motors will do.
+PREDICTORS = ("published", "model", *BASELINES, "clairvoyant")
+WITH_REFERENCE = ("planned", "deflected", "clairvoyant")
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
+_EVERY_NS = 20_000_000  # between new weights of the blend
+_NINETY = 1.645  # standard deviations within which 90 % of normal errors are
 
 
 class Pending(NamedTuple):
@@ -23,7 +28,8 @@ class Pending(NamedTuple):
     ahead_ns: Ints  # (n,) the horizons [ns]
     targets: Ints  # (n, slots) stamps that are predicted [ns]
     poses: Array  # (n, slots, 4, 4) of the sole that predicted, in odom
-    predicted: Array  # (n, slots, 4, 3) by PREDICTORS, in odom [m]
+    predicted: Array  # (n, slots, 8, 3) by PREDICTORS, in odom [m]
+    sigma: Array  # (n, slots, 3) what the published ones were expected to be off by, in the sole [m]
     first: Ints  # (n,) oldest slot
     used: Ints  # (n,) slots in use
 
@@ -31,68 +37,99 @@ class Pending(NamedTuple):
 class Errors(NamedTuple):
     """Squared errors so far, and what the next ones are interpolated from."""
 
-    sums: Array  # (n, 4, 3) [m^2]
+    sums: Array  # (n, 8, 3) [m^2]
     judged: Ints  # (n, 3) how many
-    needed: NDArray[np.bool_]  # (4,) predictors without which nothing counts
+    expected: Ints  # (2, n, 3) of the published ones with a sigma: how many were within 90 %, and how many there were
+    needed: NDArray[np.bool_]  # (8,) predictors without which nothing counts
     last: Array  # (2, 3) measured and reference COM in odom at the last sample [m]
 
 
 class HorizonJudge:
-    """Collects squared errors of each predictor at each horizon, per axis of the sole that predicted.
+    """Blends the predictors by their errors so far, and collects squared errors of each, at each horizon and axis.
 
-    Sums are over the samples where all predictors have a value, so that their errors are comparable.
+    Sums are over the samples where all predictors have a value, so that their errors are comparable. Axes are those of
+    the sole that predicted.
     """
 
-    def __init__(self, horizons: tuple[float, ...], rigid: bool = True) -> None:
-        """Horizons in seconds; without `rigid` there is no reference, and that predictor is left out (NaN)."""
+    def __init__(self, horizons: tuple[float, ...], rigid: bool = True, blended: bool = True) -> None:
+        """Horizons in seconds.
+
+        Without `rigid` there is no reference, and what needs one is left out (NaN); without `blended` the model is
+        published as it is.
+        """
         self.horizons = horizons
+        self._blended = blended
         n, predictors = len(horizons), len(PREDICTORS)
         self._pending = Pending(
             np.array([round(h * 1e9) for h in horizons], dtype=np.int64),
             np.zeros((n, _CAPACITY), dtype=np.int64),
             np.zeros((n, _CAPACITY, 4, 4)),
             np.zeros((n, _CAPACITY, predictors, 3)),
+            np.zeros((n, _CAPACITY, 3)),
             np.zeros(n, dtype=np.int64),
             np.zeros(n, dtype=np.int64),
         )
         self._errors = Errors(
             np.zeros((n, predictors, 3)),
             np.zeros((n, 3), dtype=np.int64),
-            np.array([True, rigid, True, True]),
+            np.zeros((2, n, 3), dtype=np.int64),
+            np.array([rigid or name not in WITH_REFERENCE for name in PREDICTORS]),
             np.full((2, 3), np.nan),
         )
-        self._last_ns = 0
+        self.experience: Experience = no_experience(n, 1 + len(BASELINES))
+        self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
-        """Drop the pending predictions: the stream broke off."""
+        """Drop the pending predictions: the stream broke off. What is known of their errors is kept."""
         self._pending.used[:] = 0
         self._errors.last[:] = np.nan
+        self._weighed_ns = 0
 
-    def update(
-        self,
-        stamp_ns: int,
-        T_odom_sole: Array,
-        measured: Array,
-        reference: Array,
-        model: Array,
-        persistence: Array,
-        lipm: Array,
-    ) -> None:
+    def update(self, stamp_ns: int, T_odom_sole: Array, measured: Array, reference: Array, ahead: Array) -> Array:
         """Judge what is due at this sample and take its predictions in.
 
         Args:
             stamp_ns: of the sample.
             T_odom_sole: (4, 4) pose of the support sole.
             measured, reference: (3,) COM now [m], in the sole frame; reference NaN if there is none.
-            model, persistence, lipm: (n, 3) predictions [m] in the sole frame, a row a horizon; NaN where none.
+            ahead: (6, n, 3) predictions [m] in the sole frame, of the model and by BASELINES; NaN where none.
+
+        Returns:
+            What is published, (n, 3) [m] in the sole frame.
         """
         now = np.empty((2, 3))
         _to_odom(T_odom_sole, measured, now[0])
         _to_odom(T_odom_sole, reference, now[1])
-        _judge_due(self._pending, self._errors, stamp_ns, self._last_ns, now)
-        _add(self._pending, stamp_ns, T_odom_sole, model, persistence, lipm)
+        _judge_due(self._pending, self._errors, self.experience, stamp_ns, self._last_ns, now)
+        published = ahead[0]
+        if self._blended:
+            if stamp_ns - self._weighed_ns >= _EVERY_NS:
+                weigh(self.experience)
+                self._weighed_ns = stamp_ns
+            published = np.empty(ahead.shape[1:])
+            blend(self.experience, ahead, published)
+        _add(self._pending, self.experience, stamp_ns, T_odom_sole, published, ahead)
         self._errors.last[:] = now
         self._last_ns = stamp_ns
+        return published
+
+    def count_from_now(self) -> None:
+        """Forget the errors that were counted; what the blend knows stays."""
+        for each in (self._errors.sums, self._errors.judged, self._errors.expected):
+            each[:] = 0
+
+    def covariance(self, h: int) -> Array:
+        """(3, 3) [m^2] of the published prediction at the horizon of an index; NaN while too little is known."""
+        return covariance(self.experience.errors[h], self.experience.known[h])
+
+    def model_share(self, h: int) -> Array:
+        """(3,) [1] of the model in the published prediction at the horizon of an index, by axis."""
+        return self.experience.weights[h, :, 0].copy()
+
+    @property
+    def simpler_is_better(self) -> bool:
+        """Whether on some axis, at some horizon, a baseline has lately been better than the model."""
+        return bool(self.experience.worse.any())
 
     def rmse(self) -> dict[str, dict[str, Array]]:
         """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged."""
@@ -101,13 +138,19 @@ class HorizonJudge:
         return {f"{h:g}": dict(zip(PREDICTORS, means[i], strict=True)) for i, h in enumerate(self.horizons)}
 
     def skill(self) -> dict[str, Array]:
-        """1 - RMSE of the model / RMSE of the best baseline, (3,) a horizon; NaN where nothing was judged."""
+        """1 - RMSE of what is published / RMSE of the best baseline, (3,) a horizon; NaN where nothing was judged."""
         skills = {}
         for h, errors in self.rmse().items():
             with np.errstate(invalid="ignore", divide="ignore"):
                 best = np.fmin.reduce([errors[name] for name in BASELINES])
-                skills[h] = 1.0 - errors["model"] / best
+                skills[h] = 1.0 - errors["published"] / best
         return skills
+
+    def within(self) -> dict[str, Array]:
+        """Share (3,) of the published predictions that were within their 90 % interval, a horizon; NaN: none known."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares = self._errors.expected[0] / self._errors.expected[1]
+        return {f"{h:g}": shares[i] for i, h in enumerate(self.horizons)}
 
     @property
     def judged(self) -> dict[str, Array]:
@@ -122,10 +165,13 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 
 
 @compiled
-def _judge_due(pending: Pending, errors: Errors, stamp_ns: int, last_ns: int, now: Array) -> None:
+def _judge_due(
+    pending: Pending, errors: Errors, experience: Experience, stamp_ns: int, last_ns: int, now: Array
+) -> None:
     """Judge the predictions of stamps up to this one by measured and reference COM now (2, 3), in odom [m]."""
     first, used, capacity = pending.first, pending.used, pending.targets.shape[1]
     for h in range(pending.targets.shape[0]):
+        dt = (stamp_ns - last_ns) * 1e-9
         while used[h] > 0 and pending.targets[h, first[h]] <= stamp_ns:
             slot = first[h]
             first[h] = (slot + 1) % capacity
@@ -133,31 +179,43 @@ def _judge_due(pending: Pending, errors: Errors, stamp_ns: int, last_ns: int, no
             w = (pending.targets[h, slot] - last_ns) / (stamp_ns - last_ns)
             true = (1.0 - w) * errors.last + w * now
             values = pending.predicted[h, slot]
-            values[1] = true[1]  # the rigid robot is at its reference
-            _add_errors(errors, h, pending.poses[h, slot], values, true[0])
+            values[-1] = true[1]  # the rigid robot is at its reference
+            off = _errors_of(pending.poses[h, slot], values, true[0])
+            _add_errors(errors, h, off, pending.sigma[h, slot])
+            learn(experience, h, off[1:-1], off[0], dt)
+            dt = 0.0  # of several that are due, the first one stands for the time
 
 
 @compiled
-def _add_errors(errors: Errors, h: int, pose: Array, values: Array, measured: Array) -> None:
-    """Square the errors of all predictors (4, 3), along the axes of the sole that predicted."""
-    off = np.zeros((4, 3))
-    for k in range(4):
+def _errors_of(pose: Array, values: Array, measured: Array) -> Array:
+    """Errors (8, 3) of all predictors in odom, along the axes of the sole that predicted."""
+    off = np.zeros(values.shape)
+    for k in range(values.shape[0]):
         for i in range(3):
             for j in range(3):
                 off[k, i] += pose[j, i] * (values[k, j] - measured[j])
-    for i in range(3):
-        complete = True
-        for k in range(4):
-            complete &= not (errors.needed[k] and np.isnan(off[k, i]))
-        if complete:
-            errors.judged[h, i] += 1
-            for k in range(4):
-                errors.sums[h, k, i] += off[k, i] ** 2
+    return off
 
 
 @compiled
-def _add(pending: Pending, stamp_ns: int, pose: Array, model: Array, persistence: Array, lipm: Array) -> None:
-    """Take in the predictions (n, 3) of a sample; where all slots are in use they are dropped."""
+def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
+    """Square the errors (8, 3) of all predictors."""
+    for i in range(3):
+        complete = True
+        for k in range(off.shape[0]):
+            complete &= not (errors.needed[k] and np.isnan(off[k, i]))
+        if complete:
+            errors.judged[h, i] += 1
+            for k in range(off.shape[0]):
+                errors.sums[h, k, i] += off[k, i] ** 2
+        if np.isfinite(sigma[i]) and np.isfinite(off[0, i]):
+            errors.expected[0, h, i] += abs(off[0, i]) <= _NINETY * sigma[i]
+            errors.expected[1, h, i] += 1
+
+
+@compiled
+def _add(pending: Pending, experience: Experience, stamp_ns: int, pose: Array, published: Array, ahead: Array) -> None:
+    """Take in predictions of a sample, (n, 3) and (6, n, 3); where all slots are in use they are dropped."""
     capacity = pending.targets.shape[1]
     for h in range(pending.targets.shape[0]):
         if pending.used[h] < capacity:
@@ -165,6 +223,9 @@ def _add(pending: Pending, stamp_ns: int, pose: Array, model: Array, persistence
             pending.used[h] += 1
             pending.targets[h, slot] = stamp_ns + pending.ahead_ns[h]
             pending.poses[h, slot] = pose
-            _to_odom(pose, model[h], pending.predicted[h, slot, 0])
-            _to_odom(pose, persistence[h], pending.predicted[h, slot, 2])
-            _to_odom(pose, lipm[h], pending.predicted[h, slot, 3])
+            for i in range(3):
+                known = experience.known[h]
+                pending.sigma[h, slot, i] = np.sqrt(experience.errors[h, i, i] / known) if known > KNOWN else np.nan
+            _to_odom(pose, published[h], pending.predicted[h, slot, 0])
+            for k in range(ahead.shape[0]):
+                _to_odom(pose, ahead[k, h], pending.predicted[h, slot, 1 + k])

@@ -201,6 +201,8 @@ class Diagnostics:
             )
         if singular > 0.5:
             return Level.WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
+        if values["share simpler_ahead"] > 0.5:
+            return Level.OK, f"{message}; ahead, simpler predictions have taken over from the model", values
         return Level.OK, message, values
 
     def _mismatch(self, status: Status, monitor: Monitor | None) -> tuple[Level, str, dict[str, Any]]:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.evaluation.baselines import predict_baselines
-from coman_reduced_model.core.evaluation.horizons import PREDICTORS, HorizonJudge
+from coman_reduced_model.core.evaluation.horizons import PREDICTORS, WITH_REFERENCE, HorizonJudge
 from coman_reduced_model.core.model.horizon import drop_impossible, predict_horizons
 from coman_reduced_model.core.model.reference import look_ahead
 
@@ -106,12 +106,26 @@ def closed_form_lipm(zmp, h):
 
 def test_baselines():
     zmp = np.array([0.01, -0.03, 0.0])
-    persistence, lipm = predict_baselines(COM, COM_VEL, zmp, 9.81, HORIZONS)
+    planned, deflected, persistence, still, lipm = baselines(zmp)
     for i, h in enumerate(HORIZONS):
         np.testing.assert_allclose(persistence[i], COM + COM_VEL * h)
         np.testing.assert_allclose(lipm[i, :2], closed_form_lipm(zmp, h)[:2])
         assert lipm[i, 2] == COM[2]
-    assert np.isnan(predict_baselines(COM, COM_VEL, np.full(3, np.nan), 9.81, HORIZONS)[1]).all()
+        np.testing.assert_allclose(planned[i], REFERENCE + REFERENCE_VEL * h)
+        np.testing.assert_allclose(deflected[i], COM + REFERENCE_VEL * h)
+        np.testing.assert_array_equal(still[i], COM)
+    assert np.isnan(baselines(np.full(3, np.nan))[4]).all()
+
+
+def test_baselines_know_an_announced_motion():
+    plan = np.array([[0.0, 0.0, 0.0], [0.01, 0.02, 0.03], [0.02, 0.04, 0.06]])
+    planned, deflected, *_ = baselines(np.zeros(3), plan, np.zeros((3, 3)), 0.2)
+    np.testing.assert_allclose(planned[2], REFERENCE + plan[2], atol=1e-12)
+    np.testing.assert_allclose(deflected[0], COM + 0.5 * plan[1], atol=1e-12)
+
+
+def baselines(zmp, *plan):
+    return predict_baselines(COM, COM_VEL, zmp, 9.81, HORIZONS, REFERENCE, REFERENCE_VEL, *(plan or NO_PLAN))
 
 
 def test_without_reference_the_model_is_the_lipm():
@@ -142,8 +156,8 @@ def random_walk(seed, count):
             pose[:3, 3] = [*rng.normal(size=2), 0.0]
         T.append(pose)
     measured, reference = rng.normal(size=(2, count, 3))
-    predictions = rng.normal(size=(count, 3, 3, 3))  # sample, predictor, horizon, axis
-    for hole, values in ((0.05, predictions[:, 0]), (0.05, predictions[:, 2])):
+    predictions = rng.normal(size=(count, 6, 3, 3))  # sample, predictor, horizon, axis
+    for hole, values in ((0.05, predictions[:, 0]), (0.05, predictions[:, 3])):
         values[rng.random(count) < hole] = np.nan
     reference[rng.random(count) < 0.05] = np.nan
     return stamps, np.array(T), measured, reference, predictions
@@ -166,10 +180,10 @@ def brute_force(stamps, T, measured, reference, predictions, horizons, rigid, re
             truth, rigid_com = (
                 (1 - w) * world(j - 1, values[j - 1]) + w * world(j, values[j]) for values in (measured, reference)
             )
-            model, persistence, lipm = (world(i, predictions[i, n, k]) for n in range(3))
-            errors = np.array([model, rigid_com, persistence, lipm]) - truth
+            causal = [world(i, predictions[i, n, k]) for n in range(6)]
+            errors = np.array([causal[0], *causal, rigid_com]) - truth  # the model is published as it is
             errors = errors @ T[i, :3, :3]  # axes of the sole that predicted
-            needed = errors if rigid else errors[[0, 2, 3]]
+            needed = errors if rigid else errors[[n for n, name in enumerate(PREDICTORS) if name not in WITH_REFERENCE]]
             if not np.isnan(needed).any():
                 squares[h].append(errors**2)
     return squares
@@ -183,11 +197,11 @@ def test_judge_agrees_with_brute_force(seed, rigid, restarts):
     horizons = (0.013, 0.05, 0.1)
     if not rigid:
         reference[:] = np.nan
-    judge = HorizonJudge(horizons, rigid)
+    judge = HorizonJudge(horizons, rigid, blended=False)
     for i, stamp in enumerate(stamps):
         if i in restarts:
             judge.restart()
-        judge.update(int(stamp), T[i], measured[i], reference[i], *predictions[i])
+        judge.update(int(stamp), T[i], measured[i], reference[i], predictions[i])
     squares = brute_force(*record, horizons, rigid, restarts)
     for h in horizons:
         found = np.array(squares[h])
@@ -197,7 +211,7 @@ def test_judge_agrees_with_brute_force(seed, rigid, restarts):
         rmse = np.sqrt(found.mean(axis=0))
         for n, name in enumerate(PREDICTORS):
             np.testing.assert_allclose(judge.rmse()[f"{h:g}"][name], rmse[n], rtol=1e-9)
-        best = np.nanmin(rmse[1:], axis=0)
+        best = np.nanmin(rmse[2:-1], axis=0)
         np.testing.assert_allclose(judge.skill()[f"{h:g}"], 1.0 - rmse[0] / best, rtol=1e-9)
 
 
@@ -210,12 +224,13 @@ def test_nothing_judged_is_nan_not_zero():
 
 def test_more_samples_than_can_wait_are_dropped_not_mixed_up():
     """At 10 kHz and two seconds ahead the buffer is full: what is judged is still right."""
-    judge = HorizonJudge((2.0,))
-    still = np.zeros((1, 3))
+    judge = HorizonJudge((2.0,), blended=False)
+    ahead = np.zeros((6, 1, 3))
     for i in range(30000):
         t = i * 1e-4
         now = np.array([t, 0.0, 0.0])
-        judge.update(10**9 + i * 100_000, np.eye(4), now, now, now[None] + [[2.0, 0.0, 0.5]], still, still)
+        ahead[0] = now + [2.0, 0.0, 0.5]
+        judge.update(10**9 + i * 100_000, np.eye(4), now, now, ahead)
     np.testing.assert_allclose(judge.rmse()["2"]["model"], [0.0, 0.0, 0.5], atol=1e-6)
     assert judge.judged["2"][0] > 4000
 

@@ -69,6 +69,6 @@ def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_kn
     rmse = session.pipeline.judge.rmse()
     for h in ("0.1", "0.2"):
         assert rmse[h]["model"][0] < (0.7 if plan else 0.9) * min(
-            rmse[h][other][0] for other in ("rigid", "lipm", "persistence")
+            rmse[h][other][0] for other in ("clairvoyant", "lipm", "persistence")
         )
-    assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["rigid"][2]
+    assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["clairvoyant"][2]

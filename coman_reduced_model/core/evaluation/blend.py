@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Predictions ahead, blended by how wrong each has lately been, and how wrong the blend itself is.
+
+What is known of the last seconds (`MEMORY`) is, by horizon and axis, the second moments of the errors of all
+predictors. The blend has the weights of least expected square error among those that are not negative and sum to one
+(Bates and Granger, 1969: the combination of forecasts). Where the model is the best of them by far it has all of the
+weight; where it is wrong, what is simpler takes over, and gives way when the model is right again.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.compiled import compiled
+from ..base.types import Array, Booleans
+
+MEMORY = 8.0  # [s] time constant with which errors are forgotten
+KNOWN = 0.02  # of the whole memory, from which on it says something: 0.16 s
+SHRUNK = 0.2  # share by which the errors of two predictors are taken to be less correlated than they were
+WORSE = 1.2  # times the error of a simpler prediction, from which on the model is said to be worse
+LONG = 0.3  # of the whole memory, before which that is not said: 3 s
+ROUNDS = 40  # of the search for the weights
+NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
+
+
+class Experience(NamedTuple):
+    """Of n horizons and k predictors, the model first: fading sums of products of errors, and of their times.
+
+    Axes are those of the sole that predicted.
+    """
+
+    moments: Array  # (n, 3, k, k) [m^2] by axis
+    times: Array  # (n, 3, k, k) [1] share of the memory in which both were known
+    weights: Array  # (n, 3, k) of the blend
+    worse: Booleans  # (n, 3) whether a simpler prediction has been better than the model
+    errors: Array  # (n, 3, 3) [m^2] of the blend, axis by axis
+    known: Array  # (n,) [1] share of the memory in which the blend was judged
+
+
+def no_experience(n: int, k: int) -> Experience:
+    """Nothing has been judged yet: the model has all of the weight."""
+    weights = np.zeros((n, 3, k))
+    weights[:, :, 0] = 1.0
+    moments, times = np.zeros((2, n, 3, k, k))
+    return Experience(moments, times, weights, np.zeros((n, 3), np.bool_), np.zeros((n, 3, 3)), np.zeros(n))
+
+
+@compiled
+def learn(experience: Experience, h: int, off: Array, blended: Array, dt: float) -> None:
+    """Take in errors at a horizon: off (k, 3) of each predictor and blended (3,) [m], dt [s] after the ones before."""
+    fresh = 1.0 - np.exp(-min(dt, NOW) / MEMORY)
+    moments, times, k = experience.moments[h], experience.times[h], off.shape[0]
+    for axis in range(3):
+        for i in range(k):
+            for j in range(k):
+                moments[axis, i, j] *= 1.0 - fresh
+                times[axis, i, j] *= 1.0 - fresh
+                product = off[i, axis] * off[j, axis]
+                if np.isfinite(product):
+                    moments[axis, i, j] += fresh * product
+                    times[axis, i, j] += fresh
+    experience.known[h] = remember(experience.errors[h], experience.known[h], blended, fresh)
+
+
+@compiled
+def remember(errors: Array, known: float, off: Array, fresh: float) -> float:
+    """Let fading sums of products (3, 3) take in an error (3,), and return the share of the memory that is known."""
+    if not np.isfinite(off[0] + off[1] + off[2]):
+        return known * (1.0 - fresh)
+    for i in range(3):
+        for j in range(3):
+            errors[i, j] = (1.0 - fresh) * errors[i, j] + fresh * off[i] * off[j]
+    return known * (1.0 - fresh) + fresh
+
+
+@compiled
+def weigh(experience: Experience) -> None:
+    """New weights of the blend, at all horizons and axes."""
+    n, k = experience.weights.shape[0], experience.weights.shape[2]
+    C, usable = np.empty((k, k)), np.empty(k, np.bool_)
+    for h in range(n):
+        for axis in range(3):
+            moments, times = experience.moments[h, axis], experience.times[h, axis]
+            if not times[0, 0] > KNOWN:  # nothing to compare the others with
+                continue
+            best = np.inf
+            for i in range(k):
+                usable[i] = times[i, i] > KNOWN
+                for j in range(k):
+                    less = 1.0 if i == j else 1.0 - SHRUNK
+                    C[i, j] = less * moments[i, j] / times[i, j] if times[i, j] > 0.0 else 0.0
+                if i > 0 and usable[i]:
+                    best = min(best, C[i, i])
+            experience.worse[h, axis] = times[0, 0] > LONG and C[0, 0] > WORSE**2 * best
+            least_squares(C, usable, experience.weights[h, axis])
+
+
+@compiled
+def least_squares(C: Array, usable: Booleans, weights: Array) -> None:
+    """Fill in weights (k,) >= 0 with sum 1, zero where not usable (k,), that make w' C w least; C (k, k) is symmetric.
+
+    Each round moves weight from the predictor that costs most to the one that costs least, as far as that helps.
+    """
+    k = weights.shape[0]
+    weights[:] = 0.0
+    for i in range(k):
+        if usable[i]:
+            weights[i] = 1.0 / usable.sum()
+    for _ in range(ROUNDS):
+        most, least, high, low = -1, -1, -np.inf, np.inf
+        for i in range(k):
+            slope = 0.0
+            for j in range(k):
+                slope += C[i, j] * weights[j]
+            if weights[i] > 0.0 and slope > high:
+                most, high = i, slope
+            if usable[i] and slope < low:
+                least, low = i, slope
+        if not high > low:
+            return
+        bend = C[most, most] - 2.0 * C[most, least] + C[least, least]
+        step = min((high - low) / bend, weights[most]) if bend > 0.0 else weights[most]
+        weights[most] -= step
+        weights[least] += step
+
+
+@compiled
+def blend(experience: Experience, ahead: Array, out: Array) -> None:
+    """Fill in the blend (n, 3) of predictions ahead (k, n, 3); without those that are not known now, NaN if none is."""
+    for h in range(out.shape[0]):
+        for axis in range(3):
+            value, sum_of_weights = 0.0, 0.0
+            for i in range(ahead.shape[0]):
+                weight = experience.weights[h, axis, i]
+                if weight > 0.0 and np.isfinite(ahead[i, h, axis]):
+                    value += weight * ahead[i, h, axis]
+                    sum_of_weights += weight
+            out[h, axis] = value / sum_of_weights if sum_of_weights > 0.0 else np.nan
+
+
+def covariance(errors: Array, known: float) -> Array:
+    """(3, 3) [m^2] about zero, by fading sums; NaN while too little is known."""
+    return errors / known if known > KNOWN else np.full((3, 3), np.nan)

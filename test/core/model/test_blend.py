@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Predictions ahead are blended by how wrong each has lately been, and say how sure they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import recording
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Flags
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.evaluation.baselines import BASELINES
+from coman_reduced_model.core.evaluation.blend import least_squares
+from coman_reduced_model.core.evaluation.horizons import HorizonJudge
+from coman_reduced_model.resources import bag_path
+
+H = 0.1
+EVERY = 0.005  # [s]
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.booleans(), min_size=6, max_size=6).filter(any))
+@settings(deadline=None, max_examples=60)
+def test_the_weights_are_those_of_least_expected_error(seed, usable):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(6, 9)) * 10.0 ** rng.uniform(-2.0, 0.0, (6, 1))
+    C, usable = root @ root.T, np.array(usable)
+    C = 0.8 * C + 0.2 * np.diag(np.diag(C))  # as the blend has it
+    weights = np.empty(6)
+    least_squares(C, usable, weights)
+    assert (weights >= 0.0).all() and weights.sum() == pytest.approx(1.0) and not weights[~usable].any()
+    bounds = [(0.0, 1.0 if each else 0.0) for each in usable]
+    best = minimize(
+        lambda w: w @ C @ w / np.diag(C).min(), usable / usable.sum(), bounds=bounds, method="SLSQP",
+        constraints={"type": "eq", "fun": lambda w: w.sum() - 1.0},
+    )  # fmt: skip
+    assert weights @ C @ weights <= 1.05 * best.fun * np.diag(C).min()
+
+
+class Walk:
+    """A COM that swings; predictors are off by what `errors` (6, 3) [m] says, and by noise of their own."""
+
+    def __init__(self, blended: bool = True) -> None:
+        self.judge = HorizonJudge((H,), blended=blended)
+        self.rng = np.random.default_rng(1)
+        self.t = 0.0
+
+    def at(self, t: float) -> np.ndarray:
+        return 0.05 * np.sin(3.0 * t + np.arange(3.0))
+
+    def go(self, seconds: float, errors: np.ndarray) -> np.ndarray:
+        """Errors (n, 3) of what was published."""
+        off = []
+        for _ in range(round(seconds / EVERY)):
+            now, then = self.at(self.t), self.at(self.t + H)
+            ahead = (then + errors * self.rng.normal(size=(6, 1)))[:, None, :]
+            published = self.judge.update(round(self.t * 1e9) + 10**9, np.eye(4), now, now, ahead)
+            off.append(published[0] - then)
+            self.t += EVERY
+        return np.array(off)
+
+
+def test_what_is_right_takes_over_and_gives_way_again():
+    good, bad = np.full((1, 3), 1e-4), np.full((1, 3), 5e-3)
+    walk = Walk()
+    walk.go(3.0, np.concatenate((good, *[bad] * 5)))
+    assert walk.judge.model_share(0).min() > 0.95 and not walk.judge.simpler_is_better
+    errors = walk.go(12.0, np.concatenate((*[bad] * 5, good)))
+    assert np.sqrt(np.mean(errors[-400:] ** 2)) < 1e-3  # of 5 mm
+    assert walk.judge.model_share(0).max() < 0.2 and walk.judge.simpler_is_better
+    walk.go(40.0, np.concatenate((good, *[bad] * 5)))
+    assert walk.judge.model_share(0).min() > 0.9 and not walk.judge.simpler_is_better
+
+
+def test_several_that_err_apart_are_better_together():
+    errors = Walk().go(20.0, np.full((6, 3), 1e-3))[1000:]
+    assert np.sqrt(np.mean(errors**2)) < 0.55e-3  # 1 / sqrt(6) = 0.41 without the doubt about their correlation
+
+
+def test_without_the_blend_the_model_goes_out_as_it_is():
+    walk = Walk(blended=False)
+    errors = walk.go(2.0, np.concatenate((np.full((1, 3), 5e-3), np.full((5, 3), 1e-5))))
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(5e-3, rel=0.15)
+    assert walk.judge.model_share(0).tolist() == [1.0, 1.0, 1.0]
+
+
+def test_what_is_not_known_has_no_weight_and_nothing_is_nan_without_reason():
+    walk = Walk()
+    errors = np.full((6, 3), 1e-3)
+    errors[3] = np.nan
+    assert np.isfinite(walk.go(3.0, errors)).all()
+    errors[:] = np.nan
+    assert np.isnan(walk.go(0.1, errors)).all()
+
+
+def test_errors_are_as_large_as_is_said():
+    walk = Walk()
+    assert np.isnan(walk.judge.covariance(0)).all()  # nothing has been judged
+    sizes = np.concatenate((np.array([[1e-3, 2e-3, 4e-3]]), np.full((5, 3), 0.1)))
+    walk.go(20.0, sizes)
+    np.testing.assert_allclose(np.sqrt(np.diag(walk.judge.covariance(0))), sizes[0], rtol=0.2)
+    np.testing.assert_allclose(walk.judge.within()["0.1"], 0.9, atol=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("bag", "config"),
+    [
+        ("test1", None),
+        ("test2", None),
+        ("other_robot/walk_003", None),
+        ("other_robot/stand", None),
+        ("real/icub_yoga/zeroed", "real/icub_yoga/icub02.yaml"),
+    ],
+)
+def test_after_8_s_what_is_published_is_never_much_worse_than_the_best_baseline(bag, config):
+    """Nothing was chosen on these recordings."""
+    settings = Config() if config is None else load_config(recording(config))
+    with Session(recording(bag) if "/" in bag else bag_path(bag), settings) as session:
+        judge, first, simpler = None, None, 0
+        for prediction in session.predictions():
+            first = first or prediction.stamp_ns
+            if judge is None and prediction.stamp_ns - first > 8 * 10**9:
+                judge = session.pipeline.judge
+                judge.count_from_now()
+            simpler += bool(prediction.flags & Flags.SIMPLER_AHEAD)
+        for horizon, by in judge.rmse().items():
+            best = np.fmin.reduce([by[name] for name in BASELINES])
+            assert (by["published"] <= 1.2 * best).all(), (horizon, by)
+            assert (judge.within()[horizon] > 0.7).all(), judge.within()
+    if bag.startswith("real"):  # where the model alone is worse, somebody is to know
+        assert simpler > 1000
