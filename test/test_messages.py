@@ -9,9 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import messages as m
@@ -247,6 +249,26 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert [xyz(each.model_share) for each in message.horizons] == [each.model_share.tolist() for each in sent.horizons]
     assert message.predicted_covariance.tolist() == sent.predicted_covariance.ravel().tolist()
     assert message.flags == 48
+
+
+def test_predictions_of_the_version_before_are_read():
+    """Bags keep their definitions: those of version 1 have no covariances."""
+    store, definitions = get_typestore(Stores.ROS2_JAZZY), {}
+    new_fields = (["covariance"], ["model_share"], ["predicted_covariance"])
+    for path in sorted((ROOT / "msg_defs" / "msg").glob("*.msg")):
+        lines = [line.partition("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
+        text = "\n".join(" ".join(words) for words in lines if words[1:2] not in new_fields)
+        definitions.update(get_types_from_msg(text, f"{m.OWN}/msg/{path.stem}"))
+    store.register(definitions)
+    old, sent = m.MessageTypes(lambda name: store.types[name], lambda values: values), a_prediction()
+    horizons = [old.HorizonPrediction(h=each.h, position=m._vector(old.Point, each.com)) for each in sent.horizons]
+    new = m.prediction_to(BAG, sent)
+    fields = {name: getattr(new, name) for name in old.ComPrediction.__dataclass_fields__ if name != "__msgtype__"}
+    message = old.ComPrediction(**{**fields, "horizons": horizons})
+    read = m.prediction_from(message)
+    assert [each.com.tolist() for each in read.horizons] == [each.com.tolist() for each in sent.horizons]
+    assert np.isnan(read.predicted_covariance).all() and np.isnan(read.horizons[0].model_share).all()
+    assert read.flags == sent.flags
 
 
 @pytest.mark.parametrize("frame", ["", "l_sole", "r_sole_", "a", "left/sole"])

@@ -202,7 +202,7 @@ class Predictor:
         published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead)
         if not ready:
             return None, flags
-        return published, flags | Flags.SIMPLER_AHEAD if self.judge.simpler_is_better else flags
+        return published, flags
 
     def _free_run(self, now: Now) -> Flags:
         """Bring the free run to this sample, or begin it again: at a touchdown, and where it has diverged."""

@@ -37,7 +37,6 @@ _FLAGS = {
     "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
     "RESET": "the free run was initialised from the measurement",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
-    "SIMPLER_AHEAD": "ahead, a prediction without springs has lately been better than the model's: it has taken over",
 }
 
 
@@ -282,6 +281,8 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         "perfect. Within: share of what was published that was within its 90 % interval. A rigid robot that knows what "
         "its motors will do is no baseline: nobody knows that."
     )
+    if summary.get("simpler_ahead"):
+        note += " At the end of the run a baseline was better than the model on some axis, and had taken over."
     if not errors and skill:  # of a live run, which holds no more
         rows = [[f"{horizon} s", *(shown(horizon, axis) for axis in AXES)] for horizon in skill]
         return Section("Prediction ahead", [Table(["skill, horizon", *AXES], rows, note)], "ahead")

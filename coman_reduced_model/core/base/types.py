@@ -127,7 +127,6 @@ class Flags(IntFlag):
     NEAR_SINGULAR = 16  # the support leg is close to a singular posture: stiffness was limited
     RESET = 32  # the free run was initialised from the measurement at this sample
     REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or the model's prediction ahead lost
-    SIMPLER_AHEAD = 128  # a prediction without springs has lately been better than the model's on some axis and horizon
 
     @property
     def diverged(self) -> bool:

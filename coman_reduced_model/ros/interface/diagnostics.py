@@ -16,6 +16,7 @@ from rclpy.node import Node
 from ...core.base.stream_names import JOINTS
 from ...core.base.types import Array, Flags, Prediction
 from ...core.config.schema import Config
+from ...core.evaluation.horizons import HorizonJudge
 from ...core.monitor.monitor import Monitor
 from ...core.pipeline import Pipeline, Status
 from . import qos
@@ -106,7 +107,7 @@ class Diagnostics:
             status = pipeline.status()
             array.status = [
                 self._status("input", *self._input(status, now, seconds)),
-                self._status("prediction", *self._prediction(status, pipeline.judge.skill())),
+                self._status("prediction", *self._prediction(status, pipeline.judge)),
                 self._status("mismatch", *self._mismatch(status, pipeline.monitor)),
                 self._status("latency", *self._latency(seconds)),
             ]
@@ -173,7 +174,7 @@ class Diagnostics:
             return Level.WARN, "; ".join(new)
         return Level.OK, "all streams are there"
 
-    def _prediction(self, status: Status, skill: dict[str, Array]) -> tuple[Level, str, dict[str, Any]]:
+    def _prediction(self, status: Status, judge: HorizonJudge) -> tuple[Level, str, dict[str, Any]]:
         samples = sum(each.samples for each in self._past)
         predicted = sum(each.predicted for each in self._past)
         flags: Counter[int] = sum((each.flags for each in self._past), Counter())
@@ -181,7 +182,7 @@ class Diagnostics:
         if predicted:
             rms = np.sqrt(sum(each.squares for each in self._past) / predicted)
         values: dict[str, Any] = {f"error RMS {axis} [mm]": 1e3 * rms[i] for i, axis in enumerate("xyz")}
-        values |= skill_values(skill)
+        values |= skill_values(judge.skill())
         for flag in Flags:
             if flag:
                 count = sum(number for bits, number in flags.items() if bits & flag)
@@ -201,7 +202,7 @@ class Diagnostics:
             )
         if singular > 0.5:
             return Level.WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
-        if values["share simpler_ahead"] > 0.5:
+        if judge.simpler_is_better:
             return Level.OK, f"{message}; ahead, simpler predictions have taken over from the model", values
         return Level.OK, message, values
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.base.types import Flags
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.evaluation.baselines import BASELINES
@@ -127,7 +126,7 @@ def test_after_8_s_what_is_published_is_never_much_worse_than_the_best_baseline(
             if judge is None and prediction.stamp_ns - first > 8 * 10**9:
                 judge = session.pipeline.judge
                 judge.count_from_now()
-            simpler += bool(prediction.flags & Flags.SIMPLER_AHEAD)
+            simpler += session.pipeline.judge.simpler_is_better
         for horizon, by in judge.rmse().items():
             best = np.fmin.reduce([by[name] for name in BASELINES])
             assert (by["published"] <= 1.2 * best).all(), (horizon, by)
