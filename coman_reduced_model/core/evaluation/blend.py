@@ -21,7 +21,8 @@ KNOWN = 0.02  # of the whole memory, from which on it says something: 0.16 s
 SHRUNK = 0.2  # share by which the errors of two predictors are taken to be less correlated than they were
 WORSE = 1.2  # times the error of a simpler prediction, from which on the model is said to be worse
 LONG = 0.3  # of the whole memory, before which that is not said: 3 s
-ROUNDS = 40  # of the search for the weights
+LEAST = 1e-5  # [m] that any prediction is taken to be off by
+SWEEPS = 60  # of the search for the weights
 NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
 
 
@@ -101,29 +102,24 @@ def weigh(experience: Experience) -> None:
 def least_squares(C: Array, usable: Booleans, weights: Array) -> None:
     """Fill in weights (k,) >= 0 with sum 1, zero where not usable (k,), that make w' C w least; C (k, k) is symmetric.
 
-    Each round moves weight from the predictor that costs most to the one that costs least, as far as that helps.
+    They are those of the least y' C y / 2 - sum y with y >= 0, found coordinate by coordinate, each in units of its own
+    error. What comes out is continuous in C: the same input, but for rounding, gives the same blend.
     """
     k = weights.shape[0]
-    weights[:] = 0.0
+    unit, z = np.zeros(k), np.zeros(k)
     for i in range(k):
         if usable[i]:
-            weights[i] = 1.0 / usable.sum()
-    for _ in range(ROUNDS):
-        most, least, high, low = -1, -1, -np.inf, np.inf
+            unit[i] = 1.0 / np.sqrt(C[i, i] + LEAST**2)
+    for _ in range(SWEEPS):
         for i in range(k):
-            slope = 0.0
+            rest = unit[i]
             for j in range(k):
-                slope += C[i, j] * weights[j]
-            if weights[i] > 0.0 and slope > high:
-                most, high = i, slope
-            if usable[i] and slope < low:
-                least, low = i, slope
-        if not high > low:
-            return
-        bend = C[most, most] - 2.0 * C[most, least] + C[least, least]
-        step = min((high - low) / bend, weights[most]) if bend > 0.0 else weights[most]
-        weights[most] -= step
-        weights[least] += step
+                if j != i:
+                    rest -= unit[i] * C[i, j] * unit[j] * z[j]
+            z[i] = max(rest, 0.0)
+    total = (unit * z).sum()
+    for i in range(k):
+        weights[i] = unit[i] * z[i] / total
 
 
 @compiled
