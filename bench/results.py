@@ -186,7 +186,8 @@ def free_run(shared: Path) -> tuple[str, str]:
 def skills_of_model(errors: dict[str, Any]) -> dict[str, float]:
     """Skill of the model alone by axis, from RMSE by predictor and axis."""
     return {
-        axis: 1.0 - errors["model"][axis] / min(errors[name][axis] for name in BASELINES if errors[name][axis])
+        axis: 1.0
+        - errors["model"][axis] / min(errors[name][axis] for name in BASELINES if errors[name][axis] is not None)
         for axis in AXES
     }
 
