@@ -38,6 +38,11 @@ os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
 
+# Before anything imports numpy. Test processes run side by side: threads for each core in each of them only get in
+# each other's way.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 
 def recording(name: str) -> Path:
     """A recording of another robot, in the folder shared/ beside the project; the test is skipped without it."""
