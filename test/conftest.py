@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ros_testing import Peer
 
 ROOT = Path(__file__).resolve().parents[1]
+pytest_plugins = ["bad_input_tools", "sim_runs"]  # fixtures that several files share
 NOT_HERE = "the recordings of other robots are not beside the project"
 
 # How long tests wait for what has to come [s]: only a test that fails takes it. A machine that others use as well may

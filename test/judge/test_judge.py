@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from diagnose_tools import standing
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -22,12 +21,12 @@ from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.errors import ConfigError, OutputError
-from coman_reduced_model.judge import baselines, cases, families
+from coman_reduced_model.judge import cases, families
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, LEVELS, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.run import choose_seeds, run
-from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, score_run
+from coman_reduced_model.judge.score import score_run
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make
 from coman_reduced_model.sim.robot_table import ROBOTS
@@ -266,113 +265,6 @@ def test_a_run_from_the_first_draw_to_the_score(tmp_path, spy):
     assert all(oct(path.stat().st_mode)[-3:] == "600" for path in RunFolder(tmp_path / "judged").sealed.iterdir())
 
 
-# --- the score, on verdicts that are known ---
-
-
-def verdict_of(*effects: tuple[str, str], **values: float) -> dict:
-    parameters = {name: {"value": value} for name, value in values.items()}
-    return {"verdict": "effect", "effects": [{"name": n, "where": w, "parameters": parameters} for n, w in effects]}
-
-
-def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values: float) -> dict:
-    return {
-        "seed": 1000,
-        "kind": kind,
-        "robot": "coman",
-        "attempt": 0,
-        "worlds": {"engine": "mujoco", "contact": "creeping"},
-        "wanted": [level] * len(effects),
-        "families": [name for name, _ in effects],
-        "levels": [level] * len(effects),
-        "effects": [{"name": n, "where": w, "parameters": values} for n, w in effects],
-    }
-
-
-@pytest.mark.parametrize(
-    ("answer", "verdict", "result"),
-    [
-        (hidden("clean"), {"verdict": "none"}, "none"),
-        (hidden("clean"), verdict_of(("payload", "")), "wrong"),
-        (hidden("single", ("backlash", "LKneeSag")), verdict_of(("backlash", "RKneeSag")), "right"),
-        (hidden("single", ("backlash", "LKneeSag")), verdict_of(("backlash", "LKneeSag"), ("payload", "")), "wrong"),
-        (hidden("single", ("motor_lag", "")), verdict_of(("transport_delay", "")), "right"),
-        (hidden("single", ("motor_lag", "")), verdict_of(("motor_compliance", "")), "wrong"),
-        (hidden("single", ("ground_slope", "")), verdict_of(("external_force", "")), "right"),
-        (hidden("single", ("backlash", "LKneeSag")), {"verdict": "unknown"}, "unknown"),
-        (hidden("single", ("backlash", "LKneeSag")), {"verdict": "not_excited"}, "not_excited"),
-        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("backlash", "")), "right"),
-        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", "")), "partly"),
-        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("com_offset", "")), "wrong"),
-        (hidden("unknown", ("sloshing_load", "")), {"verdict": "unknown"}, "unknown"),
-        (hidden("unknown", ("sloshing_load", "")), verdict_of(("payload", "")), "wrong"),
-        (hidden("clean"), None, "failed"),
-        (hidden("clean"), {"verdict": "maybe"}, "failed"),
-        (hidden("clean"), {"verdict": "effect", "effects": []}, "failed"),
-    ],
-)
-def test_what_a_verdict_is_worth(answer, verdict, result):
-    assert outcome(answer, verdict)["result"] == result
-
-
-def test_place_and_parameters_of_a_right_name():
-    answer = hidden("single", ("joint_stiffness", "left"), scale=0.8)
-    found = outcome(answer, verdict_of(("joint_stiffness", "left"), scale=0.85))
-    assert found["place"] == [True] and found["error"] == {"joint_stiffness.scale": pytest.approx(0.25)}
-    assert outcome(answer, verdict_of(("joint_stiffness", ""), scale=0.8))["place"] == [False]
-
-
-def test_the_figures_of_known_verdicts():
-    def gap(after: float) -> dict:
-        rms = {"before": {"com_x": 3.0, "com_z": 1.0}, "after": {"com_x": after, "com_z": 1.0}, "floor": {"com_x": 1.0}}
-        return {"gap": {"holdout": rms}}
-
-    slosh = hidden("unknown", ("sloshing_load", ""), level="strong")
-    rows = [
-        (hidden("clean"), {"verdict": "none"}),
-        (hidden("clean"), {"verdict": "none"}),
-        (hidden("clean"), {"verdict": "unknown"}),
-        (hidden("clean"), verdict_of(("payload", ""))),
-        (hidden("single", ("backlash", ""), level="weak"), {"verdict": "none"}),
-        (hidden("single", ("backlash", "")), {**verdict_of(("backlash", "")), **gap(2.0)}),
-        (hidden("single", ("motor_lag", ""), level="strong"), verdict_of(("transport_delay", ""))),
-        (hidden("single", ("payload", ""), level="strong"), verdict_of(("com_offset", ""))),
-        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("backlash", ""))),
-        (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""))),
-        (slosh, {"verdict": "unknown"}),
-        (slosh, verdict_of(("payload", ""))),
-    ]
-    judged = [
-        {"name": str(k), "answer": answer, "verdict": verdict, "oracle": gap(1.0), "run": {"seconds": 10.0 + k},
-         "baselines": {"always": verdict_of(("payload", ""))}}
-        for k, (answer, verdict) in enumerate(rows)
-    ]  # fmt: skip
-    result = score(judged)
-
-    def share(method: dict, key: str) -> tuple[int, int]:
-        return method[key]["hits"], method[key]["of"]
-
-    workflow, always = result["workflow"], result["baselines"]["always"]
-    assert share(workflow, "right_on_medium_and_strong") == (2, 3)
-    assert share(workflow, "wrong_name") == (1, 6)
-    assert share(workflow, "false_alarms_on_clean") == (2, 4)
-    assert share(workflow, "unknown_recall_on_strong") == (1, 2)
-    assert share(workflow, "both_of_a_pair") == share(workflow, "one_of_a_pair") == (1, 2)
-    assert share(always, "right_on_medium_and_strong") == (1, 3)
-    assert share(always, "false_alarms_on_clean") == (4, 4)
-    assert result["gap_reduction"]["median_share_of_oracle"] == pytest.approx(5.0 / 8.0)
-    assert result["seconds"] == {"median": 15.5, "largest": 21.0}
-    assert result["confusion"]["motor_lag"] == {"drive_delay": 1}
-    assert result["confusion"]["clean"] == {"none": 2, "unknown": 1, "payload": 1}
-    assert result["confusion"]["payload"] == {"com_offset": 1}
-    assert result["confusion"]["pair"] == {"right": 1, "partly": 1}
-    assert result["redrawn"] == {"cases": 0, "lowered": 0}
-    assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
-
-
-def test_a_gap_that_is_not_given_is_not_zero():
-    assert np.isnan(gap_reduction(None)) and np.isnan(gap_reduction({"gap": {}})) and np.isnan(gap_reduction({}))
-
-
 # --- the command ---
 
 
@@ -397,48 +289,3 @@ def test_the_command_prints_figures_and_keeps_them(judged, spy, capsys):
     assert json.loads(capsys.readouterr().out) == json.loads((layout.out / "score.json").read_text())
     assert coman([*arguments, "--only", "dirty"]) == 2
     assert "allowed: clean, single, pair, unknown" in capsys.readouterr().err
-
-
-# --- simpler methods ---
-
-
-def synthetic(effect: float) -> baselines.Features:
-    """Residuals of white noise, and of a payload; features of two effects that have nothing in common."""
-    rng = np.random.default_rng(1)
-    A = rng.standard_normal((4000, 3))
-    terms = (
-        baselines.Term("payload", "", ("mass", "x"), np.array([0, 1])),
-        baselines.Term("backlash", "LKneeSag", ("width",), np.array([2])),
-    )
-    y = A[:, :2] @ [effect, -effect] + rng.standard_normal(4000)
-    return baselines.Features(y / y.std(), A / y.std(), np.ones(3), terms)
-
-
-def test_the_naive_criterion_names_what_is_there_and_nothing_in_white_noise():
-    verdict = baselines.white_bic(synthetic(0.5))
-    assert [(e["name"], e["where"]) for e in verdict["effects"]] == [("payload", "")]
-    found = verdict["effects"][0]["parameters"]
-    assert (found["mass"]["value"], found["x"]["value"]) == pytest.approx((0.5, -0.5), abs=0.05)
-    assert baselines.white_bic(synthetic(0.0))["verdict"] == "none"
-
-
-def test_sparse_regression_names_what_explains_most():
-    pytest.importorskip("pysindy")
-    assert baselines.pysindy(synthetic(0.5))["effects"][0]["name"] == "payload"
-    assert baselines.pysindy(synthetic(0.0))["verdict"] == "none"
-
-
-@pytest.mark.slow
-def test_the_simpler_methods_read_bags_as_the_workflow_does(capsys):
-    baselines.main([str(ROOT / "bags" / "test1"), "--config", str(ROOT / "config" / "coman.yaml")])
-    verdicts = json.loads(capsys.readouterr().out)
-    # A clean robot, and perfectly nominal: what they name nevertheless is why they are no more than baselines.
-    assert verdicts["white_bic"]["verdict"] in ("effect", "none")
-    for verdict in verdicts.values():
-        assert all(effect["name"] in CATALOGUE for effect in verdict["effects"])
-
-
-def test_two_instances_of_one_effect_are_one_truth_in_the_table():
-    row = {"kind": "single", "truth": ["wrench_delay"], "named": ["wrench_delay", "wrench_delay"], "result": "right"}
-    late = {"kind": "single", "truth": ["motor_lag"], "named": ["transport_delay"], "result": "right"}
-    assert confusion([row, late]) == {"motor_lag": {"drive_delay": 1}, "wrench_delay": {"wrench_delay": 1}}

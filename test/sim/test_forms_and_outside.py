@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_disturbances import Run
+from sim_runs import Run
 
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.describe import mujoco_spec

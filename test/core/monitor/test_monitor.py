@@ -3,104 +3,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from monitor_tools import BEGINS, FEET, KNEE, LEVEL, WITHIN, detected_in_time, mismatches, turned, watched
 from scipy.spatial.transform import Rotation
-from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, description, names, robot, walk, write_bag
+from synthetic import JOINTS, MOTORS, RIGHT, T0, names, robot, walk, write_bag
 
-from coman_reduced_model.cli.main import run
-from coman_reduced_model.core.base.types import Foot, ImuMessage
+from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.monitor.laws import LANDED_S, Laws
-from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.record import record
-
-BEGINS, WITHIN = 7.0, 5.0  # [s]
-FEET = {Foot.LEFT: LEFT, Foot.RIGHT: RIGHT}
-KNEE = names().index("LKneeSag")
-
-
-def mismatches(bag, out, *arguments):
-    """Mismatches that `coman predict` reports for a bag."""
-    assert run(["predict", str(bag), "--out", str(out), *arguments]) == 0
-    summary = json.loads((out / "summary.json").read_text())
-    for each in summary["mismatches"]:
-        assert each["text"] in summary["warnings"] and each["channel"] in each["text"]
-    return summary["mismatches"]
-
-
-def turned(message, joint, angle):
-    position = message.position.copy()
-    position[joint] += angle
-    return replace(message, position=position)
-
-
-LEVEL = np.array([0.0, 0.0, 0.0, 1.0])  # orientation of the synthetic robot's trunk
-
-
-def watched(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, rate=200.0, mounted=None, **changes):
-    """The monitor after a synthetic walk.
-
-    Args:
-        change: of each message: stream, seconds, message.
-        seconds: of the walk.
-        skip: streams that are left out.
-        imu: orientation of the trunk by seconds, as a quaternion x, y, z, w; None: no message.
-        reset: when the monitor is reset [s].
-        rate: of the streams [1/s].
-        mounted: rotation of the IMU in the trunk; None: it is aligned.
-        changes: of the configuration.
-    """
-    frame = "base_link" if mounted is None else "imu"
-    mounting = Rotation.identity() if mounted is None else mounted
-    pipeline = Pipeline(robot_with_imu(mounting), Config().replaced({"prediction.horizons": [], **changes}))
-    take = {
-        JOINTS: pipeline.on_joint,
-        MOTORS: pipeline.on_motor,
-        **{stream: lambda message, foot=foot: pipeline.on_wrench(foot, message) for foot, stream in FEET.items()},
-    }
-    for stream, message in walk(seconds, rate):
-        t = (message.stamp_ns - T0) * 1e-9
-        if t >= reset:
-            pipeline.monitor.reset()
-            reset = np.inf
-        if stream == JOINTS and (trunk := imu(t)) is not None:
-            orientation = Rotation.from_quat(trunk) * mounting
-            up = orientation.inv().apply([0.0, 0.0, 9.81])
-            pipeline.on_imu(ImuMessage(message.stamp_ns, frame, orientation.as_quat(), np.zeros(3), up))
-        if stream not in skip:
-            take[stream](change(stream, t, message))
-    return pipeline.monitor
-
-
-def robot_with_imu(mounting):
-    """The synthetic robot with an IMU, a link without mass that is turned by a rotation against the trunk."""
-    rpy = " ".join(f"{angle:.9f}" for angle in mounting.as_euler("xyz"))
-    link = f"""
-        <link name="imu"/>
-        <joint name="imu_mount" type="fixed">
-          <parent link="base_link"/><child link="imu"/><origin xyz="0 0 0" rpy="{rpy}"/>
-        </joint>"""
-    return Robot(description().replace("</robot>", f"{link}</robot>"), Config().robot)
-
-
-def detected_in_time(found, channel):
-    first = next(each for each in found if each.channel == channel)
-    after = (first.detected_ns - T0) * 1e-9 - BEGINS
-    assert 0.0 < after <= WITHIN
-    assert first.changed and (first.onset_ns - T0) * 1e-9 >= BEGINS - 0.6  # the phase in which it began
-    return first
-
-
-@pytest.mark.parametrize("name", ["test1", "test2"])
-def test_nominal_robot_gives_no_alarm(tmp_path, name):
-    assert mismatches(bag_path(name), tmp_path / "out") == []
 
 
 def test_encoder_slip_in_mid_walk_is_detected_within_five_seconds(tmp_path, capsys):
@@ -257,22 +172,6 @@ def test_an_imu_may_be_mounted_in_any_orientation():
         assert turned_about[channel].size == pytest.approx(each.size, rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize("until", [6.0, 20.0])
-def test_imu_mounting_error_or_loss_is_no_external_force(until):
-    tilted = Rotation.from_euler("xyz", [0.03, 0.03, 0.0]).as_quat()
-    monitor = watched(lambda stream, t, message: message, 20.0, imu=lambda t: tilted if t < until else None)
-    assert monitor.laws.forces.uses_imu == (until > 19.0)
-    assert not [channel for channel in monitor.first if channel.split("/")[0] in ("force", "torque", "unsteady")]
-
-
-def test_single_push_is_no_mismatch():
-    def change(stream, t, message):
-        shove = stream == LEFT and 9.9 < t < 10.2  # in one left support
-        return replace(message, force=message.force + [0.0, 20.0, 0.0]) if shove else message
-
-    assert not watched(change).first
-
-
 @pytest.mark.parametrize("poor", [False, True])
 def test_mismatch_is_reported_while_it_lasts_and_when_it_recurs(poor):
     """Between two slips the encoder is right for 8 s; without motor positions `feet`, which drifts, shows it."""
@@ -304,38 +203,6 @@ def test_mismatch_that_cannot_be_observed_any_more_is_dropped():
     assert seen >= {"force/y"} and not hidden
 
 
-def test_sensor_drift_is_no_mismatch():
-    """Sensors that drift by 0.15 N a stride, 2 N in all; the same as a step is detected."""
-    drift, step = ((lambda t: 0.125 * t), (lambda t: 2.0 * (t >= BEGINS)))
-
-    def detected(off):
-        def change(stream, t, message):
-            return replace(message, force=message.force + [off(t), 0.0, 0.0]) if stream in FEET.values() else message
-
-        return watched(change, 15.0).first
-
-    assert not detected(drift) and detected(step)
-
-
-def test_laws_of_flat_soles_are_skipped_on_the_edges_of_the_soles():
-    """From 7 s on it stands on its toes, and the support foot gets 10 N more from the side."""
-
-    def watch(lever, imu=False):
-        def change(stream, t, message):
-            if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
-                return message
-            toes = [0.0, -lever * message.force[2], 0.0]
-            return replace(message, force=message.force + [0.0, 10.0, 0.0], torque=message.torque + toes)
-
-        return {name.split("/")[0] for name in watched(change, imu=lambda t: LEVEL if imu else None).first}
-
-    front = float(robot().soles[Foot.LEFT][1])
-    assert {"force", "torque"} <= watch(0.5 * front)
-    assert not watch(front - 0.001)
-    found = watch(front - 0.001, imu=True)  # which holds there too
-    assert "force" in found and found <= {"force", "unsteady"}
-
-
 def test_large_offset_is_detected_in_gaits_that_never_repeat():
     def change(stream, t, message):
         if stream not in (JOINTS, MOTORS):
@@ -345,33 +212,6 @@ def test_large_offset_is_detected_in_gaits_that_never_repeat():
 
     found = watched(change).first["spring/LKneeSag"]
     assert found.changed and 0.0 < (found.detected_ns - T0) * 1e-9 - BEGINS < WITHIN
-
-
-def test_stumble_is_no_mismatch():
-    def change(stream, t, message):
-        return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 7.6 else message
-
-    assert not watched(change).first
-
-
-def test_another_gait_is_no_mismatch():
-    """From 6 s on it walks with knees more bent, whose springs carry more: 5 % off, as nominal ones are."""
-    bend = np.array([-0.1, 0.0, 0.0, 0.2, -0.1, 0.0] * 2)
-
-    def change(stream, t, message):
-        if stream not in (JOINTS, MOTORS):
-            return message
-        if t > 6.0:
-            message = replace(message, position=message.position + bend)
-            if stream == MOTORS:
-                return turned(message, KNEE, 1.05 * 3.0 / 180.0)
-            effort = message.effort.copy()
-            effort[KNEE] += 3.0
-            message = replace(message, effort=effort)
-        return message
-
-    monitor = watched(change, 16.0)
-    assert not monitor.first and monitor.phases > 40
 
 
 @pytest.mark.parametrize(("share", "detected"), [(0.96, False), (0.6, True)])
@@ -443,21 +283,3 @@ def test_landing_impulse_does_not_depend_on_rate_and_jitter(rate):
     for at in (0.0, 0.02):
         laws.land(at, 0.02, 50.0)
     assert np.isnan(laws.mean(2).values[where])
-
-
-@pytest.mark.parametrize(("slip", "detected"), [(0.00007, False), (0.0015, True)])
-def test_noise_floor_prevents_false_alarms_on_noise_free_sensors(slip, detected):
-    """The same deflection in 120 strides, then a change far below the nominal sensor noise: no mismatch."""
-    still, begins = 0.01 * np.array(Config().robot.left.stiffness + Config().robot.right.stiffness), 144.0
-
-    def change(stream, t, message):
-        if stream == JOINTS:
-            return replace(message, position=np.zeros(12), velocity=np.zeros(12), effort=still)
-        if stream == MOTORS:
-            return replace(message, position=np.full(12, 0.01 + slip * (t >= begins)), velocity=np.zeros(12))
-        return message
-
-    found = watched(change, begins + 5.0, rate=50.0).first
-    assert {channel for channel in found if channel.startswith("spring/")} == (
-        {f"spring/{joint}" for joint in names()} if detected else set()
-    )
