@@ -17,7 +17,7 @@ export OMP_NUM_THREADS ?= 1
 # A sourced ROS installation or another environment of wheels would lend .venv the wrong libraries.
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION
 unexport ROS_STATIC_PEERS ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE _ROS_WHEELS_BOOTSTRAP_COMPLETE
-unexport VIRTUAL_ENV MAKEFLAGS MFLAGS
+unexport VIRTUAL_ENV MAKEFLAGS MFLAGS PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -78,7 +78,7 @@ $(STAMP)/venv:
 $(STAMP)/requirements: requirements.txt $(STAMP)/venv
 	@echo "installing the packages that requirements.txt pins (the first time takes a minute)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check uv -c requirements.txt \
-	    && $(BIN)/uv pip install --quiet --python $(BIN)/python -r requirements.txt \
+	    && $(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python -r requirements.txt \
 	    || $(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	@touch $@
 
@@ -102,6 +102,7 @@ $(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
 # Numba's compilations, once and by one process: several nodes that start together would all compile at the same time.
 $(STAMP)/compiled: $(shell find coman_reduced_model/core -name '*.py') $(STAMP)/package
 	@echo "compiling the model"
+	@$(BIN)/python -m compileall -q coman_reduced_model
 	@$(BIN)/python -m coman_reduced_model.warm_up
 	@$(BIN)/python -c "from coman_reduced_model.tuning.free_run import compile_loop; compile_loop()"
 	@touch $@
