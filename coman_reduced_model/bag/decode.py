@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from ..core.base.pose import matrix
 from ..core.base.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
 from ..core.streams.stream import Refused
 from ..messages import (
@@ -25,7 +26,6 @@ from ..messages import (
     JOINT_STATE,
     WRENCH_STAMPED,
     known_orientation,
-    matrix,
     plan,
 )
 from .types import typestore

@@ -22,7 +22,6 @@ from ..physics.hypotheses import unknowns
 from .evidence import (
     Evidence,
     Fit,
-    Noise,
     Problem,
     Reference,
     assemble,
@@ -33,6 +32,7 @@ from .evidence import (
     weigh,
 )
 from .floor import floor
+from .noise import Noise
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have

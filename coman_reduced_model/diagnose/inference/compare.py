@@ -15,10 +15,11 @@ from ...core.effects.unknown import Unknown
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of, examine
 from .case_cache import CaseCache
-from .evidence import Evidence, Fit, Noise, pooled, prior_variance, quieter, weighed
+from .evidence import Evidence, Fit, pooled, prior_variance, weighed
 from .explanation import Explanation
 from .finding import Finding, leftover
 from .gauss_newton import ROUNDS, settle
+from .noise import Noise, quieter
 from .variability import MEMBERS, widths_of
 
 CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: alike until linearised there

@@ -16,21 +16,19 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, toeplitz
+from scipy.linalg import cho_factor, cho_solve
 
-from ...core.base.compiled import compiled
 from ...core.base.types import Array, Integers
 from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.effects.unknown import Unknown, applied
-from ..data.masks import TICKS, Masks, with_taken_up
+from ..data.masks import Masks, with_taken_up
 from ..data.recording import Recording
-from ..data.signals import SMOOTHING, without_noise
+from ..data.signals import without_noise
 from ..data.world import World
 from ..physics.balance import State, balanced, evaluate
 from ..physics.hypotheses import Candidate
-from .floor import least
+from .noise import ORDER, Noise, first_guess, free_of_offsets, mean_offset, no_less, whiten, yule_walker
 
-ORDER = 3  # of the autoregressive noise
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
 NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
@@ -222,14 +220,6 @@ def prior_variance(known: Sequence[Unknown], released: Sequence[int] = ()) -> Ar
     return np.asarray(spread**2)
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Of one group of rows: autoregression (1 + ORDER,), and standard deviation of what a whole piece is off by."""
-
-    autoregression: Array
-    offset: float
-
-
 def weigh(
     problem: Problem, at: Array, like: dict[str, Noise] | None = None
 ) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
@@ -241,7 +231,7 @@ def weigh(
     """
     resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
     noise = like or {
-        key: Noise(_no_less(_first_guess(row, problem.pieces[key]), key), resolution[key])
+        key: Noise(no_less(first_guess(row, problem.pieces[key]), key), resolution[key])
         for key, row in problem.rows.items()
     }
     for _ in range(ROUNDS_NEAR if like else ROUNDS):
@@ -251,17 +241,12 @@ def weigh(
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
             key: Noise(
-                _no_less(_autoregression(left, problem.pieces[key]), key),
-                max(resolution[key], _offset(left, problem.pieces[key])),
+                no_less(yule_walker(left, problem.pieces[key]), key),
+                max(resolution[key], mean_offset(left, problem.pieces[key])),
             )
             for key, left in remainder.items()
         }
     return evidence, noise, remainder
-
-
-def _no_less(autoregression: Array, key: str) -> Array:
-    """The same, with innovations no smaller than the best sensors have (a tenth of their noise: it is smoothed)."""
-    return np.concatenate([[max(autoregression[0], 0.1 * least(key))], autoregression[1:]])
 
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
@@ -272,125 +257,13 @@ def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
         some = np.flatnonzero(problem.columns[key].any(axis=0))
         stacked = np.column_stack([row, problem.columns[key][:, some]])
         white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
-        white = _free_of_offsets(white, problem.pieces[key], noise[key])
+        white = free_of_offsets(white, problem.pieces[key], noise[key])
         A, r = white[:, 1:], white[:, 0]
         gram[np.ix_(some, some)] += A.T @ A
         moment[some] += A.T @ r
         energy += float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
         count += len(r)
     return Evidence(problem.unknowns, at, gram, moment, energy, count)
-
-
-def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Noise]:
-    """Of each group, the noise with the smaller innovations: what the better of two explanations leaves."""
-    return {key: min(value, second[key], key=lambda noise: noise.autoregression[0]) for key, value in first.items()}
-
-
-def _offset(remainder: Array, pieces: Integers) -> float:
-    means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))
-    return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
-
-
-def _free_of_offsets(white: Array, pieces: Integers, noise: Noise) -> Array:
-    """Whitened rows (n, k) when every contiguous piece has an offset of its own as well.
-
-    No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
-    """
-    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[:, 0]
-    return np.asarray(_without_offsets(white, one, pieces, noise.offset))
-
-
-@compiled
-def _without_offsets(white: Array, one: Array, pieces: Integers, offset: float) -> Array:
-    """`_free_of_offsets`, with what becomes of a constant: one (n,)."""
-    out = np.empty(white.shape)
-    for p in range(len(pieces)):
-        end = pieces[p + 1] if p + 1 < len(pieces) else len(white)
-        length, common = 0.0, np.zeros(white.shape[1])
-        for i in range(pieces[p], end):
-            length += one[i] * one[i]
-            for j in range(white.shape[1]):
-                common[j] += one[i] * white[i, j]
-        # The square root of (I + offset^2 u u')^-1.
-        shrink = (1.0 - 1.0 / np.sqrt(1.0 + offset**2 * length)) / length
-        for i in range(pieces[p], end):
-            for j in range(white.shape[1]):
-                out[i, j] = white[i, j] - shrink * one[i] * common[j]
-    return out
-
-
-def _first_guess(values: Array, pieces: Integers) -> Array:
-    """Noise of a row before anything is explained: from its second differences' median, which steps and trends pass by.
-
-    White noise that went through the smoothing has a known autocorrelation.
-    """
-    lags = np.arange(ORDER + 1)
-    correlation = np.exp(-((lags / TICKS / SMOOTHING) ** 2) / 4.0)
-    second = np.diff(values, 2)
-    inside = np.ones(len(values), dtype=bool)
-    inside[pieces] = False
-    within = second[inside[1:-1] & inside[2:]]
-    second = within if len(within) else second  # pieces of one or two ticks: rather too much noise than none
-    variance = (1.4826 * float(np.median(np.abs(second)))) ** 2 / (6.0 - 8.0 * correlation[1] + 2.0 * correlation[2])
-    phi = np.linalg.solve(toeplitz(correlation[:ORDER]) + 1e-3 * np.eye(ORDER), correlation[1:])
-    return np.concatenate([[np.sqrt(max(variance * (1.0 - phi @ correlation[1:]), 1e-18))], phi])
-
-
-def _autoregression(values: Array, pieces: Integers) -> Array:
-    """Innovations' standard deviation and AR coefficients (1 + ORDER,), by Yule-Walker over contiguous pieces."""
-    covariance = _autocovariance(values, pieces)
-    covariance[0] = covariance[0] * (1.0 + 1e-6) + 1e-30
-    phi = np.linalg.solve(toeplitz(covariance[:ORDER]), covariance[1:])
-    innovation = covariance[0] - phi @ covariance[1:]
-    return np.concatenate([[np.sqrt(max(innovation, 1e-6 * covariance[0]))], phi])
-
-
-@compiled
-def _autocovariance(values: Array, pieces: Integers) -> Array:
-    """(1 + ORDER,) of values (n,) at lags from 0 on, of pairs in the same piece."""
-    out = np.zeros(ORDER + 1)
-    for p in range(len(pieces)):
-        end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
-        for i in range(pieces[p], end):
-            for lag in range(min(ORDER + 1, end - i)):
-                out[lag] += values[i] * values[i + lag]
-    return out / len(values)
-
-
-@compiled
-def whiten(values: Array, pieces: Integers, noise: Array) -> Array:
-    """Innovations (n, k) of columns (n, k) in units of their standard deviation; a piece begins in its steady state."""
-    sigma, phi = noise[0], noise[1:]
-    # The first values of a piece have no predecessors: weighed as what they are, of the marginal variance.
-    marginal = sigma / np.sqrt(max(1.0 - np.sum(phi * _correlations(phi)), 1e-6))
-    out = np.empty(values.shape)
-    for p in range(len(pieces)):
-        end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
-        for i in range(pieces[p], end):
-            begins = i < pieces[p] + ORDER
-            scale = 1.0 / (marginal * np.sqrt(ORDER)) if begins else 1.0 / sigma
-            for j in range(values.shape[1]):
-                value = values[i, j]
-                if not begins:
-                    for lag in range(ORDER):
-                        value -= phi[lag] * values[i - 1 - lag, j]
-                out[i, j] = value * scale
-    return out
-
-
-@compiled
-def _correlations(phi: Array) -> Array:
-    """Autocorrelation (ORDER,) at lags 1.. of an AR process."""
-    p = len(phi)
-    A, b = np.eye(p), np.zeros(p)
-    for k in range(1, p + 1):
-        for i in range(1, p + 1):
-            lag = abs(k - i)
-            if lag == 0:
-                b[k - 1] += phi[i - 1]
-            else:
-                A[k - 1, lag - 1] -= phi[i - 1]
-    return np.linalg.solve(A, b)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)

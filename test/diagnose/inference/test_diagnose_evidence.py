@@ -14,19 +14,9 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from coman_reduced_model.diagnose.inference.evidence import (
-    ORDER,
-    Evidence,
-    Noise,
-    Problem,
-    _autoregression,
-    _free_of_offsets,
-    prior_variance,
-    scores,
-    weigh,
-    whiten,
-)
+from coman_reduced_model.diagnose.inference.evidence import Evidence, Problem, prior_variance, scores, weigh
 from coman_reduced_model.diagnose.inference.floor import least
+from coman_reduced_model.diagnose.inference.noise import ORDER, Noise, free_of_offsets, whiten, yule_walker
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
 ROWS = 40
@@ -118,7 +108,7 @@ def test_whitening_makes_an_autoregressive_process_white():
 def test_the_noise_is_estimated_over_pieces_that_do_not_touch():
     values, pieces = coloured(500, 12, np.random.default_rng(3))
     values[pieces[6] :] *= -1.0
-    assert _autoregression(values, pieces) == pytest.approx(AR, abs=0.08)
+    assert yule_walker(values, pieces) == pytest.approx(AR, abs=0.08)
 
 
 @few
@@ -127,7 +117,7 @@ def test_offsets_of_pieces_are_part_of_the_noise(seed, offset):
     rng = np.random.default_rng(seed)
     pieces, noise = np.array([0, 9, 30]), np.array([0.7, 0.4, 0.0, 0.0])
     white = rng.normal(size=(ROWS, 2))
-    out = _free_of_offsets(white, pieces, Noise(noise, offset))
+    out = free_of_offsets(white, pieces, Noise(noise, offset))
     one = whiten(np.ones((ROWS, 1)), pieces, noise)[:, 0]
     C = np.eye(ROWS)
     for a, b in ((0, 9), (9, 30), (30, ROWS)):

@@ -28,9 +28,10 @@ from coman_reduced_model.diagnose.data.signals import Smoothed
 from coman_reduced_model.diagnose.inference.case import Case
 from coman_reduced_model.diagnose.inference.check import Checked, limitations
 from coman_reduced_model.diagnose.inference.effects import with_structure
-from coman_reduced_model.diagnose.inference.evidence import Noise, Problem, scores, weighed
+from coman_reduced_model.diagnose.inference.evidence import Problem, scores, weighed
 from coman_reduced_model.diagnose.inference.explanation import Odds
 from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding
+from coman_reduced_model.diagnose.inference.noise import Noise
 from coman_reduced_model.diagnose.inference.predicted_com import FreeRun, FreeRuns
 from coman_reduced_model.diagnose.inference.prediction import predict_com
 from coman_reduced_model.diagnose.inference.verdict import Found, verdict

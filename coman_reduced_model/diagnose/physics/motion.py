@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motion of the whole robot from its joints and the soles that stand, for the laws of `balance`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ...core.base.types import Array, Foot, Integers
+from ...core.robot.robot import Robot
+from ..data.recording import FEET, Recording
+from ..data.signals import rate_of, smooth
+from ..data.world import World
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Smoothed joints at the ticks, and the soles against the trunk.
+
+    Attributes:
+        q, qd, qdd: (m, nj).
+        R, p: by foot (m, 3, 3), (m, 3) of the sole in the root link's frame.
+        trunk: (m, 3) COM of the trunk, where `external_force` pulls, in the root link's frame.
+        twist, twist_rate: by foot (m, 6) of the root link, in its frame, if that sole stands still.
+        J: by foot (m, 6, nv) of the sole, in its own frame.
+        com: (m, 3) by the URDF, in the root link's frame, and com_J (m, 3, nv) by joints.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    R: dict[Foot, Array]
+    p: dict[Foot, Array]
+    trunk: Array
+    twist: dict[Foot, Array]
+    twist_rate: dict[Foot, Array]
+    J: dict[Foot, Array]
+    com: Array
+    com_J: Array
+
+
+def blend(by_foot: dict[Foot, Array], share: Array) -> Array:
+    """(m, k) by the load share of the left foot."""
+    w = share[:, None]
+    blended: Array = w * by_foot[Foot.LEFT] + (1.0 - w) * by_foot[Foot.RIGHT]
+    return blended
+
+
+def motion_of(robot: Robot, smoothed: Array, ticks: Integers) -> Motion:
+    """From smoothed positions (n, nj)."""
+    rate = rate_of(smoothed)
+    q, qd, qdd = smoothed[ticks], rate[ticks], rate_of(rate)[ticks]
+    model, m = robot.model, len(q)
+    data = model.createData()
+    configuration, velocity, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    R, p, J = ({foot: np.empty((m, *shape)) for foot in FEET} for shape in ((3, 3), (3,), (6, model.nv)))
+    twist, twist_rate = ({foot: np.empty((m, 6)) for foot in FEET} for _ in range(2))
+    com, com_J, trunk = np.empty((m, 3)), np.empty((m, 3, model.nv)), np.empty((m, 3))
+    body = model.frames[robot.base_id].parentJoint
+    for i in range(m):
+        robot.scatter(q[i], configuration)
+        velocity[robot.idx_v], acceleration[robot.idx_v] = qd[i], qdd[i]
+        pin.forwardKinematics(model, data, configuration, velocity, acceleration)
+        com_J[i] = pin.jacobianCenterOfMass(model, data, False)
+        com[i], trunk[i] = data.com[0], data.oMi[body].act(model.inertias[body].lever)
+        for foot, frame in robot.sole_ids.items():
+            placement = pin.updateFramePlacement(model, data, frame)
+            R[foot][i], p[foot][i] = placement.rotation, placement.translation
+            J[foot][i] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+            # What the sole does while the trunk is still is the trunk's to undo; both twists are parallel, so that no
+            # term of Coriolis is between them.
+            twist[foot][i] = -pin.getFrameVelocity(model, data, frame, pin.WORLD).vector
+            twist_rate[foot][i] = -pin.getFrameAcceleration(model, data, frame, pin.WORLD).vector
+    return Motion(q, qd, qdd, R, p, trunk, twist, twist_rate, J, com, com_J)
+
+
+def seen_from(yaw: Array, v: Array) -> Array:
+    """A level vector (2,) of odom in axes (m, 2) that are turned by yaw (m,) [rad] there."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * v[0] + s * v[1], c * v[1] - s * v[0]])
+
+
+def normal(world: World, R: Array, wrench: Array, yaw: Array) -> Array:
+    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment.
+
+    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom.
+    """
+    roll, pitch = world.slope
+    level = seen_from(yaw, np.array([-pitch, roll])) + world.tilting * wrench[:, [4, 3]] * [1.0, -1.0]
+    turned = np.column_stack([level, np.ones(len(R))])
+    return np.einsum("nij,nj->ni", R, turned / np.linalg.norm(turned, axis=1)[:, None])
+
+
+def yielding_of(
+    world: World, recording: Recording, motion: Motion, ticks: Integers
+) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
+    """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground."""
+    if not (world.tilting or world.sinking):
+        return None
+    flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
+    twist: dict[Foot, Array] = {}
+    twist_rate: dict[Foot, Array] = {}
+    for foot in FEET:
+        first = rate_of(smooth(recording.wrench[foot]))
+        for out, value in ((twist, first), (twist_rate, rate_of(first))):
+            sole = value[ticks] * flexible
+            linear, angular = (np.einsum("nij,nj->ni", motion.R[foot], part) for part in (sole[:, :3], sole[:, 3:]))
+            out[foot] = np.hstack([linear + np.cross(motion.p[foot], angular), angular])
+    return twist, twist_rate
+
+
+def free_motion(
+    world: World,
+    motion: Motion,
+    up: dict[Foot, Array],
+    share: Array,
+    yielding: tuple[dict[Foot, Array], dict[Foot, Array]] | None,
+) -> tuple[Array, list[tuple[Array, Array, Array]]]:
+    """The rotation (m, 3, 3) heading <- root, and m configurations, velocities and accelerations of the model."""
+    robot, model = world.robot, world.robot.model
+    against, twist, rate = (blend(each, share) for each in (up, motion.twist, motion.twist_rate))
+    if yielding is not None:
+        twist, rate = twist + blend(yielding[0], share), rate + blend(yielding[1], share)
+    z = against / np.linalg.norm(against, axis=1)[:, None]
+    x = motion.R[Foot.LEFT][:, :, 0] + motion.R[Foot.RIGHT][:, :, 0]
+    x -= np.einsum("ni,ni->n", x, z)[:, None] * z
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    m = len(R)
+    configuration = pin.neutral(model)[None].repeat(m, axis=0)
+    velocity, acceleration = np.zeros((m, model.nv)), np.zeros((m, model.nv))
+    configuration[:, 3:7] = Rotation.from_matrix(R).as_quat()
+    velocity[:, :6], acceleration[:, :6] = twist, rate
+    velocity[:, robot.idx_v], acceleration[:, robot.idx_v] = motion.qd, motion.qdd
+    for q, out in zip(motion.q, configuration, strict=True):
+        robot.scatter(q, out)
+    return R, list(zip(configuration, velocity, acceleration, strict=True))
+
+
+def inertial_forces(model: pin.Model, motion: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Generalised forces (m, nv) of motion and weight."""
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *each) for each in motion])
