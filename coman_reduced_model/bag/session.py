@@ -161,6 +161,16 @@ def find_robot(config: Config, bag: Bag, names: TopicNames, urdf: str | Path | N
         urdf = config.directory / config.robot.urdf
     if urdf is not None:
         return Robot(read_urdf(urdf), config.robot, str(urdf))
+    text, source = described_urdf(bag, names)
+    return Robot(text, config.robot, source)
+
+
+def described_urdf(bag: Bag, names: TopicNames) -> tuple[str, str]:
+    """The URDF that a bag holds, and its topic in words.
+
+    Raises:
+        BagError: there is none.
+    """
     topic = names(DESCRIPTION)
     if topic not in bag.topics:
         raise BagError(f"{missing_topics(bag, [topic])}; name a URDF with --urdf or robot.urdf")
@@ -169,7 +179,7 @@ def find_robot(config: Config, bag: Bag, names: TopicNames, urdf: str | Path | N
     message = bag.first(topic)
     if message is None:
         raise BagError(f"{bag.path}: {topic}: no message; name a URDF with --urdf or robot.urdf")
-    return Robot(message.data, config.robot, f"{bag.path}: {topic}")
+    return message.data, f"{bag.path}: {topic}"
 
 
 def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]:

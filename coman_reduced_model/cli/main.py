@@ -24,6 +24,7 @@ from .config import config
 from .demo import demo
 from .diagnose import diagnose
 from .identify import identify
+from .init import init
 from .judge import judge
 from .live import live
 from .predict import predict
@@ -55,6 +56,7 @@ _COMMANDS = (
     baseline,
     demo,
     live,
+    init,
     config,
 )
 for command in _COMMANDS:

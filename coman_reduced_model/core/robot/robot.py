@@ -19,6 +19,7 @@ from ..base.compiled import compiled
 from ..base.types import Array, Foot
 from .configuration import LegConfig, RobotConfig
 from .leg import leg_jacobian
+from .sole import outline, shape_points
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 
@@ -31,7 +32,9 @@ class Robot:
         legs: indices of the joints of each leg in `joint_names`, hip to ankle.
         leg_columns: their columns in Jacobians.
         sole_columns: columns of all joints between the root link and each sole.
-        soles: x of the back and the front edge, y of the right and the left edge (4,) of each sole in its frame [m].
+        shapes: outermost points (n, 3) of the collision shapes of each foot, in the frame of its sole [m].
+        soles: x of the back and the front edge, y of the right and the left edge (4,) of each sole in its frame [m]: of
+            these shapes, or else as long and wide as the configuration says.
     """
 
     def __init__(self, urdf: str, config: RobotConfig, source: str = "robot_description") -> None:
@@ -42,7 +45,7 @@ class Robot:
         """
         self.config = config
         self.urdf = urdf
-        self.model = _build(urdf, source)
+        self.model = build_model(urdf, source)
         if not self.mass > 0.0:
             raise RobotError(f"{source}: the URDF has no mass (sum of all links {self.mass:g} kg)")
         joints = [
@@ -67,7 +70,11 @@ class Robot:
             self.leg_columns[foot] = self.idx_v[self.legs[foot]]
             chain = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
             self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(chain)[2:]], dtype=np.intp)
-        self.soles = {foot: self._outline(foot) for foot in self.sole_ids}
+        self._refuse_one_leg(source)
+        x, y = 0.5 * config.foot_length, 0.5 * config.foot_width
+        self.shapes = {foot: shape_points(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
+        outlines = {foot: outline(points) for foot, points in self.shapes.items()}
+        self.soles = {f: np.array([-x, x, -y, y]) if o is None else o for f, o in outlines.items()}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
 
     def _frame(self, name: str, key: str, source: str) -> int:
@@ -75,6 +82,15 @@ class Robot:
             known = ", ".join(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
             raise RobotError(f"{source}: no frame {name!r} ({key}); links of the URDF: {known[:300]}")
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
+
+    def _refuse_one_leg(self, source: str) -> None:
+        shared = set(self.legs[Foot.LEFT]) & set(self.legs[Foot.RIGHT])
+        if shared or self.sole_ids[Foot.LEFT] == self.sole_ids[Foot.RIGHT]:
+            names = ", ".join(self.joint_names[i] for i in sorted(shared))
+            raise RobotError(
+                f"{source}: robot.right.sole_frame: {self.config.right.sole_frame!r} is not on a leg of its own: "
+                f"both legs have the joints {names or 'none'}"
+            )
 
     def _leg(self, foot: Foot, leg: LegConfig, source: str) -> Array:
         key = f"robot.{_LEG_NAMES[foot]}.joints"
@@ -95,31 +111,6 @@ class Robot:
                 f"{', '.join(between) or 'none'}, not {', '.join(leg.joints)}"
             )
         return np.array([self.joint_names.index(name) for name in leg.joints], dtype=np.intp)
-
-    def _outline(self, foot: Foot) -> Array:
-        """Edges of a sole: of the collision boxes of the foot, or else as long and wide as the configuration says."""
-        sole, corners = self.model.frames[self.sole_ids[foot]], []
-        for link in ElementTree.fromstring(self.urdf.strip()).iterfind("link"):
-            name = str(link.get("name"))
-            if not self.model.existFrame(name, pin.FrameType.BODY):
-                continue
-            frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
-            if frame.parentJoint != sole.parentJoint:
-                continue
-            for collision in link.iterfind("collision"):
-                box, origin = collision.find("geometry/box"), collision.find("origin")
-                if box is None:
-                    continue
-                place = {} if origin is None else origin.attrib
-                xyz, rpy = (np.array(place.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
-                at = sole.placement.actInv(frame.placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz))
-                half = 0.5 * np.array(box.get("size", "0 0 0").split(), dtype=float)
-                corners += [at.act(half * (2.0 * np.array(corner) - 1.0)) for corner in np.ndindex(2, 2, 2)]
-        if not corners:
-            x, y = 0.5 * self.config.foot_length, 0.5 * self.config.foot_width
-            return np.array([-x, x, -y, y])
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-        return np.array([low[0], high[0], low[1], high[1]])
 
     @property
     def mass(self) -> float:
@@ -288,7 +279,12 @@ def _pose_in(R: Array, p: Array, R_other: Array, p_other: Array, out: Array) -> 
     out[3, 3] = 1.0
 
 
-def _build(urdf: str, source: str) -> pin.Model:
+def build_model(urdf: str, source: str) -> pin.Model:
+    """The model of a URDF, its root link free.
+
+    Raises:
+        RobotError: the URDF cannot be read.
+    """
     text = urdf.strip()
     if not text:
         raise RobotError(f"{source}: the URDF is empty")
