@@ -21,7 +21,7 @@ from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.base.throttle import Throttle
 from .core.base.types import Array, Prediction, SupportState
-from .core.config.files import config_to_yaml
+from .core.config.files import save_config
 from .core.config.schema import Config
 from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
@@ -75,7 +75,7 @@ def predict_bag(
         if not summary["judged_samples"]:
             raise BagError(f"{bag.path}: nothing could be predicted: {first_cause(summary)}")
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
-        (folder / CONFIG_FILE).write_text(config_to_yaml(config, f"used for {bag.path.name}"), encoding="utf-8")
+        save_config(config, folder / CONFIG_FILE, f"used for {bag.path.name}")
     return summary
 
 

@@ -34,6 +34,7 @@ def test_a_urdf_is_enough(tmp_path, urdf, capsys):
     assert run(["config", str(out)]) == 0
     assert "# robot: coman, 17.30 kg" in capsys.readouterr().out
     assert run(["predict", str(bag_path("stand")), "--config", str(out), "--out", str(tmp_path / "out")]) == 0
+    assert run(["config", str(tmp_path / "out" / "config.yaml")]) == 0  # it finds the URDF from its folder as well
     assert run(["init", "--urdf", str(urdf), "--out", str(out)]) == 2  # not over what is there
 
 

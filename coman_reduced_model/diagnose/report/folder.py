@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...core.config.files import config_to_yaml
+from ...core.config.files import save_config
 from ...output import OutputFolder, to_json
 from ..result import DIAGNOSIS_FILE, MODEL_FILE, REPORT_FILE, Diagnosis
 from .page import diagnosis_page
@@ -20,5 +20,5 @@ def save_diagnosis(diagnosis: Diagnosis, folder: str | Path, force: bool = False
     with OutputFolder(folder, force) as out:
         (out / DIAGNOSIS_FILE).write_text(to_json(diagnosis.result) + "\n", encoding="utf-8")
         comment = f"by coman diagnose: {diagnosis.result['sentence']}"
-        (out / MODEL_FILE).write_text(config_to_yaml(diagnosis.model, comment), encoding="utf-8")
+        save_config(diagnosis.model, out / MODEL_FILE, comment)
         (out / REPORT_FILE).write_text(diagnosis_page(diagnosis), encoding="utf-8")
