@@ -37,8 +37,9 @@ def test_one_line_at_the_end_says_how_many_tests_had_no_recording(tmp_path, pres
     (folder / "test_it.py").write_text(TESTS)
     for name in present:
         (tmp_path / "shared" / name).mkdir(parents=True)
+    environment = child_environment(PYTHONPATH=str(ROOT / "test"))  # for the plugins of conftest.py
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-ra", *processes, str(folder)]
-    done = subprocess.run(command, cwd=folder, env=child_environment(), capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     said = [text for text in done.stdout.splitlines() if "not beside the project" in text and "SKIPPED" not in text]
     expected = [f"{line} skipped: the recordings of other robots are not beside the project"] if line else []

@@ -20,6 +20,7 @@ import typer
 from ..errors import ComanError
 from ..resources import version
 from .baseline import baseline
+from .check import check
 from .config import config
 from .demo import demo
 from .diagnose import diagnose
@@ -58,6 +59,7 @@ _COMMANDS = (
     live,
     init,
     config,
+    check,
 )
 for command in _COMMANDS:
     app.command()(command)

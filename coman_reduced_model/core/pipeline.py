@@ -212,7 +212,10 @@ class Pipeline:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))
         zeros = self.predictor.zeros
-        return found + zeros.warnings() + self.plausibility.warnings({foot: zeros.of(foot)[2] for foot in WRENCHES})
+        suspect = self.plausibility.warnings({foot: zeros.of(foot)[2] for foot in WRENCHES})
+        # One sentence for one cause: zeros and biases are not what they seem where a sign or a unit is wrong.
+        causes = [each for each in suspect if each.prevents_diagnosis]
+        return found + (causes or [*zeros.warnings(), *suspect])
 
     def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
         """What is wrong with a stream that the predictions need beside the joint states."""

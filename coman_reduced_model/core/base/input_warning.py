@@ -14,7 +14,7 @@ class WarningKind(Enum):
     STOPPED = "a stream has stopped while the joint states go on"
     CLOCK = "the clock of a stream differs from that of the joint states"
     NO_USE = "a parameter has no effect with the chosen model"
-    SIGN = "vertical forces of the wrong sign"
+    SIGN = "forces, torques, positions or accelerations of the wrong sign"
     SWAPPED = "left and right wrench swapped"
     UNIT = "values in another unit"
     BIAS = "a wrench that does not vanish in the air"

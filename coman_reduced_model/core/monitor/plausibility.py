@@ -17,6 +17,7 @@ from ..base.stream_names import JOINTS, MOTORS, WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
 from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS
+from .signs import Signs
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -39,6 +40,7 @@ class Plausibility:
         self._robot = robot
         self._weight = config.support.weight or robot.mass * config.robot.gravity
         self._posture = robot.posture()
+        self._signs = Signs(robot, self._weight)
         legs = {*config.robot.left.joints, *config.robot.right.joints}
         self._of_legs = np.array([name in legs for name in robot.joint_names])
         self.reconfigure(config)
@@ -50,6 +52,7 @@ class Plausibility:
 
     def reset(self) -> None:
         """Forget the past."""
+        self._signs.reset()
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
@@ -73,6 +76,7 @@ class Plausibility:
                 np.fmin(self._lowest[k], q, out=self._lowest[k])
                 np.fmax(self._highest[k], q, out=self._highest[k])
         self._turned += self._of_legs & (np.abs(sample.q) > _TURN)
+        self._signs.update(sample)
         if sample.left_wrench is None or sample.right_wrench is None:
             return
         left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
@@ -91,6 +95,11 @@ class Plausibility:
         self._other_force[higher] += other
         self._swapped += abs(in_air) > max(abs(other), 0.5 * self._weight)
 
+    @property
+    def carried(self) -> float | None:
+        """Mean of the vertical forces of both feet over the weight; None before enough of them were looked at."""
+        return sum(self._force.values()) / self._looks / self._weight if self._looks >= _MIN_LOOKS else None
+
     def counts(self) -> dict[str, int]:
         """Suspect looks (50 a second); a nominal robot has some too, such as at touchdown."""
         counts = {f"{name}/negative": self._negative[foot] for foot, name in WRENCHES.items()}
@@ -98,8 +107,17 @@ class Plausibility:
         return {name: count for name, count in counts.items() if count}
 
     def warnings(self, zeros: Mapping[Foot, float] = _NO_ZEROS) -> list[InputWarning]:
-        """Present warnings, beside what the sensors are known to read vertically without load [N]."""
+        """Present warnings, beside what the sensors are known to read vertically without load [N].
+
+        Torques, motors and IMU are judged by forces and positions: only where units and signs of these are right.
+        """
+        found = self._of_forces(zeros)
+        return found if any(each.prevents_diagnosis for each in found) else [*found, *self._signs.warnings()]
+
+    def _of_forces(self, zeros: Mapping[Foot, float]) -> list[InputWarning]:
         found = self._units()
+        if any(each.stream == JOINTS for each in found):
+            return found  # no posture to judge forces by
         if self._looks >= _MIN_LOOKS:
             for foot, name in WRENCHES.items():
                 mean = self._force[foot] / self._looks - zeros[foot]

@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 from synthetic import LEFT, RIGHT, robot, walk
 
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.input_warning import WarningKind
-from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS
+from coman_reduced_model.core.base.stream_names import IMU, JOINTS, MOTORS
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.resources import bag_path
 
 
 def warnings_of(change):
@@ -87,6 +90,52 @@ def test_other_units_are_reported(streams, field, factor, words):
 
     found = [each for each in warnings_of(scaled) if each.kind is WarningKind.UNIT]
     assert len(found) == 1 and words in found[0].text and found[0].prevents_diagnosis
+
+
+def warnings_of_walk(change):
+    """Of the shipped walk, whose torques and IMU belong to its forces."""
+    with Session(bag_path("test1"), Config()) as session:
+        decoders, pipeline = session.decoders, Pipeline(session.robot, Config())
+        for stream, _, raw in islice(session.messages(), 4000):
+            pipeline.feed(stream, change(stream, decoders[stream](raw)), lambda message: message)
+    return pipeline.status().warnings
+
+
+def one_joint_reversed(stream, message):
+    if stream != MOTORS:
+        return message
+    sign = np.where(np.array(message.names) == "LKneeSag", -1.0, 1.0)
+    return replace(message, position=sign * message.position, velocity=sign * message.velocity)
+
+
+def scaled(stream, field, factor):
+    def change(name, message):
+        return replace(message, **{field: factor * getattr(message, field)}) if name == stream else message
+
+    return change
+
+
+def other_order(stream, message):
+    return replace(message, orientation=message.orientation[[3, 0, 1, 2]]) if stream == IMU else message
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "words"),
+    [
+        (scaled(JOINTS, "effort", -1.0), WarningKind.SIGN, "torques are -0."),
+        (scaled(JOINTS, "effort", 1000.0), WarningKind.UNIT, "wanted are Nm"),
+        (scaled(JOINTS, "effort", 1.0 / 9.81), WarningKind.UNIT, "wanted are Nm"),
+        (one_joint_reversed, WarningKind.SIGN, "motor and joint of LKneeSag turn in opposite directions"),
+        (scaled(IMU, "linear_acceleration", 1.0 / 9.81), WarningKind.UNIT, "in units of gravity"),
+        (scaled(IMU, "linear_acceleration", -1.0), WarningKind.SIGN, "wanted is up"),
+        (other_order, WarningKind.UNIT, "w x y z"),
+        (lambda _, message: message, None, ""),
+    ],
+)
+def test_torques_motors_and_imu_must_agree_with_the_rest(change, kind, words):
+    found = warnings_of_walk(change)
+    assert [each.kind for each in found] == ([] if kind is None else [kind])
+    assert all(words in each.text and each.prevents_diagnosis for each in found)
 
 
 def test_a_threshold_that_changes_counts_from_then_on():
