@@ -19,8 +19,9 @@ from ..base.types import Foot, ImuMessage, Sample
 if TYPE_CHECKING:
     from ..robot.robot import Robot
 
-_LOOKS = 50  # at the IMU or at positions, before a warning
-_LOADED = 20  # looks at torques of a loaded leg, before a warning
+_EVERY = 5  # sample that is offered: a look costs as much as a prediction
+_LOOKS = 20  # at the IMU or at positions, before a warning
+_LOADED = 15  # looks at torques of a loaded leg, before a warning
 _LOAD = 0.3  # of the weight: a foot that bears more is loaded
 _AGREE = 0.8  # correlation from which two measurements are of the same thing
 _FACTOR = 5.0  # between them, from which one is in another unit
@@ -42,6 +43,7 @@ class Signs:
     def reset(self) -> None:
         """Forget the past."""
         joints = len(self._robot.joint_names)
+        self._offered = 0
         self._loaded = 0
         self._torque = np.zeros((2, 2))  # products of torques: those that statics asks for, those measured
         self._first: np.ndarray | None = None
@@ -53,7 +55,10 @@ class Signs:
         self._upright = np.zeros(2)  # sum of cosines: as x y z w, as w x y z
 
     def update(self, sample: Sample) -> None:
-        """Take one sample that is looked at."""
+        """Take one sample; every fifth is looked at."""
+        self._offered += 1
+        if self._offered % _EVERY:
+            return
         if sample.motor_q is not None:
             self._positions(sample.q, sample.motor_q)
         if sample.imu is not None:
