@@ -22,6 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import ConfigError
+from . import complete
 
 if TYPE_CHECKING:
     from ..core.config.schema import Config
@@ -36,7 +37,12 @@ ConfigOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a parameter, as in prediction.reference=none; repeatable."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a parameter, as in prediction.reference=none; repeatable.",
+        autocompletion=complete.parameters,
+    ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what an earlier run wrote there.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON; progress goes to standard error.")]
@@ -117,6 +123,13 @@ def warn(lines: Sequence[str]) -> None:
     """Warnings, a line each, on standard error."""
     for line in lines:
         print(f"warning: {' '.join(line.split())}", file=sys.stderr)
+
+
+def say_domain() -> None:
+    """Where other processes find the nodes that are started now, on standard error."""
+    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    found = " ".join(f"{name}={os.environ[name]}" for name in names)
+    print(f"nodes run with {found}; set both in another shell to see their topics", file=sys.stderr, flush=True)
 
 
 def print_json(value: Any) -> None:

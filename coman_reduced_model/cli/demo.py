@@ -9,7 +9,17 @@ from typing import Annotated, Any
 
 import typer
 
-from .common import ConfigOption, ForceOption, JsonOption, by_axis_text, print_json, print_table, progress, warn
+from .common import (
+    ConfigOption,
+    ForceOption,
+    JsonOption,
+    by_axis_text,
+    print_json,
+    print_table,
+    progress,
+    say_domain,
+    warn,
+)
 
 DEFAULT_OUT = Path("demo_output")
 
@@ -38,6 +48,7 @@ def demo(
     confine()
     if problem := why_not():
         raise ComanError(f"demo: {problem}")
+    say_domain()
     from ..report.prediction import write_report
     from ..ros.tools.demo import DemoFailed, run_demo
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from . import complete
 from .common import ConfigOption, JsonOption, print_json, progress
 from .judge_tables import show_diagnosis, show_folder, show_monitor, show_prediction
 
@@ -43,7 +44,12 @@ def judge(
     ] = "",
     worlds: Annotated[
         list[str] | None,
-        typer.Option("--world", metavar="KIND", help="Only worlds of this kind (coman worlds lists them); repeatable."),
+        typer.Option(
+            "--world",
+            metavar="KIND",
+            help="Only worlds of this kind (coman worlds lists them); repeatable.",
+            autocompletion=complete.worlds,
+        ),
     ] = None,
     cases: Annotated[
         Path | None,

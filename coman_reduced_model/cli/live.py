@@ -9,19 +9,30 @@ from typing import Annotated, Any
 
 import typer
 
-from .common import ConfigOption, read_config
+from . import complete
+from .common import ConfigOption, read_config, say_domain
 
 _START_S = 150.0
 
 
 def live(
-    gait: Annotated[str, typer.Option("--gait", metavar="NAME", help="test1, test2, ...; default: gait.name.")] = "",
+    gait: Annotated[
+        str,
+        typer.Option(
+            "--gait", metavar="NAME", help="test1, test2, ...; default: gait.name.", autocompletion=complete.gaits
+        ),
+    ] = "",
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="Stop after so long [s]; default: at Ctrl-C.")
     ] = None,
     world: Annotated[
         str,
-        typer.Option("--world", metavar="FILE|KIND|SEED", help="World of the virtual robot (coman worlds)."),
+        typer.Option(
+            "--world",
+            metavar="FILE|KIND|SEED",
+            help="World of the virtual robot (coman worlds).",
+            autocompletion=complete.worlds,
+        ),
     ] = "",
     config: ConfigOption = None,
 ) -> None:
@@ -39,6 +50,7 @@ def live(
     confine()
     if problem := why_not():
         raise ComanError(f"live: {problem}")
+    say_domain()
     table = ROBOTS.get(settings.robot.name, COMAN)
     if world:
         world_for(settings.robot.name, world)  # says what is wrong with it before anything is started

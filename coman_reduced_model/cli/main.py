@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import typer
@@ -39,30 +39,41 @@ from .worlds import worlds
 app = typer.Typer(
     name="coman",
     help="Online prediction of the centre of mass of a compliant humanoid.",
-    add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    rich_markup_mode="markdown",
 )
-_COMMANDS = (
-    predict,
-    record,
-    replay,
-    report,
-    identify,
-    tune,
-    validate,
-    judge,
-    worlds,
-    diagnose,
-    baseline,
-    demo,
-    live,
-    init,
-    config,
-    check,
-)
-for command in _COMMANDS:
-    app.command()(command)
+# Groups of commands as `coman --help` shows them, each with the example at the end of its own help.
+_COMMANDS: dict[str, dict[Callable[..., None], str]] = {
+    "Your robot": {
+        init: "coman init --urdf config/coman.urdf --bag bags/test1 --out my_robot.yaml",
+        config: "coman config my_robot.yaml --set monitor.threshold=7",
+        check: "coman check bags/test1 --config my_robot.yaml",
+    },
+    "Predictions and diagnosis of recorded bags": {
+        predict: "coman predict bags/test1 --config my_robot.yaml --out result",
+        report: "coman report result",
+        diagnose: "coman diagnose bags/test1 --holdout bags/test2 --out found",
+        baseline: "coman baseline bags/test1 bags/test2 --out my_robot_usual.yaml",
+    },
+    "Parameters of the model": {
+        identify: "coman identify load decay --out identified.yaml",
+        tune: "coman tune bags/test1 --out tuned.yaml",
+        validate: "coman validate bags/test1 --holdout bags/test2 --out validated",
+    },
+    "Virtual robots": {
+        record: "coman record --gait test1 --duration 10 --out walk --hide backlash:where=LKneeSag,width=0.01",
+        worlds: "coman worlds creeping",
+        judge: "coman judge prediction --out judged --seeds 0:1",
+    },
+    "ROS 2": {
+        live: "coman live --duration 60",
+        demo: "coman demo --rate 1",
+        replay: "coman replay bags/test1 --rate 0.5 --await joint_states",
+    },
+}
+for group, commands in _COMMANDS.items():
+    for command, example in commands.items():
+        app.command(rich_help_panel=group, epilog=f"Example: `{example}`")(command)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.
 _CLICK_ERROR: Any = typer.BadParameter.__mro__[2]

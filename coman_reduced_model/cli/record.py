@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from . import complete
 from .common import ConfigOption, ForceOption, JsonOption, SetOption, print_json, progress, read_config, warn
 
 if TYPE_CHECKING:
@@ -22,7 +23,13 @@ def record(
         Path, typer.Option("--out", metavar="DIR", help="Folder of the new bag; DIR.truth.npz is the truth.")
     ],
     gait: Annotated[
-        str, typer.Option("--gait", metavar="NAME", help="test1, test2, stand, ..., load, decay; default: gait.name.")
+        str,
+        typer.Option(
+            "--gait",
+            metavar="NAME",
+            help="test1, test2, stand, ..., load, decay; default: gait.name.",
+            autocompletion=complete.gaits,
+        ),
     ] = "",
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="About how long to walk [s].")
@@ -50,6 +57,7 @@ def record(
             "--world",
             metavar="FILE|KIND|SEED",
             help="Record this world (coman worlds lists the kinds), and store it as DIR.world.yaml.",
+            autocompletion=complete.worlds,
             show_default=False,
         ),
     ] = "",

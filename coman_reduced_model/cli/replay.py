@@ -41,7 +41,7 @@ def replay(
 ) -> None:
     """Play a bag into ROS 2 in its own time, with /clock, until its end or Ctrl-C.
 
-    Only this machine hears it unless you set ROS_AUTOMATIC_DISCOVERY_RANGE.
+    Its messages stay on this machine unless you set `ROS_AUTOMATIC_DISCOVERY_RANGE`.
     """
     from ..topics import TopicNames
 

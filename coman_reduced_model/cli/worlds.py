@@ -7,13 +7,19 @@ from typing import Annotated
 
 import typer
 
+from . import complete
 from .common import JsonOption, print_json, print_table
 
 
 def worlds(
     world: Annotated[
         str,
-        typer.Argument(metavar="[FILE|KIND|SEED]", help="Print this world as YAML instead.", show_default=False),
+        typer.Argument(
+            metavar="[FILE|KIND|SEED]",
+            help="Print this world as YAML instead.",
+            show_default=False,
+            autocompletion=complete.worlds,
+        ),
     ] = "",
     json: JsonOption = False,
 ) -> None:

@@ -251,17 +251,6 @@ def test_bad_usage_is_one_line_and_exit_2(arguments, capsys):
     assert out == "" and err.startswith("coman: ") and err.count("\n") == 1
 
 
-def test_help_and_version(capsys):
-    assert run([]) == 0 and run(["--help"]) == 0
-    text = capsys.readouterr().out
-    assert all(command in text for command in ("predict", "record", "replay", "report", "config"))
-    for command in ("predict", "record", "replay", "report", "config"):
-        assert run([command, "--help"]) == 0
-    capsys.readouterr()
-    assert run(["--version"]) == 0
-    assert capsys.readouterr().out == f"coman {__version__}\n"
-
-
 def test_config_prints_what_it_has_checked(tmp_path, capsys):
     assert run(["config", "--set", "support.contact_on=0.3"]) == 0
     (tmp_path / "c.yaml").write_text(capsys.readouterr().out)

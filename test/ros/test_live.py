@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -88,6 +89,7 @@ def test_demo_shows_and_fails_loudly(tmp_path, recorded_walk):
 
     done = demo("--bag", recorded_walk, "--rate", "2", "--out", tmp_path / "out", "--json")
     assert done.returncode == 0, done.stderr
+    assert f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in done.stderr
     summary = json.loads(done.stdout)
     assert summary["live"]["predictions"] == summary["live"]["joint_states"] > 500
     assert summary["rmse_m"]["z"] < summary["rmse_rigid_m"]["z"]
@@ -106,6 +108,7 @@ def test_live_view_on_a_dumb_terminal(ros_domain):
     coman = Path(sys.executable).with_name("coman")
     process = Process([str(coman), "live"], TERM="dumb")
     try:
+        process.wait_for(f"nodes run with ROS_DOMAIN_ID={ros_domain} ")
         process.wait_for("support")
         process.wait_for("RMS 5 s: model")
         process.interrupt(2)
