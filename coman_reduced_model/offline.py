@@ -14,29 +14,40 @@ from typing import Any
 
 import numpy as np
 
-from .bag.encode import encode_point, encode_prediction, encode_support
+from .bag.encode import (
+    encode_odometry,
+    encode_point,
+    encode_prediction,
+    encode_support,
+    encode_transforms,
+)
 from .bag.reader import Bag
 from .bag.session import Session
 from .bag.types import bag_types
 from .bag.writer import BagWriter
+from .core.base.pose import quaternion
 from .core.base.throttle import Throttle
-from .core.base.types import Array, Prediction, SupportState
+from .core.base.types import Array, Prediction, Sample, SupportState
 from .core.config.files import save_config
-from .core.config.schema import Config
 from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
+from .core.robot.links import Links
 from .errors import BagError
+from .messages import ODOM
 from .output import OutputFolder, to_json
 from .progress import Progress
 from .resources import version
 from .topics import (
     DESCRIPTION,
+    FOOT_ODOMETRY,
     MEASURED,
     OUTPUT_TYPES,
     PREDICTED,
     PREDICTION,
     REFERENCE_POINT,
     SUPPORT,
+    TF,
+    TF_STATIC,
     TopicNames,
 )
 from .warm_up import warm_up
@@ -63,13 +74,13 @@ def predict_bag(
         statistics = RunStatistics(config.streams.restart_gap)
         topics = {names(topic): kind for topic, kind in OUTPUT_TYPES.items()}
         began = time.perf_counter()
-        writing = BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION),))
+        writing = BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION), names(TF_STATIC)))
         with _collecting_what_is_new(), writing as writer:
             writer.write(names(DESCRIPTION), bag.start_ns, bag_types().String(data=robot.urdf))
-            output = _Output(writer, names, config)
-            for prediction in session.predictions(progress):
+            output = _Output(writer, names, session)
+            for sample, prediction in session.predicted(progress):
                 statistics.add(prediction)
-                output.write(prediction)
+                output.write(sample, prediction)
         elapsed = time.perf_counter() - began
         summary = _summary(session, statistics, elapsed)
         if not summary["judged_samples"]:
@@ -92,13 +103,22 @@ def _collecting_what_is_new() -> Iterator[None]:
 class _Output:
     """Writes the output topics, at the rates of the configuration, as the node publishes them."""
 
-    def __init__(self, writer: BagWriter, names: TopicNames, config: Config) -> None:
+    def __init__(self, writer: BagWriter, names: TopicNames, session: Session) -> None:
+        config = session.config
         self._write = writer.write_raw
         self._names = {topic: names(topic) for topic in OUTPUT_TYPES}
         self._points = Throttle(config.output.points_rate)
+        self._every_odometry = Throttle(config.output.odometry_rate)
         self._support: SupportState | None = None
+        self._root, self._links = session.robot.root, Links(session.robot)
+        self._moving = [(ODOM, self._root), *self._links.moving] if config.output.publish_tf else []
+        fixed = self._links.fixed
+        if self._moving and fixed:
+            poses = np.array([pose for *_, pose in fixed])
+            data = encode_transforms(session.bag.start_ns, [(parent, child) for parent, child, _ in fixed], poses)
+            self._write(self._names[TF_STATIC], session.bag.start_ns, data)
 
-    def write(self, prediction: Prediction) -> None:
+    def write(self, sample: Sample, prediction: Prediction) -> None:
         stamp, names, write = prediction.stamp_ns, self._names, self._write
         write(names[PREDICTION], stamp, encode_prediction(prediction))
         due = self._points.due(stamp)
@@ -115,6 +135,17 @@ class _Output:
                 point: Array = prediction.T_odom_sole[:3, :3] @ com + prediction.T_odom_sole[:3, 3]
                 if math.isfinite(point.dot(_ONES)):  # a plot with a hole is honest, RViz drops NaN with an error
                     write(names[topic], stamp, encode_point(stamp, point))
+        if self._every_odometry.due(stamp) and math.isfinite(prediction.base_in_sole[0, 0]):
+            self._write_odometry(sample, prediction)
+
+    def _write_odometry(self, sample: Sample, prediction: Prediction) -> None:
+        """The root link in `odom`, and on /tf all links: a display needs no joint states for them."""
+        stamp, T = prediction.stamp_ns, prediction.T_odom_base
+        self._write(self._names[FOOT_ODOMETRY], stamp, encode_odometry(prediction, self._root))
+        if self._moving:
+            root = (*T[:3, 3], *quaternion(T[:3, :3]))
+            poses = np.vstack([root, self._links.poses(sample.q)])
+            self._write(self._names[TF], stamp, encode_transforms(stamp, self._moving, poses))
 
 
 _ONES = np.ones(3)

@@ -11,14 +11,17 @@ from .errors import ConfigError
 from .messages import (
     COM_PREDICTION,
     INPUT_TYPES,
+    ODOMETRY,
     POINT_STAMPED,
     STRING,
     SUPPORT_STATE,
+    TRANSFORMS,
 )
 
 DESCRIPTION = "robot_description"
 PREDICTION, SUPPORT = "com/prediction", "com/support"
 MEASURED, PREDICTED, REFERENCE_POINT = "com/measured", "com/predicted", "com/reference_point"
+FOOT_ODOMETRY, TF, TF_STATIC = "foot_odometry", "/tf", "/tf_static"  # all nodes share the latter two
 
 # Relative topic of each input stream, and type of each output topic.
 INPUT_TOPICS = {stream: "imu/data" if stream == IMU else stream for stream in INPUT_TYPES}
@@ -28,6 +31,9 @@ OUTPUT_TYPES = {
     MEASURED: POINT_STAMPED,
     PREDICTED: POINT_STAMPED,
     REFERENCE_POINT: POINT_STAMPED,
+    FOOT_ODOMETRY: ODOMETRY,
+    TF: TRANSFORMS,
+    TF_STATIC: TRANSFORMS,
     DESCRIPTION: STRING,
 }
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")

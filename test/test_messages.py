@@ -18,7 +18,13 @@ from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import messages as m
 from coman_reduced_model.bag.decode import decoder
-from coman_reduced_model.bag.encode import encode_point, encode_prediction, encode_support
+from coman_reduced_model.bag.encode import (
+    encode_odometry,
+    encode_point,
+    encode_prediction,
+    encode_support,
+    encode_transforms,
+)
 from coman_reduced_model.bag.types import bag_types, typestore
 from coman_reduced_model.core.base.pose import quaternion
 from coman_reduced_model.core.base.types import (
@@ -294,6 +300,23 @@ def test_predictions_packed_at_once_are_the_messages_that_rosbags_serialises(fra
     ):
         assert raw == bytes(store.serialize_cdr(message, kind))
         assert repr(store.deserialize_cdr(raw, kind)) == repr(message)
+
+
+@pytest.mark.parametrize("root", ["base_link", "trunk"])
+def test_odometry_and_transforms_packed_at_once_are_the_messages_that_rosbags_serialises(root):
+    sent = replace(
+        a_prediction(), base_in_sole=np.vstack([Rotation.random(rng=3).as_matrix(), np.arange(9.0).reshape(3, 3)])
+    )
+    store, odometry = typestore(), m.odometry_to(BAG, sent, root)
+    assert encode_odometry(sent, root) == bytes(store.serialize_cdr(odometry, m.ODOMETRY))
+    assert repr(m.odometry_to(ROS, sent, root).pose.pose) == repr(m.pose_to(ROS, sent.T_odom_base))
+    first = m.transform_to(BAG, sent, root)
+    place, turn = first.transform.translation, first.transform.rotation
+    pose = np.array((place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w))
+    second = replace(first, header=replace(first.header, frame_id=root), child_frame_id="l_sole")
+    both = store.types[m.TRANSFORMS](transforms=[first, second])
+    raw = encode_transforms(sent.stamp_ns, [("odom", root), (root, "l_sole")], np.array([pose, pose]))
+    assert raw == bytes(store.serialize_cdr(both, m.TRANSFORMS))
 
 
 def test_the_constants_of_the_messages_are_those_of_the_core():

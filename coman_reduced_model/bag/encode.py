@@ -8,13 +8,14 @@ once and the numbers are packed into it. Message objects in between would cost s
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from ..core.base.pose import quaternion
 from ..core.base.types import Array, Prediction
-from ..messages import ODOM
+from ..messages import ODOM, UNKNOWN
 
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _SECOND = 1_000_000_000
@@ -82,6 +83,48 @@ def encode_support(prediction: Prediction) -> bytes:
     return _LITTLE_ENDIAN + _support_format(frame).pack(
         *_header(prediction.stamp_ns, frame), s.phase, s.support_foot, s.left_share, s.phase_time, s.total_force
     )
+
+
+@lru_cache(maxsize=4)
+def _odometry_format(frame: bytes, child: bytes) -> struct.Struct:
+    layout = _Layout().header(frame).add("I").add("s", len(child)).add("d", 7 + 36 + 6 + 36)
+    return struct.Struct(layout.format)
+
+
+def encode_odometry(prediction: Prediction, root: str) -> bytes:
+    """A nav_msgs/Odometry; messages.odometry_to, serialised."""
+    frame, child, T = _frame(ODOM), _frame(root), prediction.T_odom_base
+    return _LITTLE_ENDIAN + _odometry_format(frame, child).pack(
+        *_header(prediction.stamp_ns, frame),
+        len(child),
+        child,
+        *T[:3, 3].tolist(),
+        *quaternion(T[:3, :3]),
+        *_UNKNOWN,
+        *prediction.base_twist.tolist(),
+        *_UNKNOWN,
+    )
+
+
+_UNKNOWN = UNKNOWN.tolist()
+
+
+@lru_cache(maxsize=4)
+def _transforms_format(names: tuple[tuple[bytes, bytes], ...]) -> struct.Struct:
+    layout = _Layout().add("I")
+    for frame, child in names:
+        layout.header(frame).add("I").add("s", len(child)).add("d", 7)
+    return struct.Struct(layout.format)
+
+
+def encode_transforms(stamp_ns: int, names: Sequence[tuple[str, str]], poses: Array) -> bytes:
+    """A tf2_msgs/TFMessage of poses (n, 7), position and quaternion x y z w, of parents and children by name."""
+    sec, nanosec = divmod(stamp_ns, _SECOND)
+    frames = tuple((_frame(parent), _frame(child)) for parent, child in names)
+    values: list[float | bytes] = [len(frames)]
+    for (frame, child), pose in zip(frames, poses.tolist(), strict=True):
+        values += [sec, nanosec, len(frame), frame, len(child), child, *pose]
+    return _LITTLE_ENDIAN + _transforms_format(frames).pack(*values)
 
 
 def encode_prediction(prediction: Prediction) -> bytes:

@@ -126,6 +126,11 @@ class Session:
         for batch in self.batches(progress):
             yield from self.pipeline.predict(batch)
 
+    def predicted(self, progress: Progress | None = None) -> Iterator[tuple[Sample, Prediction]]:
+        """The samples, as effects have corrected them, with their predictions."""
+        for batch in self.batches(progress):
+            yield from zip(batch, self.pipeline.predict(batch), strict=True)
+
     def close(self) -> None:
         """Close the bag."""
         self.bag.close()

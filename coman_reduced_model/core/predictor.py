@@ -184,6 +184,7 @@ class Predictor:
         if not flags.diverged:
             fresh = -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
             self._residuals_known = remember(self._residuals, self._residuals_known, prediction.residual, fresh)
+        prediction.base_in_sole = self.link.base_in_sole
         prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
         return prediction
 

@@ -115,6 +115,31 @@ def _blank_prediction(types: MessageTypes) -> Any:
     )
 
 
+def odometry_to(types: MessageTypes, prediction: Prediction, root: str) -> Any:
+    """A nav_msgs/Odometry of the root link. Covariances are not known: -1 in front, as in sensor_msgs/Imu."""
+    linear, angular = (_vector(types.Vector3, part) for part in np.split(prediction.base_twist, 2))
+    return types.Odometry(
+        header=header_to(types, prediction.stamp_ns, ODOM),
+        child_frame_id=root,
+        pose=types.PoseWithCovariance(pose=pose_to(types, prediction.T_odom_base), covariance=UNKNOWN),
+        twist=types.TwistWithCovariance(twist=types.Twist(linear=linear, angular=angular), covariance=UNKNOWN),
+    )
+
+
+UNKNOWN = np.array([-1.0] + [0.0] * 35)  # covariance
+
+
+def transform_to(types: MessageTypes, prediction: Prediction, root: str) -> Any:
+    """A geometry_msgs/TransformStamped from `odom` to the root link."""
+    pose = pose_to(types, prediction.T_odom_base)
+    place = types.Vector3(x=pose.position.x, y=pose.position.y, z=pose.position.z)
+    return types.TransformStamped(
+        header=header_to(types, prediction.stamp_ns, ODOM),
+        child_frame_id=root,
+        transform=types.Transform(translation=place, rotation=pose.orientation),
+    )
+
+
 def reference_to(types: MessageTypes, reference: Reference) -> Any:
     """A ComReference."""
     return types.ComReference(

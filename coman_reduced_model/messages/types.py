@@ -27,6 +27,7 @@ COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE = (
     f"{OWN}/msg/SupportState",
 )
 POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
+ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 
 # What the predictor takes in: relative topic name (which is the stream's name, but for the IMU's) and type.
 INPUT_TYPES = {
@@ -46,6 +47,9 @@ class MessageTypes:
         "std_msgs/msg/Header",
         "std_msgs/msg/String",
         *(f"geometry_msgs/msg/{name}" for name in ("Point", "Vector3", "Quaternion", "Pose", "PointStamped")),
+        *(f"geometry_msgs/msg/{name}" for name in ("Twist", "PoseWithCovariance", "TwistWithCovariance")),
+        *(f"geometry_msgs/msg/{name}" for name in ("Transform", "TransformStamped")),
+        ODOMETRY,
         *(f"geometry_msgs/msg/{name}" for name in ("Wrench", "WrenchStamped")),
         "sensor_msgs/msg/JointState",
         "sensor_msgs/msg/Imu",

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import Flags
 from coman_reduced_model.core.config.files import config_to_yaml, load_config
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.messages import COM_PREDICTION, matrix_from
+from coman_reduced_model.messages import COM_PREDICTION, matrix_from, stamp_of
 from coman_reduced_model.resources import config_path
 
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
@@ -52,6 +53,10 @@ def predict(capsys, *arguments):
 
 def axis_values(point):
     return [point.x, point.y, point.z]
+
+
+def transform_matrix(transform):
+    return matrix_from(SimpleNamespace(position=transform.translation, orientation=transform.rotation))
 
 
 # --- what it writes ---
@@ -129,6 +134,37 @@ def test_points_are_the_predictions_in_odom(done):
         message = by_stamp[point.header.stamp.sec, point.header.stamp.nanosec]
         position = axis_values(getattr(message, fields.get(topic, "reference_position")))
         assert matrix_from(message.sole_pose) @ [*position, 1.0] == pytest.approx([*axis_values(point.point), 1.0])
+
+
+def test_the_links_in_the_written_transforms_stand_on_the_support_sole(done):
+    """A display needs nothing but the written bag to show the robot where it stands."""
+    out, _ = done
+    with Bag(out / "predictions") as written:
+        soles = {stamp_of(each.header): each for _, _, each in written.messages(["/com/prediction"])}
+        odometry = {stamp_of(each.header): each for _, _, each in written.messages(["/foot_odometry"])}
+        moving = [message.transforms for _, _, message in written.messages(["/tf"])]
+        fixed = written.first("/tf_static").transforms
+    assert 190 <= len(moving) <= 201  # 50 Hz
+    for transforms in moving:
+        stamp = stamp_of(transforms[0].header)
+        parents = {each.child_frame_id: each for each in (*fixed, *transforms)}
+        T, link = np.eye(4), soles[stamp].header.frame_id
+        while link != "odom":
+            T = transform_matrix(parents[link].transform) @ T
+            link = parents[link].header.frame_id
+        np.testing.assert_allclose(T, matrix_from(soles[stamp].sole_pose), atol=1e-9)
+        root = transforms[0]
+        np.testing.assert_array_equal(
+            matrix_from(odometry[stamp].pose.pose), transform_matrix(root.transform), err_msg="of the root link"
+        )
+        assert odometry[stamp].child_frame_id == root.child_frame_id == "base_link"
+        assert odometry[stamp].pose.covariance[0] == odometry[stamp].twist.covariance[0] == -1.0  # not known
+
+
+def test_transforms_can_be_switched_off(bag, tmp_path, capsys):
+    assert predict(capsys, bag, "--out", tmp_path / "o", "--set", "output.publish_tf=false")[0] == 0
+    with Bag(tmp_path / "o" / "predictions") as written:
+        assert written.counts["/foot_odometry"] and not written.counts["/tf"] and not written.counts["/tf_static"]
 
 
 def test_the_configuration_that_was_used_can_be_used_again(bag, done, tmp_path, capsys):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from coman_reduced_model_msgs.msg import SupportState
 from geometry_msgs.msg import PointStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -132,6 +133,8 @@ def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
         kinds = (SupportState, PointStamped, PointStamped, PointStamped, MarkerArray)
         for (topic, received), kind in zip(got.items(), kinds, strict=True):
             peer.node.create_subscription(kind, f"/robot1/com/{topic}", received.append, 10)
+        got["odometry"] = []
+        peer.node.create_subscription(Odometry, "/robot1/foot_odometry", got["odometry"].append, 10)
         node = start.node("predictor", "-r", "__ns:=/robot1")
         standing = Standing(peer)
         standing.describe()
@@ -154,6 +157,9 @@ def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
         assert {marker.action for marker in markers.values()} == {Marker.ADD}
         com = by_stamp[stamp_of(markers["measured"])].measured_position
         np.testing.assert_allclose(vector(markers["measured"].pose.position), vector(com), atol=1e-9)
+        root = got["odometry"][-1]
+        assert (root.header.frame_id, root.child_frame_id) == ("odom", "base_link")
+        assert 0.4 < root.pose.pose.position.z < 0.5 and root.twist.twist.linear.x == pytest.approx(0.0)
         support = got["support"][-1]
         assert support.phase == SupportState.DOUBLE and support.left_share == pytest.approx(0.5)
         assert support.header.frame_id == by_stamp[stamp_of(support)].header.frame_id
@@ -179,3 +185,22 @@ def test_quality_of_service(start, peer):
     peer.wait(lambda: standing.joints.get_subscription_count() == 2, "both hear reliable")
     for node in (careful, plain):
         assert node.stop() == 0
+
+
+@pytest.mark.parametrize("switched", [True, False])
+def test_where_the_root_link_is_goes_to_tf(start, peer, switched):
+    messages = pytest.importorskip("tf2_msgs.msg", reason="no wheel of Jazzy has tf2_msgs")
+    got = []
+    peer.node.create_subscription(messages.TFMessage, "/tf", got.append, 100)
+    node = start.node("predictor", output__publish_tf=switched)
+    standing = Standing(peer)
+    standing.describe()
+    standing.wait_until_heard()
+    standing.samples(100)
+    peer.wait(lambda: len(peer.predictions) == 100, "a prediction for each joint state")
+    assert bool(peer.node.count_publishers("/tf")) == switched
+    if switched:
+        peer.wait(lambda: got, "a transform")
+        (transform,) = got[-1].transforms
+        assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
+    assert node.stop() == 0

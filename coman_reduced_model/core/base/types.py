@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]  # indices, counts, stamps [ns], phases and feet by number
 Booleans = NDArray[np.bool_]
 _NAN2, _NAN3, _NAN33 = np.full(2, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
+_NAN63 = np.full((6, 3), np.nan)
 
 
 class Phase(IntEnum):
@@ -185,8 +186,23 @@ class Prediction:
     measured_tilt: Array = field(default_factory=lambda: _NAN2)
     predicted_tilt: Array = field(default_factory=lambda: _NAN2)
     predicted_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [m^2] of the residuals lately
+    # (6, 3) root link: rotation and position [m] in the support sole, linear [m/s] and angular velocity [rad/s] in its
+    # own axes; NaN without a support foot
+    base_in_sole: Array = field(default_factory=lambda: _NAN63)
 
     @property
     def residual(self) -> Array:
         """Measured minus predicted COM (3,) [m]."""
         return self.measured_com - self.predicted_com
+
+    @property
+    def T_odom_base(self) -> Array:  # noqa: N802
+        """Pose (4, 4) of the root link in odom, by the odometry of the feet; NaN without a support foot."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.base_in_sole[:3], self.base_in_sole[3]
+        return self.T_odom_sole @ T
+
+    @property
+    def base_twist(self) -> Array:
+        """Velocity (6,) of the root link in its own axes: linear [m/s], angular [rad/s]; NaN without a support foot."""
+        return self.base_in_sole[4:].ravel()

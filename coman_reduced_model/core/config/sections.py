@@ -132,12 +132,18 @@ class PredictionConfig:
 
 @dataclass(frozen=True)
 class OutputConfig:
-    """What the predictor node publishes besides com/prediction."""
+    """What the predictor publishes besides com/prediction."""
 
     points_rate: float = par(
         50.0, "Hz", "rate of the PointStamped topics and of com/support when unchanged; 0: off", 0.0, 2000.0
     )
     markers_rate: float = par(20.0, "Hz", "rate of com/markers; 0: off", 0.0, 200.0)
+    odometry_rate: float = par(
+        50.0, "Hz", "rate of foot_odometry and of the transform of publish_tf; 0: off", 0.0, 2000.0
+    )
+    publish_tf: bool = par(
+        True, "", "publish odom -> root link of the URDF on /tf; false: where another node does (state estimator)"
+    )
     diagnostics_rate: float = par(1.0, "Hz", "rate of /diagnostics", 0.1, 20.0)
 
 

@@ -79,8 +79,3 @@ class FootOdometry:
             self._T_odom_sole = self._T_odom_sole.copy()
             self._T_odom_sole[:3, 3] += distance * self._T_odom_sole[:3, 0]
         return self._T_odom_sole
-
-
-def base_in_odom(T_odom_sole: Array, R_base_sole: Array, p_base_sole: Array) -> Array:
-    """Pose of the base in odom (4, 4), from that of the support sole in odom and in the base frame."""
-    return T_odom_sole @ inverse(pose(R_base_sole, p_base_sole))

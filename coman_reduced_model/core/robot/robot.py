@@ -28,6 +28,7 @@ class Robot:
     """A URDF and the two legs in it.
 
     Attributes:
+        root: name of the root link.
         joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
         legs: indices of the joints of each leg in `joint_names`, hip to ankle.
         leg_columns: their columns in Jacobians.
@@ -48,6 +49,7 @@ class Robot:
         self.model = build_model(urdf, source)
         if not self.mass > 0.0:
             raise RobotError(f"{source}: the URDF has no mass (sum of all links {self.mass:g} kg)")
+        self.root = next(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
         joints = [
             (name, joint)
             for name, joint in zip(self.model.names[1:], self.model.joints[1:], strict=True)
@@ -187,6 +189,8 @@ class Posture:
         up: (3,) z of the trunk (`robot.base_frame`).
         J: (6, nv) velocity [linear; angular] of the point at the base origin that moves with what a joint carries.
         J_com: (3, nv) velocity of the COM.
+        base_in_sole: (6, 3) the root link, from the last `com_in_sole`: rotation and position [m] in the sole frame,
+            linear [m/s] and angular velocity [rad/s] in its own axes.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -194,6 +198,7 @@ class Posture:
         self.data = robot.model.createData()
         self._q = pin.neutral(robot.model)
         self._v = np.zeros(robot.model.nv)
+        self.base_in_sole = np.full((6, 3), np.nan)
         self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
         # Pinocchio's containers keep their addresses, so that the views stay valid and cost nothing to read.
         self.com, self.J, self.J_com = self.data.com[0], self.data.J, self.data.Jcom
@@ -225,9 +230,10 @@ class Posture:
 
     def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
         """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
-        out = np.empty((2, 3))  # what compiled code fills costs less than what it returns
+        out = np.empty((8, 3))  # what compiled code fills costs less than what it returns
         columns = self.robot.sole_columns[foot]
         _com_in_sole(self.com, self.J_com, self.J, columns, self._v, self.R[foot], self.p[foot], out)
+        self.base_in_sole = out[2:]
         return out[0], out[1]
 
     def sole_pose(self, foot: Foot, other: Foot) -> Array:
@@ -256,6 +262,11 @@ def _com_in_sole(com: Array, J_com: Array, J: Array, columns: Array, v: Array, R
     for i in range(3):
         out[0, i] = R[0, i] * (com[0] - p[0]) + R[1, i] * (com[1] - p[1]) + R[2, i] * (com[2] - p[2])
         out[1, i] = R[0, i] * v0 + R[1, i] * v1 + R[2, i] * v2
+        out[5, i] = -(R[0, i] * p[0] + R[1, i] * p[1] + R[2, i] * p[2])
+        for j in range(3):
+            out[2 + i, j] = R[j, i]
+    out[6, 0], out[6, 1], out[6, 2] = -t0, -t1, -t2
+    out[7, 0], out[7, 1], out[7, 2] = -w0, -w1, -w2
 
 
 @compiled

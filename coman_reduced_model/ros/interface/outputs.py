@@ -18,6 +18,7 @@ from ...messages import MessageTypes, point_to, prediction_to, support_to
 from ...topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos
 from .markers import Markers
+from .odometry import OdometryOutput
 
 
 class Outputs:
@@ -35,6 +36,7 @@ class Outputs:
         ]
         self._marker_array = publisher(MarkerArray, "com/markers", qos.display_output())
         self._markers = Markers(config)
+        self.odometry = OdometryOutput(node, config, types)
         self._every_points = Throttle(config.output.points_rate)
         self._every_markers = Throttle(config.output.markers_rate)
         self._message: ComPrediction | None = None  # filled again for each one: that is cheaper
@@ -52,6 +54,7 @@ class Outputs:
             self._support.publish(support_to(self._types, prediction))
         if due:
             self._publish_points(prediction)
+        self.odometry.publish(prediction)
         if self._every_markers.due(prediction.stamp_ns) and self._marker_array.get_subscription_count():
             self._marker_array.publish(self._markers.of(prediction))
 
