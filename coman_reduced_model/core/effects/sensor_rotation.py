@@ -10,17 +10,22 @@ import numpy as np
 import pinocchio as pin
 
 from ..base.parameter import Parameter
+from ..base.types import Foot
 from .base import Effect
-from .unknown import FEET, About, Change, Unknown, wrenches_changed
+from .unknown import FEET, About, Change, Measured, Unknown, World
 
 if TYPE_CHECKING:
     from ..base.types import Array, Sample
+    from ..robot.robot import Robot
 
 _AXES = ("roll", "pitch", "yaw")
 
 
 class SensorRotation(Effect):
-    """The sensor's axes are those of the sole turned by roll, pitch and yaw; its forces and moments are turned back."""
+    """The sensor's axes are those of the sole turned by roll, pitch and yaw, which is taken back, about the sensor.
+
+    The sensor is at the origin of the frame of its wrenches; where that is the sole, as the URDF names a force sensor.
+    """
 
     name: ClassVar[str] = "sensor_rotation"
     place: ClassVar[str] = "foot"
@@ -36,16 +41,23 @@ class SensorRotation(Effect):
         super().__init__(where, values)
         self._R = turned(np.array([values[axis] for axis in _AXES]))
 
+    def bind(self, robot: Robot) -> None:
+        super().bind(robot)
+        self._robot = robot
+
     def correct(self, sample: Sample) -> None:
-        for wrench in self.wrenches(sample):
-            wrench[:3], wrench[3:] = self._R @ wrench[:3], self._R @ wrench[3:]
+        for foot in self.feet:
+            wrench = sample.left_wrench if foot == Foot.LEFT else sample.right_wrench
+            if wrench is not None:
+                wrench[:] = turned_wrenches(self._R, self._robot.sensor_position(foot), wrench)
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = about.widths("sensor_rotation.angle", "spread", "reach")
+        one = about.widths("sensor_rotation.angle", "spread", "reach")
+        both = about.widths("sensor_rotation.angle", "reach", spread="sensor_rotation.together.spread")
         return [
-            cls.unknown(axis, _turn(where, k), where, step=0.01, **prior)
-            for where in ("left", "right")
+            cls.unknown(axis, _turn(about.robot, where, k), where, step=0.01, **(one if where else both))
+            for where in FEET
             for k, axis in enumerate(_AXES)
         ]
 
@@ -55,9 +67,17 @@ def turned(angles: Array) -> Array:
     return np.asarray(pin.exp3(angles))
 
 
-def _turn(where: str, k: int) -> Change:
-    def apply(wrench: Array, x: float, _: float) -> Array:
-        R = turned(x * np.eye(3)[k])
-        return np.hstack([wrench[:, :3] @ R.T, wrench[:, 3:] @ R.T])
+def turned_wrenches(R: Array, sensor: Array, wrench: Array) -> Array:
+    """Wrenches (..., 6) about a sole, turned by R (3, 3) about the sensor at (3,) [m]."""
+    force = wrench[..., :3] @ R.T
+    moment = (wrench[..., 3:] - np.cross(sensor, wrench[..., :3])) @ R.T + np.cross(sensor, force)
+    return np.concatenate([force, moment], axis=-1)
 
-    return wrenches_changed(FEET[where], apply)
+
+def _turn(robot: Robot, where: str, k: int) -> Change:
+    def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+        R = turned(x * np.eye(3)[k])
+        changed = {f: turned_wrenches(R, robot.sensor_position(f), r.wrench[f]) for f in FEET[where]}
+        return r.changed(wrench={**r.wrench, **changed}), w
+
+    return apply

@@ -18,6 +18,7 @@ from ...errors import RobotError
 from ..base.compiled import compiled
 from ..base.types import Array, Foot
 from .configuration import LegConfig, RobotConfig
+from .force_sensor import sensor_origin
 from .leg import leg_jacobian
 from .sole import outline, shape_points
 
@@ -78,6 +79,7 @@ class Robot:
         outlines = {foot: outline(points) for foot, points in self.shapes.items()}
         self.soles = {f: np.array([-x, x, -y, y]) if o is None else o for f, o in outlines.items()}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
+        self._sensors = {foot: sensor_origin(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
 
     def _frame(self, name: str, key: str, source: str) -> int:
         if not self.model.existFrame(name, pin.FrameType.BODY):
@@ -154,6 +156,17 @@ class Robot:
         wrench[4] += p[2] * wrench[0] - p[0] * wrench[2]
         wrench[5] += p[0] * wrench[1] - p[1] * wrench[0]
         return wrench
+
+    def sensor_position(self, foot: Foot) -> Array:
+        """(3,) of the force sensor of a foot in its sole frame [m].
+
+        The origin of the frame of its wrenches, unless that is the sole's; then as the URDF has it, or else the sole.
+        """
+        for (of, _), (_, p) in self._wrench_maps.items():
+            if of == foot and p.any():
+                return p
+        named = self._sensors[foot]
+        return np.zeros(3) if named is None else named
 
     def _wrench_map(self, foot: Foot, frame_id: str) -> tuple[Array, Array]:
         name = frame_id.lstrip("/")

@@ -7,15 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_tools import PAPER, config, predicted, same, spoilt
+from effect_tools import PAPER, config, on_one_leg, predicted, same, spoilt
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import LEFT, RIGHT, T0, names, robot, walk
+from scipy.spatial.transform import Rotation
+from synthetic import LEFT, RIGHT, T0, description, names, robot, walk
 
 from coman_reduced_model.core.base.stream_names import JOINTS
 from coman_reduced_model.core.base.types import Flags, Foot
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import build_effects, stream_delays
 from coman_reduced_model.core.pipeline import Pipeline
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.streams.joiner import Joiner
 from coman_reduced_model.errors import ConfigError
 
@@ -61,6 +64,37 @@ def test_calibration_of_foot_sensors(clean, where, feet):
     same(results, clean, 1e-9)
     for p, q in zip(results, clean, strict=True):
         np.testing.assert_allclose(p.support.left_share, q.support.left_share, atol=1e-9)
+
+
+TURN = Rotation.from_rotvec([0.05, -0.12, 0.08]).as_matrix()
+FT = """
+    <link name="ft"/><joint name="ft_joint" type="fixed"><parent link="l_foot"/><child link="ft"/>
+      <origin xyz="0.01 0.02 -0.03"/></joint>"""
+SENSOR = '<sensor name="ft" type="force_torque"><parent joint="ft_joint"/></sensor>'
+
+
+@pytest.mark.parametrize("known", ["by its frame", "by the URDF", "not"])
+def test_axes_of_a_foot_sensor_are_turned_back_about_the_sensor(known):
+    """What a sensor with turned axes measures, its moment about itself, is the moment of the truth about it."""
+    text = description().replace("</robot>", f"{FT}{SENSOR if known == 'by the URDF' else ''}</robot>")
+    machine = Robot(text, Config().robot)
+    sole = machine.model.frames[machine.sole_ids[Foot.LEFT]].placement
+    place = sole.actInv(machine.model.frames[machine.model.getFrameId("ft")].placement).translation
+    at = np.zeros(3) if known == "not" else place
+    truth = np.array([3.0, -5.0, 170.0, 1.0, -4.0, 0.3])
+    force = TURN.T @ truth[:3]
+    moment = TURN.T @ (truth[3:] - np.cross(at, truth[:3]))  # about the sensor, along its axes
+    if known == "by its frame":
+        read = machine.wrench_to_sole(Foot.LEFT, "ft", force, moment)
+    else:
+        read = np.concatenate([force, moment + np.cross(at, force)])
+    angles = dict(zip(("roll", "pitch", "yaw"), Rotation.from_matrix(TURN).as_rotvec(), strict=True))
+    effect = build_effects(config("sensor_rotation", "left", **angles).effects, machine)[0][0]
+    sample = on_one_leg(0, np.zeros(12), np.zeros(12), machine)
+    sample.left_wrench = read.copy()
+    effect.correct(sample)
+    np.testing.assert_allclose(sample.left_wrench, truth, atol=1e-9)
+    assert np.linalg.norm(machine.sensor_position(Foot.LEFT) - at) < 1e-12
 
 
 @settings(deadline=None, max_examples=12)
