@@ -18,7 +18,7 @@ from coman_reduced_model.core.config.schema import parameter_table
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 
 PAGE = Path(__file__).parent / "configuration.md"
-PLACES = {"robot": "", "axis": "axis", "side": "leg", "foot": "foot", "joint": "joint"}
+PLACES = {"robot": "", "axis": "axis", "side": "leg", "foot": "foot", "joint": "joint", "link": "link"}
 
 
 def main() -> None:

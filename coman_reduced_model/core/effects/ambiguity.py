@@ -24,3 +24,8 @@ CONSTANT_FORCE = Ambiguity(
     "standing with and without a known mass on the trunk: a slope's force grows with the weight, a pull does not; or "
     "an IMU that was levelled on this floor",
 )
+LOST_MOTION = Ambiguity(
+    "lost_motion",
+    "the joint loaded slowly through zero torque, both ways, to small and to large torques: play is crossed at zero "
+    "torque, what friction holds only where the torque exceeds it",
+)

@@ -7,6 +7,7 @@ from math import exp, log1p
 from typing import TYPE_CHECKING, ClassVar
 
 from ..base.parameter import Parameter
+from .ambiguity import LOST_MOTION, Ambiguity
 from .base import Effect
 from .unknown import About, Unknown, world_plus
 
@@ -26,7 +27,8 @@ class Backlash(Effect):
         Parameter("width", "float", 0.0, "rad", "full play in series with the spring", 0.0, 0.5),
     )
     sentence: ClassVar[str] = "{at} has {width} of backlash"
-    experiment: ClassVar[str] = "the joint loaded slowly through zero torque, both ways, with a sensor of its torque"
+    experiment: ClassVar[str] = LOST_MOTION.experiment
+    ambiguity: ClassVar[Ambiguity | None] = LOST_MOTION
     exact: ClassVar[bool] = False
     law: ClassVar[tuple[str, str] | None] = ("spring", "torque")
 

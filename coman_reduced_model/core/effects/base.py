@@ -37,8 +37,8 @@ class Effect:
     Attributes:
         name: the word for it in configurations and results.
         parameters: nominal, bounds, unit, description of each.
-        place: what `where` may name: a key of `PLACES`, or "joint": a leg's joint, all of one leg ("left", "right")
-            or all ("").
+        place: what `where` may name: a key of `PLACES`; "joint": a leg's joint, all of one leg ("left", "right")
+            or all (""); or "link": the joint that moves the link, "" for the trunk.
         sentence: what is wrong, of `{at}` (the place), parameters with their intervals (`{key}`, `{key_size}` without
             sign) or all of them (`{listed}`).
         opposite: the same where the first parameter is not above nominal; "": no other sentence.

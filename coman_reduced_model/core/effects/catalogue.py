@@ -14,6 +14,7 @@ from ...errors import ConfigError
 from ..base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .backlash import Backlash
 from .base import Effect
+from .body_mass import BodyMass
 from .com_offset import ComOffset
 from .encoder_bias import EncoderBias
 from .encoder_delay import EncoderDelay
@@ -21,6 +22,7 @@ from .external_force import ExternalForce
 from .foot_slip import FootSlip
 from .ground_compliance import GroundCompliance
 from .ground_slope import GroundSlope
+from .hysteresis import Hysteresis
 from .joint_damping import JointDamping
 from .joint_friction import JointFriction
 from .joint_stiffness import JointStiffness
@@ -29,6 +31,7 @@ from .motor_lag import MotorLag
 from .payload import Payload
 from .sensor_rotation import SensorRotation
 from .spring_nonlinearity import SpringNonlinearity
+from .stiffness_drift import StiffnessDrift
 from .touchdown_impact import TouchdownImpact
 from .transport_delay import TransportDelay
 from .wrench_bias import WrenchBias
@@ -52,13 +55,16 @@ CATALOGUE: dict[str, type[Effect]] = {
         SensorRotation,
         TransportDelay,
         MotorLag,
+        BodyMass,
         Payload,
         ComOffset,
         FootSlip,
         JointStiffness,
+        StiffnessDrift,
         JointDamping,
         SpringNonlinearity,
         Backlash,
+        Hysteresis,
         MotorCompliance,
         JointFriction,
         GroundCompliance,

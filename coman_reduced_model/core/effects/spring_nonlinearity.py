@@ -42,9 +42,10 @@ class SpringNonlinearity(Effect):
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
         out = []
-        for joint, j in about.joints.items() if about.motors else ():
-            stretch = float(about.stretch[j[0]])
-            offered = bool(stretch > _BENDS * about.count[j[0]])
-            prior = about.widths("spring_nonlinearity.cubic", "spread", "reach", per=stretch**2)
-            out.append(cls.unknown("cubic", world_plus("cubic", j), joint, offered=offered, **prior))
+        for where, j in about.joints_and_legs.items() if about.motors else ():
+            stretch = float(about.stretch[j].max())
+            offered = bool((about.stretch[j] > _BENDS * about.count[j]).any())
+            spread = f"spring_nonlinearity.{'cubic' if where in about.joints else 'together'}.spread"
+            prior = about.widths("spring_nonlinearity.cubic", "reach", per=stretch**2, spread=spread)
+            out.append(cls.unknown("cubic", world_plus("cubic", j), where, offered=offered, **prior))
         return out

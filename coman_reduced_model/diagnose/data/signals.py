@@ -38,6 +38,11 @@ class Smoothed:
         law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
         return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j], 1.0 / RATE))
 
+    def slipped(self, world: World, j: int, torques: Array) -> Array:
+        """(n,) -1..1, where in its lost motion joint j is, of smoothed torques (n, nj) at RATE."""
+        held = float(world.slips_at[j])
+        return self._made(("slipped", j, held), torques, lambda each: slip(np.ascontiguousarray(each[:, j]), held))
+
     def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Any]) -> Any:
         found = self._known.get(key)
         if found is None or found[0] is not of:
@@ -72,6 +77,27 @@ def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
     if dt == 1.0 / RATE:
         return lagged(torque, d / k) / k
     return (torque - d / k * np.gradient(torque, dt)) / k  # ticks are too far apart for the lag itself
+
+
+@compiled
+def slip(torque: Array, held: float) -> Array:
+    """Where a lost motion is (n,) from -1 to 1 that a torque (n,) [Nm] moves as it grows beyond `held` [Nm].
+
+    It slips between a half and three halves of that, and stays when the torque falls. Where it was at first is not
+    known: at the other end than it is found at first.
+    """
+    out = np.empty(len(torque))
+    where = 0.0
+    for i in range(len(torque)):
+        if abs(torque[i]) > 1.5 * held:
+            where = -1.0 if torque[i] > 0.0 else 1.0
+            break
+    for i in range(len(torque)):
+        upwards = min(max(2.0 * torque[i] / held - 2.0, -1.0), 1.0)
+        downwards = min(max(2.0 * torque[i] / held + 2.0, -1.0), 1.0)
+        where = min(max(where, upwards), downwards)
+        out[i] = where
+    return out
 
 
 @compiled

@@ -10,7 +10,9 @@ import pinocchio as pin
 
 from ...core.base.types import Array, Foot
 from ...core.config.schema import Config
+from ...core.effects.hysteresis import FRICTION
 from ...core.effects.joint_friction import CREEP
+from ...core.effects.stiffness_drift import TIME
 from ...core.robot.robot import Robot
 
 
@@ -25,6 +27,8 @@ class World:
         pull: constant force (2,) at the trunk's COM, along x, y of odom [N].
         tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
         cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
+        lost, slips_at: (nj,) lost motion that friction holds [rad], and the torque under which it slips [Nm].
+        drift, warming: (nj,) relative change of the stiffness while the robot walks, and its time constant [s].
         friction, creep: (nj,) at the link side, against its motion [Nm], and the speed below which it creeps [rad/s].
         yielding, settling, rotor: of the motors' position loops [rad/Nm], the time constant [s] with which they yield,
             and the reflected inertia [kg m^2] that they carry beside the spring.
@@ -43,6 +47,10 @@ class World:
     play: Array
     friction: Array
     creep: Array
+    lost: Array
+    slips_at: Array
+    drift: Array
+    warming: Array
     slope: Array = field(default_factory=lambda: np.zeros(2))
     pull: Array = field(default_factory=lambda: np.zeros(2))
     tilting: float = 0.0
@@ -64,7 +72,11 @@ class World:
         none = np.zeros(len(robot.joint_names))
         model = robot.model.copy()
         model.gravity.linear = np.array([0.0, 0.0, -config.robot.gravity])
-        return cls(robot, model, stiffness, damping, config.robot.gravity, none, none, none, none + CREEP)
+        slips_at, warming = none + FRICTION, none + TIME
+        return cls(
+            robot, model, stiffness, damping, config.robot.gravity, none, none, none, none + CREEP, none, slips_at,
+            none, warming,
+        )  # fmt: skip
 
     def changed(self, **fields: object) -> World:
         """A copy with other figures."""

@@ -28,8 +28,8 @@ WORTH_A_LOOK = 1.0  # nats, as linear about nominal, from which an effect is com
 ENOUGH = 6.0  # nats that make an effect visible; only for the limits that the report gives
 # Effects that look alike in a walk: one of a class is enough.
 CLASSES = {name: effect.ambiguity.name for name, effect in CATALOGUE.items() if effect.ambiguity}
-# A payload with its place is both mass and COM: two loads are one.
-LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEffect.load}
+# A payload with its place is both mass and COM: two loads of the trunk are one.
+LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEffect.load and effect.place == "robot"}
 
 
 def search(

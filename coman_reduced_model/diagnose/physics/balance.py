@@ -35,7 +35,7 @@ from ...core.base.types import Array, Foot, Integers
 from ..data.landings import slide_lengths
 from ..data.masks import TAKEN_UP, TICKS, Masks
 from ..data.recording import FEET, RATE, WRENCH, Recording
-from ..data.signals import Smoothed, rate_of, smooth, spring_stretch
+from ..data.signals import SOFTEST, Smoothed, rate_of, slip, smooth, spring_stretch
 from ..data.world import World
 from .motion import Motion, free_motion, inertial_forces, motion_of, normal, seen_from, yielding_of
 
@@ -245,21 +245,29 @@ def _joints(
     robot, ticks = world.robot, where.ticks
     efforts = None if recording.tau is None else smoothed(recording.tau)
     stretch = None if recording.motor_q is None else (smoothed(recording.motor_q) - smoothed(recording.q))[ticks]
+    warmed = -np.expm1(-recording.t[ticks, None] / world.warming) * world.drift if world.drift.any() else None
     yielding = None
     if world.yielding:
         yielding = _yielded(world.yielding, world, recording, ticks, torques, smoothed)
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
-        torque = torques[:, j]
+        torque, slipped = torques[:, j], None
         if efforts is not None and smoothed.complete(efforts)[j]:
             out[f"torque/{name}"] = torque - needed[:, j]
             elastic = smoothed.stretch(world, j, efforts)[ticks]
+            slipped = smoothed.slipped(world, j, efforts)[ticks] if world.lost[j] else None
         else:
             elastic = spring_stretch(world, j, torque, 1.0 / TICKS)
+        if warmed is not None:
+            elastic = elastic / np.maximum(1.0 + warmed[:, j], SOFTEST)
         if stretch is not None:
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
             bent = elastic + 0.5 * world.play[j] * play
+            if world.lost[j]:
+                if slipped is None:
+                    slipped = slip(np.nan_to_num(torque), float(world.slips_at[j]))
+                bent = bent + 0.5 * world.lost[j] * slipped
             out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
     return out
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from ...core.base.nominal import Nominal, load_nominal
 from ...core.base.types import Foot, Integers
+from ...core.effects.body_mass import LIGHTEST, scaled
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.com_offset import lever_plus
 from ...core.effects.unknown import LINKS, PLAN, About, Change, Unknown, columns_minus, world_plus
@@ -23,11 +23,12 @@ SIDES = {"left": Foot.LEFT, "right": Foot.RIGHT}
 # place; an effect that is not named comes last.
 _ORDER = (
     ("joint_stiffness", "joint_damping", "encoder_bias"),
-    ("spring_nonlinearity", "backlash", "joint_friction"),
+    ("spring_nonlinearity", "backlash", "joint_friction", "hysteresis", "stiffness_drift"),
     ("transport_delay", "motor_lag"),
     ("motor_compliance",),
     ("payload",),
     ("com_offset",),
+    ("body_mass",),
     ("wrench_scale", "wrench_delay", "wrench_bias"),
     ("sensor_rotation",),
     ("encoder_delay",),
@@ -149,7 +150,7 @@ def _masses(about: About) -> Iterator[Unknown]:
     robot = about.robot
     trunk = robot.model.frames[robot.base_id]
     for body in range(1, robot.model.njoints):
-        if robot.model.inertias[body].mass > 1e-3:
+        if robot.model.inertias[body].mass > LIGHTEST:
             name = robot.model.names[body]
             yield replace(_of_robot(about, name, "mass", "1", _mass(body), "mass"), step=0.05)
             axes = trunk.placement.rotation.copy() if body == trunk.parentJoint else np.eye(3)
@@ -192,10 +193,7 @@ def _lead(foot: Foot, k: int) -> Change:
 def _mass(body: int) -> Change:
     def apply(r: Recording, w: World, x: float) -> tuple[Recording, World]:
         model = w.model.copy()
-        old = model.inertias[body]
-        new = pin.Inertia(old)
-        new.mass, new.inertia = (1.0 + x) * old.mass, (1.0 + x) * old.inertia
-        model.inertias[body] = new
+        model.inertias[body] = scaled(model.inertias[body], 1.0 + x)
         return r, w.changed(model=model)
 
     return apply

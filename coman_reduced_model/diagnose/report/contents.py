@@ -120,7 +120,7 @@ def weight(finding: Finding) -> dict[str, float]:
     shares = np.zeros(len(finding.known))
     total_mass = sum(inertia.mass for inertia in model.inertias)
     for i, unknown in enumerate(finding.known):
-        if not unknown.effect and unknown.key == "mass":
+        if (not unknown.effect and unknown.key == "mass") or unknown.effect == "body_mass":
             shares[i] = model.inertias[model.getJointId(unknown.where)].mass / total_mass
         elif (unknown.effect, unknown.key) == ("payload", "mass"):
             shares[i] = 1.0 / total_mass

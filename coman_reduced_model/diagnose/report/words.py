@@ -35,7 +35,8 @@ def sentence(result: Mapping[str, Any]) -> str:
     """The verdict for a person, and whether the robot weighs what its URDF says."""
     share, deviation = result["weight"]["share"], result["weight"]["deviation"]
     text = _verdict(result)
-    loads = [each for each in (*result["effects"], *result["suspected"]) if each["name"] == "payload"]
+    named = {each["name"] for each in (*result["effects"], *result["suspected"])}
+    loads = named & {"payload", "body_mass"}
     if abs(share) > max(HEAVY, SURE * deviation) and not loads:
         more = "more" if share > 0.0 else "less"
         text += f"; by its forces, the robot weighs {abs(share):.0%} {more} than by its URDF"

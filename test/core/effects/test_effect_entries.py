@@ -56,7 +56,7 @@ def missing(effect: type[Effect]) -> set[str]:
     out |= {part for part in ("sentence", "experiment") if not getattr(effect, part, "").strip()}
     if not effect.__doc__:
         out.add("description")
-    if effect.place != "joint" and effect.place not in PLACES:
+    if effect.place not in ("joint", "link") and effect.place not in PLACES:
         out.add("place")
     if not isinstance(getattr(effect, "exact", None), bool):
         out.add("exact")
@@ -83,7 +83,8 @@ def missing_of_unknowns(effect: type[Effect]) -> set[str]:
         for each in mine:
             if np.isfinite(each.low) and each.value(each.low) < parameter.low - 1e-9:
                 out.add(f"bounds of {each.key}")
-    places = {"joint": set(about().joints_and_legs)}.get(effect.place) or {*PLACES.get(effect.place, ())}
+    known = {"joint": set(about().joints_and_legs), "link": set(about().robot.joint_names)}
+    places = known.get(effect.place) or {*PLACES.get(effect.place, ())}
     for each in found:
         if each.where not in places | {PLAN, LINKS}:
             out.add(f"place of {each.key}")

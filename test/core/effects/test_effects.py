@@ -21,8 +21,10 @@ from coman_reduced_model.resources import bag_path
 # Names of discrepancy.md: configurations, results and verdicts use them.
 VOCABULARY = """spring_nonlinearity backlash joint_friction joint_stiffness joint_damping motor_lag transport_delay
     motor_compliance payload com_offset ground_compliance ground_slope external_force foot_slip
-    touchdown_impact encoder_bias encoder_delay wrench_delay wrench_scale wrench_bias sensor_rotation""".split()
-PLACES = {"robot": [""], "foot": ["left", "right", ""], "joint": ["LKneeSag", "right", ""]}
+    touchdown_impact encoder_bias encoder_delay wrench_delay wrench_scale wrench_bias sensor_rotation
+    hysteresis body_mass stiffness_drift""".split()
+PLACES = {"robot": [""], "foot": ["left", "right", ""], "joint": ["LKneeSag", "right", ""],
+          "link": ["LKneeSag", ""]}  # fmt: skip
 BASES = {"point mass": PAPER, "both legs": PAPER.replaced({"model.double_support": "both_legs"}),
          "trunk": trunk_config()}  # fmt: skip
 

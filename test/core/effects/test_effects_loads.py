@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -46,6 +47,24 @@ def test_a_com_offset_is_an_inertial_origin_in_the_urdf(base):
     expected, _ = predicted(walk(1.0), base, moved)
     results, _ = predicted(walk(1.0), config("com_offset", base=base, x=0.02, y=-0.01, z=0.03))
     same(results, expected, 1e-12)
+
+
+def test_a_link_that_is_heavier_is_so_in_the_urdf():
+    root = ElementTree.fromstring(description())
+    child = next(j.find("child").get("link") for j in root.iterfind("joint") if j.get("name") == "RKneeSag")
+    inertial = next(link for link in root.iterfind("link") if link.get("name") == child).find("inertial")
+    inertial.find("mass").set("value", str(1.6 * float(inertial.find("mass").get("value"))))
+    for key, value in inertial.find("inertia").attrib.items():
+        inertial.find("inertia").set(key, str(1.6 * float(value)))
+    heavy = Robot(ElementTree.tostring(root, encoding="unicode"), Config().robot)
+    loaded = build_effects(config("body_mass", "RKneeSag", scale=1.6).effects, robot())[1]
+    for expected, found in zip(heavy.model.inertias, loaded.model.inertias, strict=True):
+        np.testing.assert_allclose(found.toDynamicParameters(), expected.toDynamicParameters(), atol=1e-9)
+    trunk = robot().model.frames[robot().base_id].parentJoint
+    heavy = build_effects(config("body_mass", scale=0.9).effects, robot())[1]
+    assert heavy.mass == pytest.approx(robot().mass - 0.1 * robot().model.inertias[trunk].mass)
+    with pytest.raises(ConfigError, match=r"effects.body_mass.where: no joint 'Arm'"):
+        build_effects(config("body_mass", "Arm").effects, robot())
 
 
 def test_the_robot_that_was_given_is_left_as_it_is():

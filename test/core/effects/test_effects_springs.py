@@ -12,7 +12,7 @@ from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 from synthetic import robot
 
-from coman_reduced_model.core.base.types import Foot
+from coman_reduced_model.core.base.types import Foot, Phase, SupportState
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import build_effects
 from coman_reduced_model.core.effects.hooks import LegSprings
@@ -78,6 +78,43 @@ def test_play_transmits_nothing(d, width):
         assert found.K_q[KNEE, KNEE] == pytest.approx(180.0, rel=1e-3)
     law = [torque(leg(config("backlash", "LKneeSag", width=width), x))[KNEE] for x in (d - 1e-6, d + 1e-6)]
     assert found.K_q[KNEE, KNEE] == pytest.approx((law[1] - law[0]) / 2e-6, rel=1e-2, abs=0.1)
+
+
+def test_lost_motion_that_friction_holds_depends_on_the_past():
+    """Loaded beyond its friction it gives way by half the width, stays, and comes back under the opposite load only."""
+    settings = config("hysteresis", "LKneeSag", width=0.02, friction=0.9)
+    effects = build_effects(settings.effects, robot())[0]
+    springs = Springs(settings.robot, effects, False)
+
+    def pulled(d: float) -> float:
+        found = springs.leg(Foot.LEFT, np.eye(6), np.zeros(3), 170.0, np.full(6, d), np.zeros(6), np.zeros(6))
+        others = np.delete(np.arange(6), KNEE)
+        np.testing.assert_allclose(torque(found)[others], K[others] * d)
+        return float(torque(found)[KNEE])
+
+    assert pulled(0.004) == pytest.approx(180.0 * 0.004)  # below the friction it is a spring
+    assert pulled(0.01) == pytest.approx(0.9)  # it slips at the friction
+    assert pulled(0.03) == pytest.approx(180.0 * 0.02)  # all of it is gone
+    assert pulled(0.012) == pytest.approx(180.0 * 0.002)  # and stays gone
+    assert pulled(0.002) == pytest.approx(-0.9)
+    assert pulled(-0.03) == pytest.approx(-180.0 * 0.02)
+    assert pulled(-0.012) == pytest.approx(-180.0 * 0.002)
+    effects[0].reset()
+    assert pulled(-0.004) == pytest.approx(-180.0 * 0.004)
+
+
+def test_a_spring_that_warms_up_changes_from_the_first_sample_on():
+    settings = config("stiffness_drift", "LKneeSag", change=-0.4, time=5.0)
+    effects = build_effects(settings.effects, robot())[0]
+    springs, begin = Springs(settings.robot, effects, False), 7 * 10**9
+    support = SupportState(Phase.DOUBLE, Foot.LEFT, 0.5)
+    for gone in (0.0, 1.0, 5.0, 100.0):
+        effects[0].begin(begin + round(1e9 * gone), support)
+        effects[0].reset()  # a gap does not cool it
+        found = springs.leg(Foot.LEFT, np.eye(6), np.zeros(3), 170.0, np.full(6, 0.01), np.zeros(6), np.zeros(6))
+        factor = np.ones(6)
+        factor[KNEE] = 1.0 - 0.4 * (1.0 - np.exp(-gone / 5.0))
+        np.testing.assert_allclose(torque(found), factor * K * 0.01)
 
 
 @given(d=st.floats(-0.1, 0.1), compliance=st.floats(0.0, 0.02))

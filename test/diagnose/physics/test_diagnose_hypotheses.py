@@ -131,6 +131,66 @@ def test_play_is_explained_by_backlash():
     assert rms(after) < 0.35 * rms(before)
 
 
+def held_back(tau: np.ndarray, held: float) -> np.ndarray:
+    """(n,) -1 or 1: the end at which a torque left a lost motion when it was last larger than `held`."""
+    ends = np.where(np.abs(tau) > held, np.sign(tau), 0.0)
+    last = np.maximum.accumulate(np.where(ends != 0.0, np.arange(len(tau)), -1))
+    return np.where(last < 0, -ends[np.flatnonzero(ends)[0]], ends[last])
+
+
+def test_lost_motion_that_friction_holds_is_explained_by_hysteresis_and_not_by_play():
+    lost = stretched(lambda tau, nominal: nominal + 0.5 * 0.02 * held_back(tau, 6.0))
+    which, friction = (unknown(f"hysteresis@{JOINT}.{key}") for key in ("width", "friction"))
+    before = residuals(lost)[f"spring/{JOINT}"]
+
+    def left(*assumed) -> float:
+        recording, world = lost, standing()[1]
+        for each, value in assumed:
+            recording, world = each.apply(recording, world, value)
+        return rms(evaluate(recording, world, masks(lost, standing()[1])).residuals[f"spring/{JOINT}"]) / rms(before)
+
+    held = friction.deviation(6.0)
+    assert left((which, 0.02), (friction, held)) < 0.35
+    assert left((unknown(f"backlash@{JOINT}.width"), 0.02)) > 0.6
+    assert left((friction, held)) == 1.0  # nothing without a width
+
+
+def test_a_spring_that_grows_softer_is_explained_by_its_drift():
+    k, d = (float(getattr(standing()[1], name)[index()]) for name in ("stiffness", "damping"))
+    factor = 1.0 - 0.4 * (1.0 - np.exp(-t / 4.0))
+    soft = stretched(lambda tau, _: lagged(tau, d / k) / k / factor)
+    recording, world = unknown(f"stiffness_drift@{JOINT}.time").apply(soft, standing()[1], np.log(0.4))
+    recording, world = unknown(f"stiffness_drift@{JOINT}.change").apply(recording, world, -0.4)
+    before = residuals(soft)[f"spring/{JOINT}"]
+    after = evaluate(recording, world, masks(soft, standing()[1])).residuals[f"spring/{JOINT}"]
+    assert rms(after) < 0.02 * rms(before)
+
+
+def test_a_link_is_heavier_by_the_force_and_not_only_there():
+    recording, world = standing()
+    heavier = unknown("body_mass@RKneeSag.scale").apply(recording, world, np.log(1.5))[1]
+    body = robot().model.getJointId("RKneeSag")
+    more = 0.5 * robot().model.inertias[body].mass
+    found = residuals(recording, heavier)
+    assert np.nanmean(found["force/z"]) == pytest.approx(-more * world.gravity, abs=1e-6)
+    assert abs(np.nanmean(found["moment/x"])) > 0.01 * more * world.gravity  # the shank is off the middle
+    assert heavier.model.inertias[body].lever == pytest.approx(robot().model.inertias[body].lever)
+
+
+@pytest.mark.parametrize("where", ["left", "right", ""])
+def test_springs_and_dampers_of_a_leg_or_of_all_change_together(where):
+    world = standing()[1]
+    feet = {"left": (Foot.LEFT,), "right": (Foot.RIGHT,)}.get(where, FEET)
+    mine = np.concatenate([robot().legs[foot] for foot in feet])
+    for name, field, value in (
+        ("spring_nonlinearity@{}.cubic", "cubic", 20.0), ("joint_damping@{}.scale", "damping", 0.2),
+        ("hysteresis@{}.width", "lost", 0.01), ("stiffness_drift@{}.change", "drift", -0.1),
+    ):  # fmt: skip
+        moved = unknown(name.format(where)).apply(*standing(), value)[1]
+        changed = np.flatnonzero(~np.isclose(getattr(moved, field), getattr(world, field), equal_nan=True))
+        assert sorted(changed) == sorted(mine), name
+
+
 def test_a_hardening_spring_is_explained_by_its_cubic():
     k, d = (float(getattr(standing()[1], name)[index()]) for name in ("stiffness", "damping"))
     cubic = 0.4 / (12.0 / k) ** 2
