@@ -212,7 +212,7 @@ def answer(case: HiddenCase) -> dict[str, Any]:
         "levels": list(case.levels),
         "wanted": list(case.wanted),
         "effects": list(case.effects),
-        "classes": sorted({class_of(effect["name"]) for effect in case.effects}),
+        "classes": sorted({class_of(effect["name"], effect["where"]) for effect in case.effects}),
         "gaits": case.gaits,
         "attempt": case.attempt,
         "worlds": case.world.kinds,

@@ -12,7 +12,7 @@ The effects themselves are those of sim/disturbances, which knows nothing of the
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ SIZES = Path(__file__).with_name("sizes.yaml")
 CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, independent of the diagnosis
     **dict.fromkeys(("motor_lag", "transport_delay"), "drive_delay"),
     **dict.fromkeys(("ground_slope", "external_force"), "constant_force"),
+    **dict.fromkeys(("backlash", "hysteresis"), "lost_motion"),
+    **dict.fromkeys(("sensor_rotation", "wrench_cross_talk"), "sensor_axes"),
 }
 Draw = Callable[[np.random.Generator, float, RobotTable], dict[str, Any]]
 JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
@@ -300,12 +302,14 @@ FAMILIES: dict[str, Family] = {
             "width": s,
             "friction": float(rng.uniform(0.2, 1.0)),
         },
+        parameter="width",
     ),
     "sensor_rotation": Family(
         "sensor_rotation",
         "rad",
         0.5,
         lambda rng, s, table: {"where": _foot(rng), "axis": str(rng.choice(["x", "y", "z"])), "angle": _sign(rng) * s},
+        parameter="pitch",
     ),
     "wrench_cross_talk": Family(
         "wrench_cross_talk", "1", 0.4, lambda rng, s, table: {"where": _foot(rng), **_axis(rng, s, "fx", "fy")}
@@ -316,6 +320,7 @@ FAMILIES: dict[str, Family] = {
         "1",
         0.6,
         lambda rng, s, table: {"where": _joints(rng, *SOFT), "change": -s, "time": float(rng.uniform(3.0, 10.0))},
+        parameter="change",
     ),
     "sloshing_load": Family(
         "sloshing_load",
@@ -349,6 +354,14 @@ CATALOGUED = tuple(name for name, family in FAMILIES.items() if family.catalogue
 OUTSIDE = tuple(name for name, family in FAMILIES.items() if not family.catalogued)
 
 
-def class_of(effect: str) -> str:
-    """The class of an effect, or its name if it has none."""
+def class_of(effect: str, where: str | None = None) -> str:
+    """The class of an effect, or its name if it has none; more mass of the trunk is a payload, wherever that is."""
+    if effect == "body_mass" and where == "":
+        return "payload"
     return CLASSES.get(effect, effect)
+
+
+def of_this_catalogue(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """An answer with the kind that it has now: an effect that was outside the catalogue at first may be in it."""
+    inside = all(DISTURBANCES[effect["name"]].catalogued for effect in answer["effects"])
+    return {**answer, "kind": "single" if answer["kind"] == "unknown" and inside else answer["kind"]}

@@ -47,7 +47,7 @@ from ..diagnose.inference.variability import learn_widths
 from ..diagnose.physics.hypotheses import candidates, unknowns
 from ..errors import ComanError
 from .cases import BAGS
-from .families import class_of
+from .families import class_of, of_this_catalogue
 from .seeds import commit
 
 RIDGE = 0.05  # of the squared weights, on the mean log loss
@@ -73,7 +73,7 @@ class Example:
     def truth(self) -> set[str]:
         """`none`, `unknown` or classes of effects, any of which is right."""
         kind = self.answer["kind"]
-        return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"]) for e in self.answer["effects"]}
+        return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
 
 
 def checked_case(bags: Path) -> Checked:
@@ -190,7 +190,7 @@ def _features(example: Example) -> list[dict[str, float]]:
 
 def outcome(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> dict[str, float]:
     """Probability of `none`, `unknown` and of each class of effects."""
-    names = ["none", UNKNOWN, *(class_of(row["name"]) for row in example.rows[1:])]
+    names = ["none", UNKNOWN, *(class_of(row["name"], row["where"]) for row in example.rows[1:])]
     scores = [score(found[0], weights, False), weights[UNKNOWN]]
     scores += [score(each, weights, True) for each in found[1:]]
     out: dict[str, float] = {}
@@ -261,7 +261,7 @@ def cases_of(run: Path) -> dict[str, dict[str, Any]]:
     """Answers of a run by case."""
     sealed = run.with_name(f"{run.name}.sealed")
     return {
-        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        path.stem: of_this_catalogue(json.loads(path.read_text(encoding="utf-8")))
         for path in sorted(sealed.glob("*.json"))
         if path.stem != "seeds" and (run / "bags" / path.stem).is_dir()
     }

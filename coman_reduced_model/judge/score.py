@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 
 from ..resources import version
 from .by_kind import by_kind, new_kinds
-from .families import CLASSES, class_of
+from .families import CLASSES, class_of, of_this_catalogue
 from .folder import RunFolder
 from .run import seal
 from .seeds import commit, spent_among
@@ -48,13 +48,13 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     named = [str(effect["name"]) for effect in verdict["effects"]]
     if not named:
         return {"result": "failed", "named": ["failed"], "place": [], "error": {}}
-    true = {class_of(effect["name"]): effect for effect in answer["effects"] if answer["kind"] != "unknown"}
-    classes = {class_of(name) for name in named}
+    true = {_class(effect): effect for effect in answer["effects"] if answer["kind"] != "unknown"}
+    classes = {_class(effect) for effect in verdict["effects"]}
     result = "wrong" if classes - set(true) else "right" if classes == set(true) else "partly"
     places: list[bool] = []
     errors: dict[str, Any] = {}
     for effect in verdict["effects"]:
-        real = true.get(class_of(effect["name"]))
+        real = true.get(_class(effect))
         if real is None:
             continue
         if real["where"] or effect.get("where"):
@@ -62,6 +62,10 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
         if real["name"] == effect["name"]:
             errors |= {f"{real['name']}.{p}": e for p, e in _errors(real, effect).items()}
     return {"result": result, "named": named, "place": places, "error": errors}
+
+
+def _class(effect: Mapping[str, Any]) -> str:
+    return class_of(str(effect["name"]), effect.get("where"))
 
 
 def _errors(real: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, float]:
@@ -93,8 +97,8 @@ def rank_of_truth(answer: Mapping[str, Any], ranking: Any) -> int | None:
     """
     if not isinstance(ranking, list):
         return None
-    true = {class_of(effect["name"]) for effect in answer["effects"]}
-    classes = list(dict.fromkeys(class_of(row["name"]) for row in ranking))
+    true = {_class(effect) for effect in answer["effects"]}
+    classes = list(dict.fromkeys(_class(row) for row in ranking))
     return next((place for place, name in enumerate(classes, 1) if name in true), None)
 
 
@@ -270,7 +274,7 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
         cases.append(
             {
                 "name": name,
-                "answer": _json(folder.answer(name)),
+                "answer": of_this_catalogue(_json(folder.answer(name))),
                 "verdict": _json(folder.verdict(name) / "diagnosis.json"),
                 "run": _json(folder.verdict(name) / "run.json"),
                 "with_baseline": (folder.verdict(name) / "baseline.yaml").is_file(),

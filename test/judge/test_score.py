@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coman_reduced_model.judge.families import of_this_catalogue
 from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score
 
 # --- the score, on verdicts that are known ---
@@ -45,6 +46,10 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
         (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("backlash", "")), "right"),
         (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", "")), "partly"),
         (hidden("pair", ("payload", ""), ("backlash", "")), verdict_of(("payload", ""), ("com_offset", "")), "wrong"),
+        (hidden("single", ("hysteresis", "LKneeSag")), verdict_of(("backlash", "LKneeSag")), "right"),
+        (hidden("single", ("wrench_cross_talk", "left")), verdict_of(("sensor_rotation", "left")), "right"),
+        (hidden("single", ("body_mass", "")), verdict_of(("payload", "")), "right"),
+        (hidden("single", ("body_mass", "LKneeSag")), verdict_of(("payload", "")), "wrong"),
         (hidden("unknown", ("sloshing_load", "")), {"verdict": "unknown"}, "unknown"),
         (hidden("unknown", ("sloshing_load", "")), verdict_of(("payload", "")), "wrong"),
         (hidden("clean"), None, "failed"),
@@ -54,6 +59,12 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
 )
 def test_what_a_verdict_is_worth(answer, verdict, result):
     assert outcome(answer, verdict)["result"] == result
+
+
+def test_what_was_outside_the_catalogue_when_a_case_was_drawn_may_be_in_it():
+    assert of_this_catalogue(hidden("unknown", ("body_mass", "LKneeSag")))["kind"] == "single"
+    assert of_this_catalogue(hidden("unknown", ("sloshing_load", "")))["kind"] == "unknown"
+    assert of_this_catalogue(hidden("clean"))["kind"] == "clean"
 
 
 def test_place_and_parameters_of_a_right_name():

@@ -54,7 +54,6 @@ class BodyMass(Disturbance):
     """A link that is heavier or lighter than the URDF says, its inertia with it; the COM of the link stays."""
 
     name: ClassVar[str] = "body_mass"
-    catalogued: ClassVar[bool] = False
     where: str = par("", "", "joint that moves the link, or kind of joint, left, right; empty: the trunk")
     scale: float = par(1.0, "1", "real over nominal mass", 0.05, 20.0)
 

@@ -160,7 +160,6 @@ class WrenchCrossTalk(Disturbance):
     """A foot's sensor in which a share of the vertical force shows in the shear forces."""
 
     name: ClassVar[str] = "wrench_cross_talk"
-    catalogued: ClassVar[bool] = False
     where: str = par("", "", _FOOT)
     fx: float = par(0.0, "1", "share of fz that shows in fx", -1.0, 1.0)
     fy: float = par(0.0, "1", "share of fz that shows in fy", -1.0, 1.0)

@@ -57,7 +57,6 @@ class StiffnessDrift(Disturbance):
     """Springs that change while the robot walks, as they warm up: by `change`, reached as 1 - exp(-t / time)."""
 
     name: ClassVar[str] = "stiffness_drift"
-    catalogued: ClassVar[bool] = False
     where: str = par("", "", _JOINT)
     change: float = par(0.0, "1", "of the stiffness, relative, in the end", -0.95, 5.0)
     time: float = par(10.0, "s", "constant of the change", 0.1, 1e4)
@@ -82,7 +81,6 @@ class Hysteresis(Disturbance):
     """
 
     name: ClassVar[str] = "hysteresis"
-    catalogued: ClassVar[bool] = False
     where: str = par("", "", _JOINT)
     width: float = par(0.0, "rad", "lost motion, full", 0.0, 0.5)
     friction: float = par(0.5, "Nm", "torque at which it slips", 0.0, 100.0)
