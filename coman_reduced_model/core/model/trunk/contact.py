@@ -32,6 +32,9 @@ class Sole(NamedTuple):
     p: Array  # (3,) position there [m]
     twist: Array  # (6, n) twist of the trunk by the joints of the leg, this sole at rest, about the base origin
     edges: Array  # (4,) x of the back and the front, y of the right and the left edge in the sole frame [m]
+    ground: (
+        Array  # (3,) of the ground under it when both stand: height at its origin [m], by x and by y of its frame [1]
+    )
 
 
 class Linear(NamedTuple):
@@ -148,7 +151,8 @@ def _other_rows(C: Array, height: Array, support: Sole, other: Sole, T: Array, s
         for i in range(3):
             P[i] = R_s[0, i] * (c[0] - p_s[0]) + R_s[1, i] * (c[1] - p_s[1]) + R_s[2, i] * (c[2] - p_s[2])
         if row < 4:
-            height[ROWS + row] = P[2] + s[2] + s[3] * P[1] - s[4] * P[0]
+            ground = other.ground[0] + other.ground[1] * r[0] + other.ground[2] * r[1]
+            height[ROWS + row] = P[2] + s[2] + s[3] * P[1] - s[4] * P[0] - ground
         for j in range(C.shape[1]):
             v0 = T[0, j] + T[4, j] * c[2] - T[5, j] * c[1]
             v1 = T[1, j] + T[5, j] * c[0] - T[3, j] * c[2]

@@ -70,6 +70,7 @@ class Pose(NamedTuple):
     p_other: Array
     columns_other: Array
     edges_other: Array
+    ground_other: Array  # (3,) as in `contact.Sole`
 
 
 class Geometry(NamedTuple):
@@ -103,8 +104,8 @@ def geometry(pose: Pose, s: Array) -> Geometry:
     R, p = pose.R, pose.p
     J_com = pose.inertia[:3] / pose.mass  # the base is the origin of the axes in which the momentum is expressed
     V, V_o = trunk_twist(pose.J, pose.columns), trunk_twist(pose.J, pose.columns_other)
-    other = Sole(pose.R_other, pose.p_other, V_o, pose.edges_other)
-    A, C, height = contacts(Sole(R, p, V, pose.edges), other, s)
+    other = Sole(pose.R_other, pose.p_other, V_o, pose.edges_other, pose.ground_other)
+    A, C, height = contacts(Sole(R, p, V, pose.edges, np.zeros(3)), other, s)
     J = np.zeros((6, n + k))
     J[:, :n] = com_jacobian(V, pose.columns, J_com, pose.com, R)
     com, down = np.zeros(3), np.zeros(3)

@@ -28,6 +28,7 @@ from ...config.schema import Config
 from ...effects.catalogue import Effect
 from ...effects.hooks import Now, Push
 from ...measured.odometry import flat
+from ...measured.standing import StandingSoles
 from ...robot.robot import Robot
 from ..cartesian import Model
 from ..dynamics import Dynamics
@@ -80,6 +81,7 @@ class TrunkModel(Dynamics):
         self._v, self._a = np.zeros((2, robot.model.nv))
         self._no_torque = np.zeros(robot.model.nv)
         self._still = np.zeros(len(robot.joint_names))
+        self._soles = StandingSoles()
         self._stride = Stride(friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
         self.reset()
 
@@ -87,6 +89,8 @@ class TrunkModel(Dynamics):
         """Forget the past."""
         self.stop()
         self._stride.reset()
+        self._soles.reset()
+        self._ground = self._soles.planes()
 
     def stop(self) -> None:
         """End the free run and the filter: an input is missing. The last stride is kept."""
@@ -106,6 +110,9 @@ class TrunkModel(Dynamics):
             return False
         self.motor.update(sample.motor_q, sample.motor_qd)
         self.reference, self.reference_vel = motor_com(self.motor, now.foot)
+        self._soles.update(now.link, now.support, now.dt)
+        if self._free is None:
+            self._ground = self._soles.planes()
         if now.foot != self._foot:
             self._change_leg(now.foot)
         before, first = self._terms, self._filtered is None
@@ -143,6 +150,7 @@ class TrunkModel(Dynamics):
 
     def restart(self, now: Now) -> None:
         """From the filtered measurement."""
+        self._ground = self._soles.planes()
         assert self._filtered is not None
         self._free = copied(self._filtered)
         self._R_odom_sole = now.T_odom_sole[:3, :3]
@@ -237,7 +245,7 @@ class TrunkModel(Dynamics):
         pose = Pose(
             self.model.mass, posture.com, inertia, posture.J,
             posture.R[foot], posture.p[foot], robot.leg_columns[foot], robot.soles[foot],
-            posture.R[other], posture.p[other], robot.leg_columns[other], robot.soles[other],
+            posture.R[other], posture.p[other], robot.leg_columns[other], robot.soles[other], self._ground[foot],
         )  # fmt: skip
         return geometry(pose, state.y[-6:])
 

@@ -130,7 +130,7 @@ def test_a_state_told_by_the_other_sole_and_back_is_the_same():
     def linear(foot: int, y: np.ndarray) -> Linear:
         posture.update(y[:12] if foot == 1 else np.roll(y[:12], 6), np.zeros(12))
         support, other = (
-            Sole(posture.R[f], posture.p[f], trunk_twist(posture.J, machine.leg_columns[f]), SOLE)
+            Sole(posture.R[f], posture.p[f], trunk_twist(posture.J, machine.leg_columns[f]), SOLE, np.zeros(3))
             for f in (foot, 3 - foot)
         )
         nothing = np.zeros((12, 12))

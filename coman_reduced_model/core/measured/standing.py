@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How both soles lie to each other by the encoders while the robot stands on them.
+
+Soles that are flat on one floor are parallel, but by the encoders they are not: zeros of a few milliradians in each of
+twelve joints add up to a degree. A model that makes them parallel bends its springs by that much. What the soles are
+when both stand, by the encoders, is what they return to at each landing.
+"""
+
+from __future__ import annotations
+
+from math import expm1
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..base.types import Array, Foot, Phase, SupportState
+
+if TYPE_CHECKING:
+    from ..robot.robot import Posture
+
+LOADED = 0.25  # share of the load that each foot must bear
+SETTLED = 0.3  # [s] of double support after which both soles are flat: a step takes less
+MEMORY = 2.0  # [s] of standing that count
+LONGEST = 0.1  # [s] that one sample counts for at most
+_PLANE = [3, 0, 1]  # of the third row of a pose: height of the origin, and what x and y add to it
+
+
+class StandingSoles:
+    """Mean pose of each sole against the other, over the time that the robot has stood.
+
+    Attributes:
+        seconds: of standing so far.
+    """
+
+    def __init__(self) -> None:
+        self._planes = {Foot.LEFT: np.zeros(3), Foot.RIGHT: np.zeros(3)}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: soles are parallel again."""
+        self.seconds = 0.0
+        self._forget()
+
+    def _forget(self) -> None:
+        for plane in self._planes.values():
+            plane[:] = 0.0
+
+    def update(self, link: Posture, support: SupportState, dt: float) -> None:
+        """Take one sample: link side, support phase, and time since the last sample [s].
+
+        Where the first sample shows both feet loaded, its pose counts until the robot has stood or lifts a foot.
+        """
+        if support.phase != Phase.DOUBLE:
+            if self.seconds == 0.0:
+                self._forget()
+            return
+        settled, known = support.phase_time >= SETTLED, self.seconds > 0.0
+        first = support.phase_time == 0.0 and not known
+        if not LOADED <= support.left_share <= 1.0 - LOADED or not (settled or first):
+            return
+        share = 1.0
+        if settled:
+            dt = min(max(dt, 0.0), LONGEST)
+            self.seconds += dt
+            share = -expm1(-dt / min(self.seconds, MEMORY)) if known else 1.0
+        for foot, plane in self._planes.items():
+            plane += share * (link.sole_pose(foot, foot.other)[2, _PLANE] - plane)
+
+    def planes(self) -> dict[Foot, Array]:
+        """By support foot, the ground under the other sole (3,): height at its origin [m], by its x and y [1]."""
+        return {foot: plane.copy() for foot, plane in self._planes.items()}
