@@ -153,10 +153,8 @@ class Pipeline:
         last, self._last_stamp = self._last_stamp, sample.stamp_ns
         if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
             self.restarts += 1
-            self.predictor.reset()
-            self.plausibility.reset()
-            if self.monitor is not None:
-                self.monitor.reset()
+            self.reset()
+            self._last_stamp = sample.stamp_ns
         self.samples += 1
         self.plausibility.update(sample)
         prediction = self.predictor.update(sample)
@@ -165,20 +163,39 @@ class Pipeline:
             self.monitor.update(self.predictor.sample, self.predictor.link, prediction)
         return prediction
 
+    def reset(self) -> None:
+        """Forget the past, as after a gap: odom and levels begin at the next sample. Counters are kept."""
+        self._last_stamp = None
+        self.predictor.reset()
+        self.plausibility.reset()
+        if self.monitor is not None:
+            self.monitor.reset()
+
     def reconfigure(self, config: Config) -> None:
-        """Take over parameters that may change while it runs: those of the support phase."""
+        """Take over parameters that may change while it runs: those of support phase and monitor.
+
+        Another `monitor.baseline` makes the monitor begin again, another threshold does not.
+
+        Raises:
+            ConfigError: `monitor.baseline` cannot be read; nothing has changed.
+        """
+        old, new = self.config.monitor, config.monitor
+        if (new.enabled, new.baseline) != (old.enabled, old.baseline):
+            self.monitor = Monitor(self.robot, config) if new.enabled else None
+        elif self.monitor is not None:
+            self.monitor.change_threshold(new.threshold)
         self.config = config
         self.predictor.reconfigure(config)
         self.plausibility.reconfigure(config)
 
-    def status(self) -> Status:
-        """Counters, rates and warnings so far."""
+    def streams(self) -> dict[str, StreamStatus]:
+        """The input streams by name."""
         joiner = self.joiner
         newest = joiner.streams[JOINTS].last
-        streams = {}
+        found = {}
         for name, stream in joiner.streams.items():
             known = newest is not None and stream.last is not None
-            streams[name] = StreamStatus(
+            found[name] = StreamStatus(
                 name,
                 name == JOINTS or name in joiner.incomplete,
                 stream.received,
@@ -187,6 +204,11 @@ class Pipeline:
                 (newest - stream.last) * 1e-9 if known else float("nan"),  # type: ignore[operator]
                 joiner.incomplete.get(name, 0),
             )
+        return found
+
+    def status(self) -> Status:
+        """Counters, rates and warnings so far."""
+        joiner, streams = self.joiner, self.streams()
         return Status(
             streams,
             self.samples,

@@ -120,7 +120,9 @@ class Predictor:
     def reconfigure(self, config: Config) -> None:
         """Take over parameters that may change while it runs: those of the support phase."""
         self.config = config
-        self.support.config = config.support
+        weight = self.robot.mass * config.robot.gravity
+        self.support.reconfigure(config.support, weight)
+        self.zeros.weight = self.support.weight
 
     def update(self, sample: Sample) -> Prediction:
         """Take one sample.

@@ -43,7 +43,9 @@ class SupportConfig:
         0.9,
         runtime=True,
     )
-    weight: float = par(0.0, "N", "weight for the thresholds; 0: mass of the URDF times gravity", 0.0, 1e5)
+    weight: float = par(
+        0.0, "N", "weight for the thresholds; 0: mass of the URDF times gravity", 0.0, 1e5, runtime=True
+    )
 
 
 # What the paper's point mass lacks on any robot with springs, by the ablation of `coman validate`.
@@ -135,44 +137,67 @@ class OutputConfig:
     """What the predictor publishes besides com/prediction."""
 
     points_rate: float = par(
-        50.0, "Hz", "rate of the PointStamped topics and of com/support when unchanged; 0: off", 0.0, 2000.0
+        50.0,
+        "Hz",
+        "rate of the PointStamped topics and of com/support when unchanged; 0: off",
+        0.0,
+        2000.0,
+        runtime=True,
     )
-    markers_rate: float = par(20.0, "Hz", "rate of com/markers; 0: off", 0.0, 200.0)
+    markers_rate: float = par(20.0, "Hz", "rate of com/markers; 0: off", 0.0, 200.0, runtime=True)
     odometry_rate: float = par(
-        50.0, "Hz", "rate of foot_odometry and of the transform of publish_tf; 0: off", 0.0, 2000.0
+        50.0, "Hz", "rate of foot_odometry and of the transform of publish_tf; 0: off", 0.0, 2000.0, runtime=True
     )
     publish_tf: bool = par(
-        True, "", "publish odom -> root link of the URDF on /tf; false: where another node does (state estimator)"
+        True,
+        "",
+        "publish odom -> root link of the URDF on /tf; false: where another node does (state estimator)",
+        runtime=True,
     )
-    diagnostics_rate: float = par(1.0, "Hz", "rate of /diagnostics", 0.1, 20.0)
+    diagnostics_rate: float = par(1.0, "Hz", "rate of /diagnostics", 0.1, 20.0, runtime=True)
 
 
 @dataclass(frozen=True)
 class MonitorConfig:
     """Watching whether the robot still is what it was, and what its description says (core/monitor/monitor.py)."""
 
-    enabled: bool = par(True, "", "watch laws of mechanics for mismatches: /diagnostics, warnings of summary.json")
-    threshold: float = par(6.0, "1", "standard deviations that make a mismatch, of the weaker of two strides", 1.0, 1e3)
-    baseline: str = par("", "", "file of nominal variability, by coman baseline; empty: that of the shipped population")
+    enabled: bool = par(
+        True, "", "watch laws of mechanics for mismatches: /diagnostics, warnings of summary.json", runtime=True
+    )
+    threshold: float = par(
+        6.0, "1", "standard deviations that make a mismatch, of the weaker of two strides", 1.0, 1e3, runtime=True
+    )
+    baseline: str = par(
+        "", "", "file of nominal variability, by coman baseline; empty: that of the shipped population", runtime=True
+    )
 
 
 @dataclass(frozen=True)
 class GaitConfig:
-    """The walk that the trajectory node plans; names and bounds as in core/gait/parameters.py."""
+    """The walk that the trajectory node plans; names and bounds as in core/gait/parameters.py.
 
-    name: str = par("test1", "", "named gait whose figures the values below replace")
-    step_length: float = par(-2.0, "m", "advance of one step; -2: that of the named gait", -2.0, 1.0)
-    single_support: float = par(-1.0, "s", "duration of single support; -1: that of the named gait", -1.0, 10.0)
-    double_support: float = par(-1.0, "s", "duration of double support; -1: that of the named gait", -1.0, 10.0)
-    steps: int = par(-1, "steps", "number of steps; -1: that of the named gait", -1, 100000)
-    step_width: float = par(-1.0, "m", "distance of the soles in y; -1: that of the named gait", -1.0, 1.0)
+    Changes while it runs count for the next plan.
+    """
+
+    name: str = par("test1", "", "named gait whose figures the values below replace", runtime=True)
+    step_length: float = par(-2.0, "m", "advance of one step; -2: that of the named gait", -2.0, 1.0, runtime=True)
+    single_support: float = par(
+        -1.0, "s", "duration of single support; -1: that of the named gait", -1.0, 10.0, runtime=True
+    )
+    double_support: float = par(
+        -1.0, "s", "duration of double support; -1: that of the named gait", -1.0, 10.0, runtime=True
+    )
+    steps: int = par(-1, "steps", "number of steps; -1: that of the named gait", -1, 100000, runtime=True)
+    step_width: float = par(
+        -1.0, "m", "distance of the soles in y; -1: that of the named gait", -1.0, 1.0, runtime=True
+    )
     com_height: float = par(-1.0, "m", "height of the COM above the soles; -1: that of the named gait", -1.0, 3.0)
     zmp_offset_x: float = par(-1.0, "m", "ZMP ahead of the sole origin; -1: that of the named gait", -1.0, 0.5)
     rate: float = par(200.0, "Hz", "rate of com/reference", 1.0, 1000.0)
-    preview_interval: float = par(0.02, "s", "spacing of the preview", 0.001, 0.5)
-    preview_length: int = par(25, "points", "number of preview points", 0, 500)
+    preview_interval: float = par(0.02, "s", "spacing of the preview", 0.001, 0.5, runtime=True)
+    preview_length: int = par(25, "points", "number of preview points", 0, 500, runtime=True)
     autostart: bool = par(True, "", "start walking at once, without a call of ~/start")
-    repeat: bool = par(False, "", "start the plan again when it ends")
+    repeat: bool = par(False, "", "start the plan again when it ends", runtime=True)
     start_time: float = par(-1.0, "s", "ROS time at which the plan starts, as in a bag; -1: at once", -1.0, 1e11)
 
     def changes(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from ...errors import ConfigError
 from ..base.types import Reference
 from ..config.schema import Config
 from .gait import WalkPlan, plan_walk
@@ -37,10 +38,27 @@ class Walk:
         Raises:
             ConfigError: it is not possible.
         """
+        self._take_over(config)
+        self.reset()
+
+    def _take_over(self, config: Config) -> None:
         self._gait = gait_of(config)
         self._repeat = config.gait.repeat
         self._preview = (config.gait.preview_interval, config.gait.preview_length)
-        self.reset()
+
+    def change(self, config: Config) -> None:
+        """Take over another gait for the next plan, of `start` or a repetition; a walk under way ends as planned.
+
+        Raises:
+            ConfigError: it is not possible, or would move the COM of a robot that stands.
+        """
+        wanted = gait_of(config)
+        for key in ("com_height_m", "zmp_offset_x_m"):
+            value, now = getattr(wanted, key), getattr(self._gait, key)
+            if value != now:
+                raise ConfigError(f"gait: {key}: {value:g} for {now:g} would move a COM that stands: restart the node")
+        plan_walk(wanted)
+        self._take_over(config)
 
     def reset(self) -> None:
         """Back to standing at the beginning, at once."""
@@ -61,9 +79,9 @@ class Walk:
         """Begin the plan now; after its end, plan it again from where the robot stands. A sentence if it cannot."""
         if self.walking(now_ns):
             return f"is walking already, {self.describe(now_ns)}"
-        if self.start_ns is not None:
-            end = self.plan.sample(self.plan.duration_s)
-            self._feet = (end.T_odom_left, end.T_odom_right)
+        if self.start_ns is not None or self.plan.parameters != self._gait:
+            stands = self.plan.sample(self.time(now_ns))
+            self._feet = (stands.T_odom_left, stands.T_odom_right)
             self.plan = plan_walk(self._gait, *self._feet)
         self.start_ns = now_ns
         self._again = self._repeat
@@ -78,10 +96,10 @@ class Walk:
             return "stands already"
         self._again = False
         t = self.time(now_ns)
-        horizon = t + _MEMORY / self._gait.omega
+        horizon = t + _MEMORY / self.plan.parameters.omega
         for index, step in enumerate(self.plan.footsteps[:-1]):
             if step.t_lift > t and step.t_land > horizon:
-                changed = dataclasses.replace(self._gait, steps=index + 1)
+                changed = dataclasses.replace(self.plan.parameters, steps=index + 1)
                 self.plan = plan_walk(changed, *self._feet)
                 break
         return None

@@ -47,11 +47,12 @@ class SensorZeros:
         weight: of the robot [N].
 
     Attributes:
+        weight: as given; may be exchanged at any time.
         active: whether zeros are learnt and taken off.
     """
 
     def __init__(self, weight: float) -> None:
-        self._weight = weight
+        self.weight = weight
         self.active = False
         self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
         self._alive = np.zeros(2, dtype=bool)
@@ -76,7 +77,7 @@ class SensorZeros:
         if not self.active:
             self._alive |= np.array([left.any(), right.any()])
             if self._alive.all():  # a sensor that gives nothing but zeros is none
-                self._watch(float(left[2]) / self._weight, float(right[2]) / self._weight, dt)
+                self._watch(float(left[2]) / self.weight, float(right[2]) / self.weight, dt)
             if not self.active:
                 return sample
         if sample.stamp_ns >= self._next_ns:
@@ -90,7 +91,7 @@ class SensorZeros:
         found = []
         for foot, stream in WRENCHES.items() if self.active else ():
             zero = self.of(foot)
-            if np.abs(zero[:3]).max() > SAID * self._weight:
+            if np.abs(zero[:3]).max() > SAID * self.weight:
                 forces = ", ".join(f"{value:.0f}" for value in zero[:3])
                 text = (
                     f"{stream}: reads about ({forces}) N without load, by the foot in the air and the balance of "
@@ -125,7 +126,7 @@ class SensorZeros:
             R, arm = axes @ link.R[foot], axes @ (link.p[foot] - link.com)
             H[:3, k : k + 3] = H[3:, k + 3 : k + 6] = R
             H[3:, k : k + 3] = np.cross(np.broadcast_to(arm, (3, 3)), R.T).T
-        weight = np.array([0.0, 0.0, self._weight, 0.0, 0.0, 0.0])
+        weight = np.array([0.0, 0.0, self.weight, 0.0, 0.0, 0.0])
         self._update(H, H @ reading - weight, self._variance(OFF_BALANCE, 1))
 
     def _update(self, H: Array, z: Array, variance: Array) -> None:
@@ -138,4 +139,4 @@ class SensorZeros:
 
     def _variance(self, deviations: tuple[float, float], feet: int) -> Array:
         """(6 * feet,) of forces and moments."""
-        return (np.tile(np.repeat(deviations, 3), feet) * self._weight) ** 2
+        return (np.tile(np.repeat(deviations, 3), feet) * self.weight) ** 2

@@ -80,7 +80,7 @@ class SupportDetector:
     """Phase, support foot and load share from the vertical forces of both feet.
 
     Args:
-        config: thresholds as shares of the weight, dwell times [s]; may be exchanged at any time.
+        config: thresholds as shares of the weight, dwell times [s].
         weight_N: weight of the robot [N]; `config.weight` takes precedence if it is not zero.
 
     Raises:
@@ -88,11 +88,15 @@ class SupportDetector:
     """
 
     def __init__(self, config: SupportConfig, weight_N: float) -> None:
+        self.reconfigure(config, weight_N)
+        self.reset()
+
+    def reconfigure(self, config: SupportConfig, weight_N: float) -> None:
+        """Take over other thresholds; may be called at any time, with the arguments of the constructor."""
         self.config = config
         self.weight = config.weight or weight_N  # [N]
         if not self.weight > 0.0:
             raise ValueError(f"weight for the support phase must be positive, got {self.weight} N")
-        self.reset()
 
     def reset(self) -> None:
         """Forget everything; the next complete sample decides without dwell."""

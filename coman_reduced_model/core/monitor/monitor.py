@@ -110,6 +110,11 @@ class Monitor:
         nothing = PhaseMean(unknown, unknown, unknown, unknown)
         self._update_channels(0, nothing, self._feet, 0.0)
 
+    def change_threshold(self, threshold: float) -> None:
+        """Take over another `monitor.threshold`; what was learnt is kept."""
+        self._threshold = threshold
+        self._intermittent.threshold = threshold
+
     def reset(self) -> None:
         """Forget the past, except for `first`."""
         self._channels = np.zeros((len(KINDS), len(self.laws.names)), dtype=CHANNEL)

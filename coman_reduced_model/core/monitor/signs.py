@@ -32,10 +32,14 @@ _NOT_UP = 0.8
 
 
 class Signs:
-    """What agrees only with a sign reversed or in another unit; a *look* is one sample that is checked."""
+    """What agrees only with a sign reversed or in another unit; a *look* is one sample that is checked.
+
+    Attributes:
+        weight: of the robot [N]; may be exchanged at any time.
+    """
 
     def __init__(self, robot: Robot, weight: float) -> None:
-        self._robot, self._weight = robot, weight
+        self._robot, self.weight = robot, weight
         self._data = robot.model.createData()
         self._configuration = pin.neutral(robot.model)
         self.reset()
@@ -90,7 +94,7 @@ class Signs:
         """Of a loaded leg, against what bears the force under its foot: -J' w; weight of the leg left out."""
         robot = self._robot
         wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
-        loaded = {f: w for f, w in wrenches.items() if w is not None and w[2] > _LOAD * self._weight}
+        loaded = {f: w for f, w in wrenches.items() if w is not None and w[2] > _LOAD * self.weight}
         if not loaded:
             return
         robot.scatter(sample.q, self._configuration)

@@ -43,12 +43,13 @@ class IntermittentForces:
     """Watches one robot of a weight [N].
 
     Attributes:
+        threshold: `monitor.threshold`; may be exchanged at any time.
         forces: present ones.
         last: time of the last window with a known difference [s].
     """
 
     def __init__(self, weight: float, threshold: float) -> None:
-        self._min_scatter, self._threshold = _MIN_SCATTER * weight, threshold
+        self._min_scatter, self.threshold = _MIN_SCATTER * weight, threshold
         self.reset()
 
     def reset(self) -> None:
@@ -85,7 +86,7 @@ class IntermittentForces:
         self.forces = []
         for axis in range(2):
             ratio = float(scatter[axis] / usual[axis])
-            if ratio <= self._threshold * (_RELEASE if axis in known else _ONSET):
+            if ratio <= self.threshold * (_RELEASE if axis in known else _ONSET):
                 continue
             if axis in known:
                 onset = known[axis].onset
