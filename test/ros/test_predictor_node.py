@@ -8,8 +8,6 @@ import pytest
 from coman_reduced_model_msgs.msg import SupportState
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_testing import Peer, Standing, robot_urdf, stamp_of, vector
 from sensor_msgs.msg import JointState
@@ -74,56 +72,6 @@ def test_urdf_that_cannot_be_used_ends_the_node_with_one_line(start, peer, case)
     last = node.output.strip().splitlines()[-1]
     assert last.startswith("predictor: /robot_description: ") and wanted in last
     assert "Traceback" not in node.output
-
-
-def value_of(peer, name, node="/predictor"):
-    (value,) = peer.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name])).values
-    return value
-
-
-def set_parameter(peer, name, value, node="/predictor"):
-    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-    (result,) = peer.call(SetParameters, f"{node}/set_parameters", request).results
-    return result.successful, result.reason
-
-
-def test_parameters_at_run_time(start, peer):
-    node = start.node("predictor", output__points_rate=200.0)
-    standing = Standing(peer)
-    standing.describe()
-    standing.wait_until_heard()
-
-    def phase(**shares):
-        standing.samples(60, **shares)
-        peer.wait(lambda: stamp_of(peer.predictions[-1]) == standing.stamp, "the last prediction")
-        return peer.predictions[-1].support.phase
-
-    def number(value):
-        return ParameterValue(type=3, double_value=value)
-
-    standing.samples(10)
-    peer.wait(lambda: peer.predictions, "predictions")
-    # A light touch of the right foot counts as contact, until the threshold says otherwise.
-    assert phase(left=1.0, right=0.0) == SupportState.LEFT
-    assert phase(left=0.7, right=0.3) == SupportState.DOUBLE
-    assert set_parameter(peer, "support.contact_on", number(0.6)) == (True, "")
-    assert phase(left=1.0, right=0.0) == SupportState.LEFT
-    assert phase(left=0.7, right=0.3) == SupportState.LEFT
-    successful, reason = set_parameter(peer, "support.contact_on", number(5.0))
-    assert not successful and reason
-    successful, reason = set_parameter(peer, "support.contact_off", number(0.7))
-    assert not successful and "must be below support.contact_on = 0.6" in reason
-    successful, reason = set_parameter(peer, "robot.gravity", number(1.6))
-    assert not successful and "read-only" in reason.lower().replace("read only", "read-only")
-    assert value_of(peer, "support.contact_on").double_value == 0.6
-    described = peer.call(
-        DescribeParameters,
-        "/predictor/describe_parameters",
-        DescribeParameters.Request(names=["streams.max_wait", "support.contact_on"]),
-    ).descriptors
-    assert described[0].read_only and "[s]" in described[0].description
-    assert not described[1].read_only and described[1].floating_point_range[0].to_value == 0.9
-    assert node.stop() == 0
 
 
 def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from ...core.base.stream_names import JOINTS
 from ...core.base.types import Array, Flags, Prediction
@@ -22,13 +20,15 @@ from ...core.pipeline import Pipeline, Status
 from . import qos
 from .description import Description
 from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
+from .parameters import ConfiguredNode
+from .report_timer import ReportTimer
 
 _WINDOW = 5  # reports over which errors and shares are averaged
 _SILENT = 1.0  # [s] without joint states: stale
 _CAPACITY = 8192  # latencies kept
 
 
-class PredictingNode(Node):
+class PredictingNode(ConfiguredNode):
     """A node that predicts, as far as its diagnostics look at it."""
 
     config: Config
@@ -62,10 +62,12 @@ class Diagnostics:
         self._rejected: dict[str, int] = {}
         self._last_report = time.perf_counter()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.display_output())
-        # In steady time: diagnostics also report while a simulation or a bag is paused.
-        node.create_timer(
-            1.0 / node.config.output.diagnostics_rate, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._timer = ReportTimer(node, self._report)
+        self._timer.set_rate(node.config.output.diagnostics_rate)
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over another rate."""
+        self._timer.set_rate(config.output.diagnostics_rate)
 
     def on_message(self, stream: str, arrived: float) -> None:
         """A message of a stream was processed; it arrived at `arrived` (time.perf_counter) [s]."""
@@ -100,7 +102,7 @@ class Diagnostics:
         array.header.stamp = self._node.get_clock().now().to_msg()
         pipeline = self._node.pipeline
         if pipeline is None:
-            array.status = [self._status("input", *self._preparing(), {})]
+            array.status = [self._status("input", Level.WARN, self.preparing(), {})]
         else:
             self._past.append(self._now)
             self._now = _Interval()
@@ -123,10 +125,10 @@ class Diagnostics:
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
         )
 
-    def _preparing(self) -> tuple[Level, str]:
-        if self._node.description.waiting:
-            return Level.WARN, f"waiting for the URDF on {self._node.description.topic}"
-        return Level.WARN, "warming up"
+    def preparing(self) -> str:
+        """Why nothing is predicted yet."""
+        description = self._node.description
+        return f"waiting for the URDF on {description.topic}" if description.waiting else "warming up"
 
     def _input(self, status: Status, now: float, seconds: float) -> tuple[Level, str, dict[str, Any]]:
         values: dict[str, Any] = {}

@@ -26,18 +26,27 @@ class OdometryOutput:
     """Publishes the root link at `output.odometry_rate`; its links below are for robot_state_publisher."""
 
     def __init__(self, node: Node, config: Config, types: MessageTypes) -> None:
-        def publisher(kind: type, topic: str) -> Any:
-            return node.create_publisher(kind, topic, qos.display_output(), qos_overriding_options=qos.overridable())
-
         self.root = ""  # name of the root link, known with the URDF
-        self._types = types
+        self._node, self._types = node, types
+        self._odometry = self._publisher(Odometry, FOOT_ODOMETRY)
+        self._transforms: Any = None
+        self.reconfigure(config)
+
+    def _publisher(self, kind: type, topic: str) -> Any:
+        options = qos.overridable()
+        return self._node.create_publisher(kind, topic, qos.display_output(), qos_overriding_options=options)
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over another rate, and begin or end to publish transforms."""
         self._every = Throttle(config.output.odometry_rate)
-        self._odometry = publisher(Odometry, FOOT_ODOMETRY)
-        self._transforms = None
-        if config.output.publish_tf and TFMessage is None:
-            node.get_logger().info("output.publish_tf: tf2_msgs is not installed: no transforms on /tf")
-        elif config.output.publish_tf:
-            self._transforms = publisher(TFMessage, TF)
+        wanted, has = config.output.publish_tf, self._transforms is not None
+        if wanted and TFMessage is None:
+            self._node.get_logger().info("output.publish_tf: tf2_msgs is not installed: no transforms on /tf")
+        elif wanted and not has:
+            self._transforms = self._publisher(TFMessage, TF)
+        elif has and not wanted:
+            self._node.destroy_publisher(self._transforms)
+            self._transforms = None
 
     def publish(self, prediction: Prediction) -> None:
         """Publish where the root link is, if that is due and known."""

@@ -37,10 +37,18 @@ class Outputs:
         self._marker_array = publisher(MarkerArray, "com/markers", qos.display_output())
         self._markers = Markers(config)
         self.odometry = OdometryOutput(node, config, types)
-        self._every_points = Throttle(config.output.points_rate)
-        self._every_markers = Throttle(config.output.markers_rate)
+        self._set_rates(config)
         self._message: ComPrediction | None = None  # filled again for each one: that is cheaper
         self._last_support: tuple[int, int] | None = None
+
+    def _set_rates(self, config: Config) -> None:
+        self._every_points = Throttle(config.output.points_rate)
+        self._every_markers = Throttle(config.output.markers_rate)
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over other rates."""
+        self._set_rates(config)
+        self.odometry.reconfigure(config)
 
     def publish(self, prediction: Prediction) -> None:
         """Publish one prediction."""

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parameter table as ROS 2 parameters: declared with descriptors, validated exactly as a file is."""
+"""A node's part of the parameter table as ROS 2 parameters: with descriptors, validated exactly as a file is."""
 
 from __future__ import annotations
 
+import difflib
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
@@ -16,10 +18,31 @@ from rclpy.parameter import Parameter as RosParameter
 from ...core.base.parameter import Parameter
 from ...core.config.files import load_config
 from ...core.config.schema import Config, config_from_flat, parameter_table
-from ...errors import ConfigError
+from ...errors import ComanError, ConfigError
 from ...topics import DESCRIPTION
 
 _TYPES = {"floats": RosParameter.Type.DOUBLE_ARRAY, "strs": RosParameter.Type.STRING_ARRAY}
+
+
+class ConfiguredNode(Node):
+    """A node with parameters of the table, see `declare`."""
+
+    def __init__(self, name: str) -> None:
+        # Only so are unknown keys of a file seen, which ROS would ignore, and those set later refused in clear words.
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, allow_undeclared_parameters=True)
+
+
+@dataclass(frozen=True)
+class Own:
+    """What a node takes from the table, as beginnings of names.
+
+    Attributes:
+        names: of the parameters that it declares.
+        changing: of those that may change while it runs, if the table lets them.
+    """
+
+    names: tuple[str, ...]
+    changing: tuple[str, ...]
 
 
 def check_files(argv: list[str], name: str) -> None:
@@ -43,12 +66,12 @@ def _node_name(argv: list[str], name: str) -> str:
     return name
 
 
-def descriptor(parameter: Parameter) -> ParameterDescriptor:
+def descriptor(parameter: Parameter, changing: bool) -> ParameterDescriptor:
     """Description with unit, bounds, and whether it may change while the node runs."""
     result = ParameterDescriptor(
         description=parameter.description + (f" [{parameter.unit}]" if parameter.unit not in ("", "1") else ""),
         additional_constraints=parameter.allowed(),
-        read_only=not parameter.runtime,
+        read_only=not changing,
     )
     bounded = math.isfinite(parameter.low) and math.isfinite(parameter.high)
     if bounded and parameter.kind == "float":
@@ -58,43 +81,44 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     return result
 
 
-def declare(node: Node, on_change: Callable[[Config], None] | None = None) -> Config:
-    """Declare the whole table on a node and validate what it was started with.
-
-    The node must have been made with `automatically_declare_parameters_from_overrides=True`: only so are unknown keys
-    seen, which ROS would ignore.
+def declare(node: ConfiguredNode, own: Own, on_change: Callable[[Config], None]) -> Config:
+    """Declare a node's own part of the table, and validate all that it was started with.
 
     Args:
-        node: the node.
-        on_change: called with the new configuration when parameters that may change at run time have changed.
+        node: just made.
+        own: its part.
+        on_change: takes a new configuration over when parameters have changed at run time, or raises ConfigError having
+            changed nothing.
 
     Raises:
         ConfigError: says key, value and what is allowed.
     """
-    table = parameter_table()
     all_given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))  # to parameters, whatever its annotation says
-    given = {
-        name: parameter.value for name, parameter in all_given.items() if name != DESCRIPTION and not is_ros_own(name)
-    }
+    given = {name: parameter.value for name, parameter in all_given.items() if not is_ros_own(name)}
+    description = str(given.pop(DESCRIPTION, ""))
     config = config_from_flat(given, "parameters", _directory(given.get("robot.urdf")))
     for note in config.notes:
         node.get_logger().warning(note)
-    for name in given:
-        node.undeclare_parameter(name)
-    values = config.flat()
-    for name, parameter in table.items():
-        value: Any = values.get(name, parameter.nominal)
+    for name in (*given, DESCRIPTION):
+        if node.has_parameter(name):
+            node.undeclare_parameter(name)
+    table = parameter_table()
+    for name, stated in config.flat().items():
+        parameter, value = table[name], cast(Any, stated)
+        if not name.startswith(own.names):
+            continue
         if isinstance(value, tuple) and not value:  # no value from which ROS could infer the type
             value = [""] if parameter.kind == "strs" else None
         node.declare_parameter(
             name,
             _TYPES[parameter.kind] if value is None else list(value) if isinstance(value, tuple) else value,
-            descriptor(parameter),
+            descriptor(parameter, parameter.runtime and name.startswith(own.changing)),
             ignore_override=True,
         )
-    if not node.has_parameter(DESCRIPTION):
-        node.declare_parameter(DESCRIPTION, "", ParameterDescriptor(description="the URDF itself, as text"))
-    node.add_on_set_parameters_callback(_Changes(config, on_change).check)
+    if DESCRIPTION.startswith(own.names):
+        about = ParameterDescriptor(description="the URDF itself, as text", read_only=True)
+        node.declare_parameter(DESCRIPTION, description, about, ignore_override=True)
+    node.add_on_set_parameters_callback(_Changes(node, config, on_change).check)
     return config
 
 
@@ -114,18 +138,33 @@ def _directory(urdf: Any) -> Path:
 class _Changes:
     """Applies changes at run time; ROS itself refuses those of read-only parameters and of other types."""
 
-    def __init__(self, config: Config, on_change: Callable[[Config], None] | None) -> None:
+    def __init__(self, node: Node, config: Config, on_change: Callable[[Config], None]) -> None:
+        self._node = node
         self._config = config
         self._on_change = on_change
 
     def check(self, parameters: list[RosParameter]) -> SetParametersResult:
-        changes = {p.name: p.value for p in parameters if p.name in parameter_table()}
+        changes = {p.name: p.value for p in parameters if not is_ros_own(p.name)}
         try:
+            for name in changes:
+                self._check_name(name)
             config = self._config.replaced(changes)
-        except ConfigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        if changes and config != self._config:
-            self._config = config
-            if self._on_change is not None:
+            if config != self._config:
                 self._on_change(config)
+                self._config = config
+        except ComanError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _check_name(self, name: str) -> None:
+        """Only parameters that were declared are set.
+
+        Raises:
+            ConfigError: this one was not.
+        """
+        if self._node.has_parameter(name):
+            return
+        if name in parameter_table():
+            raise ConfigError(f"{name}: the node {self._node.get_name()} has no use for it")
+        hint = difflib.get_close_matches(name, list(self._node.get_parameters_by_prefix("")), 1)
+        raise ConfigError(f"{name}: unknown key{f'; did you mean {hint[0]!r}?' if hint else ''}")

@@ -10,34 +10,54 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from std_srvs.srv import Trigger
+
 from ...bag.decode import decoder
 from ...core.config.schema import Config
 from ...core.pipeline import Pipeline
 from ...core.robot.robot import Robot
 from ...messages import INPUT_TYPES, ros_types
-from ...topics import INPUT_TOPICS
+from ...topics import DESCRIPTION, INPUT_TOPICS
 from ...warm_up import warm_up
 from ..interface import qos
 from ..interface.description import Description
 from ..interface.diagnostics import Diagnostics, PredictingNode
+from ..interface.input_watch import InputWatch
 from ..interface.outputs import Outputs
-from ..interface.parameters import declare
+from ..interface.parameters import Own, declare
 
 NAME = "predictor"
+OWN = Own(
+    names=(
+        "robot.",
+        "streams.",
+        "support.",
+        "model.",
+        "prediction.",
+        "output.",
+        "monitor.",
+        "effects.",
+        DESCRIPTION,
+    ),
+    changing=("support.", "output.", "monitor."),
+)
 
 
 class PredictorNode(PredictingNode):
     """Adapter around core.Pipeline; everything that it computes, `coman predict` computes alike."""
 
     def __init__(self) -> None:
-        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        self.config = declare(self, self._on_config)
+        super().__init__(NAME)
+        self.config = declare(self, OWN, self._on_config)
         self.types = ros_types()
         self.pipeline: Pipeline | None = None
         self.todo: Callable[[], None] | None = None
+        # First, because a URDF that cannot be read ends the node in one line.
+        self.description = Description(self, self.config, self._on_description)
         self.outputs = Outputs(self, self.config, self.types)
         self.diagnostics = Diagnostics(self)
-        self.description = Description(self, self.config, self._on_description)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.input_watch = InputWatch(self)
 
     def _on_description(self, urdf: str, source: str) -> None:
         self.todo = partial(self._begin, urdf, source)
@@ -80,10 +100,21 @@ class PredictorNode(PredictingNode):
         self.diagnostics.on_message(stream, started)
 
     def _on_config(self, config: Config) -> None:
-        """Parameters that may change at run time have changed: those of the support phase."""
-        self.config = config
+        """Parameters that may change at run time have changed: of support phase, monitor and outputs."""
         if self.pipeline is not None:
             self.pipeline.reconfigure(config)
+        self.config = config
+        self.outputs.reconfigure(config)
+        self.diagnostics.reconfigure(config)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.pipeline is not None
+        if self.pipeline is None:
+            response.message = "predicts nothing yet: " + self.diagnostics.preparing()
+        else:
+            self.pipeline.reset()
+            response.message = "begins again at the next joint state: odom, free run, and what the monitor has learnt"
+        return response
 
     def finish(self) -> None:
         """The end: joint states that still wait for other streams are predicted with what is there."""

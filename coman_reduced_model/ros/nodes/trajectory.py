@@ -11,27 +11,32 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ...core.base.stream_names import REFERENCE
+from ...core.config.schema import Config
 from ...core.gait.walk import Walk
 from ...messages import ODOM, header_to, pose_to, reference_to, ros_types
 from ..interface import qos
-from ..interface.parameters import declare
+from ..interface.parameters import ConfiguredNode, Own, declare
+from ..interface.report_timer import ReportTimer
 
 NAME = "trajectory"
+OWN = Own(
+    names=("gait.", "robot.name", "robot.gravity", "output.diagnostics_rate"),
+    changing=("gait.", "output.diagnostics_rate"),
+)
 _BACK_NS = 500_000_000  # a clock that goes back by more was set, or a bag began again
 _AHEAD_NS = 5_000_000_000  # ahead by less: the machine was busy, and what was missed is made up for
 _PATH_POINTS = 1000
 
 
-class TrajectoryNode(Node):
+class TrajectoryNode(ConfiguredNode):
     """Adapter around a Walk. Stamps lie on a grid of the rate, whatever the timer's jitter."""
 
     def __init__(self) -> None:
-        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        self.config = declare(self)
+        super().__init__(NAME)
+        self.config = declare(self, OWN, self._on_config)
         self.todo = None
         self.types = ros_types()
         self.walk = Walk(self.config)
@@ -48,10 +53,19 @@ class TrajectoryNode(Node):
         # Steady, and the time asked for at each tick: a bag played at any speed is followed.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._period * 1e-9, self._tick, clock=steady)
-        self.create_timer(1.0 / self.config.output.diagnostics_rate, self._report, clock=steady)
+        self._timer = ReportTimer(self, self._report)
+        self._timer.set_rate(self.config.output.diagnostics_rate)
         gc.collect()
         gc.freeze()
         self.get_logger().info(f"ready: {self.config.gait.name}, {len(self.walk.plan.footsteps)} steps")
+
+    def _on_config(self, config: Config) -> None:
+        """Parameters that may change at run time have changed: a gait counts for the next plan."""
+        self.walk.change(config)
+        if config.gait != self.config.gait:
+            self.get_logger().info("another gait from the next plan on: ~/start, or the repetition of this one")
+        self.config = config
+        self._timer.set_rate(config.output.diagnostics_rate)
 
     def _tick(self) -> None:
         now = self.get_clock().now().nanoseconds

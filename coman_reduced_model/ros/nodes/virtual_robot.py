@@ -15,12 +15,12 @@ from coman_reduced_model_msgs.msg import ComReference
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
 from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.base.types import Foot, Reference
+from ...core.config.schema import Config
 from ...core.gait.walk import Walk, gait_of
 from ...core.streams.stream import Refused
 from ...errors import ConfigError
@@ -33,20 +33,26 @@ from ...sim.upper_motion import stride_s
 from ...sim.worlds import World, robot_of, world_for
 from ...topics import DESCRIPTION, INPUT_TOPICS
 from ..interface import qos
-from ..interface.parameters import declare
+from ..interface.parameters import ConfiguredNode, Own, declare
+from ..interface.report_timer import ReportTimer
 from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion, at_rest
 
 NAME = "virtual_robot"
+OWN = Own(
+    names=("virtual_robot.", "gait.", "robot.name", "robot.gravity", "output.diagnostics_rate"),
+    changing=("output.diagnostics_rate",),
+)
 _HOPELESS_NS = 3_000_000_000  # so far behind, the robot's time is set forward, and that is said
 _PATIENCE_NS = 500_000_000  # so long the robot waits for late references
 
 
-class VirtualRobotNode(Node):
+class VirtualRobotNode(ConfiguredNode):
     """Adapter around the virtual robot of a world; its stamps are the simulated time, which follows the clock."""
 
     def __init__(self) -> None:
-        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        self.config = declare(self)
+        super().__init__(NAME)
+        self._timer = ReportTimer(self, self._report)
+        self.config = declare(self, OWN, self._on_config)
         self.types = ros_types()
         self.world = self._world()
         self.table = self.world.table
@@ -91,10 +97,14 @@ class VirtualRobotNode(Node):
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / self.world.sensors.rate_hz, self._tick, clock=steady)
-        self.create_timer(1.0 / self.config.output.diagnostics_rate, self._report, clock=steady)
+        self._timer.set_rate(self.config.output.diagnostics_rate)
         gc.collect()
         gc.freeze()
         self.get_logger().info(f"ready: {self.table.name}, {self.table.mass:.2f} kg, waiting for com/reference")
+
+    def _on_config(self, config: Config) -> None:
+        self.config = config
+        self._timer.set_rate(config.output.diagnostics_rate)
 
     def _place(self, reference: Reference) -> None:
         """Put the robot where a reference has it, at rest."""
