@@ -2,16 +2,24 @@
 """Without a robot: the virtual robot walks what the trajectory node plans, and the predictor watches it."""
 
 from launch import LaunchDescription
+from launch.actions import OpaqueFunction
 
-from coman_reduced_model.ros.runtime.launching import declare, include, node
+from coman_reduced_model.ros.runtime.launching import TOPICS, declare, find_files, include, node, remappings
+
+SHARED = ("config", "namespace", "remap", "log_level")
+
+
+def virtual_robot(context):
+    return [node("virtual_robot", remap=remappings(context, *TOPICS))]
 
 
 def generate_launch_description():
     return LaunchDescription(
         [
-            *declare("config", "gait", "namespace", "log_level", repeat="true"),
-            node("virtual_robot"),
-            include("predict.launch.py", "config", "namespace", "log_level"),
-            include("trajectory.launch.py", "config", "gait", "repeat", "namespace", "log_level"),
+            *declare(*SHARED, "gait", *TOPICS, repeat="true"),
+            find_files("config"),
+            OpaqueFunction(function=virtual_robot),
+            include("predict.launch.py", *SHARED, *TOPICS),
+            include("trajectory.launch.py", *SHARED, "gait", "repeat", "reference"),
         ]
     )

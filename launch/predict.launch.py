@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The predictor on a robot (or a bag, or a simulation) that publishes the sensor topics."""
 
-from pathlib import Path
-
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from coman_reduced_model.ros.runtime.launching import declare, node, switch
+from coman_reduced_model.ros.runtime.launching import TOPICS, declare, find_files, node, remappings, switch
 
 
 def predictor(context):
     parameters = [{"use_sim_time": switch("use_sim_time")}]
     urdf = LaunchConfiguration("urdf").perform(context)
     if urdf:  # an empty text would hide what the configuration names
-        parameters.append({"robot.urdf": str(Path(urdf).expanduser().resolve())})
-    return [node("predictor", *parameters)]
+        parameters.append({"robot.urdf": urdf})
+    return [node("predictor", *parameters, remap=remappings(context, *TOPICS))]
 
 
 def generate_launch_description():
-    arguments = declare("config", "urdf", "namespace", "use_sim_time", "log_level")
-    return LaunchDescription([*arguments, OpaqueFunction(function=predictor)])
+    arguments = declare("config", "urdf", "namespace", "use_sim_time", *TOPICS, "remap", "log_level")
+    return LaunchDescription([*arguments, find_files("config", "urdf"), OpaqueFunction(function=predictor)])

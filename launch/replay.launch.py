@@ -6,7 +6,9 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.substitutions import ExecutableInPackage
 
-from coman_reduced_model.ros.runtime.launching import PACKAGE, declare, include
+from coman_reduced_model.ros.runtime.launching import PACKAGE, TOPICS, declare, include
+
+SHARED = ("config", "urdf", *TOPICS, "remap", "log_level")
 
 
 def generate_launch_description():
@@ -14,12 +16,12 @@ def generate_launch_description():
         [
             DeclareLaunchArgument("bag", description="recorded bag (a folder, or an .mcap file)"),
             DeclareLaunchArgument("rate", default_value="1.0", description="speed of the replay, 1.0: as recorded"),
-            *declare("config", "urdf", "log_level"),
-            include("predict.launch.py", "config", "urdf", "log_level", use_sim_time="true"),
+            *declare(*SHARED),
+            include("predict.launch.py", *SHARED, use_sim_time="true"),
             ExecuteProcess(
                 # What is played before the predictor listens is lost to it. (Displays, too, listen to joint_states.)
                 cmd=[ExecutableInPackage("coman", PACKAGE), "replay", LaunchConfiguration("bag")]
-                + ["--rate", LaunchConfiguration("rate"), "--await", "left_foot/wrench"],
+                + ["--rate", LaunchConfiguration("rate"), "--await", LaunchConfiguration("left_wrench")],
                 output="screen",
                 on_exit=Shutdown(reason="the bag has ended"),
             ),

@@ -5,7 +5,7 @@ from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from coman_reduced_model.ros.runtime.launching import declare, node, switch
+from coman_reduced_model.ros.runtime.launching import declare, find_files, node, remappings, switch
 
 
 def trajectory(context):
@@ -13,9 +13,9 @@ def trajectory(context):
     gait = LaunchConfiguration("gait").perform(context)
     if gait:  # an empty text would hide what the configuration names
         parameters.append({"gait.name": gait})
-    return [node("trajectory", *parameters)]
+    return [node("trajectory", *parameters, remap=remappings(context, "reference"))]
 
 
 def generate_launch_description():
-    arguments = declare("config", "gait", "repeat", "namespace", "use_sim_time", "log_level")
-    return LaunchDescription([*arguments, OpaqueFunction(function=trajectory)])
+    arguments = declare("config", "gait", "repeat", "namespace", "use_sim_time", "reference", "remap", "log_level")
+    return LaunchDescription([*arguments, find_files("config"), OpaqueFunction(function=trajectory)])

@@ -30,6 +30,7 @@ class OdometryOutput:
         self._node, self._types = node, types
         self._odometry = self._publisher(Odometry, FOOT_ODOMETRY)
         self._transforms: Any = None
+        self._wanted = False  # to publish transforms
         self.reconfigure(config)
 
     def _publisher(self, kind: type, topic: str) -> Any:
@@ -39,12 +40,14 @@ class OdometryOutput:
     def reconfigure(self, config: Config) -> None:
         """Take over another rate, and begin or end to publish transforms."""
         self._every = Throttle(config.output.odometry_rate)
-        wanted, has = config.output.publish_tf, self._transforms is not None
-        if wanted and TFMessage is None:
+        if config.output.publish_tf == self._wanted:
+            return
+        self._wanted = config.output.publish_tf
+        if self._wanted and TFMessage is None:
             self._node.get_logger().info("output.publish_tf: tf2_msgs is not installed: no transforms on /tf")
-        elif wanted and not has:
+        elif self._wanted:
             self._transforms = self._publisher(TFMessage, TF)
-        elif has and not wanted:
+        elif self._transforms is not None:
             self._node.destroy_publisher(self._transforms)
             self._transforms = None
 

@@ -3,15 +3,31 @@
 
 from __future__ import annotations
 
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from pathlib import Path
+
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.launch_context import LaunchContext
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, ThisLaunchFileDir
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.base.types import Foot
+from ...topics import INPUT_TOPICS
+
 PACKAGE = "coman_reduced_model"
-_SWITCH = ["true", "false"]
+_SWITCH = ["true", "false", "True", "False"]
+# Topics that have an argument each, by its name.
+TOPICS = {
+    "joint_states": JOINTS,
+    "motor_states": MOTORS,
+    "left_wrench": WRENCHES[Foot.LEFT],
+    "right_wrench": WRENCHES[Foot.RIGHT],
+    "imu": INPUT_TOPICS[IMU],
+    "reference": REFERENCE,
+}
 # Name: default, description, what is allowed (None: anything).
 _ARGUMENTS = {
     "config": (
@@ -24,6 +40,8 @@ _ARGUMENTS = {
     "repeat": ("false", "walk the plan again when it ends; a robot that starts late joins it there", _SWITCH),
     "namespace": ("", "namespace of the nodes and their topics", None),
     "use_sim_time": ("false", "take the time from /clock (simulation, bag)", _SWITCH),
+    "remap": ("", "other topics, as OLD:=NEW with commas between several", None),
+    **{name: (topic, f"topic instead of {topic}", None) for name, topic in TOPICS.items()},
     "log_level": ("info", "least severe messages that are logged", ["debug", "info", "warn", "error", "fatal"]),
 }
 
@@ -43,7 +61,36 @@ def switch(name: str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(name), value_type=bool)
 
 
-def node(executable: str, *parameters: dict) -> Node:
+def find_files(*names: str) -> OpaqueFunction:
+    """Make the files of arguments absolute; stop in one line where one does not exist: ROS 2 would go on without it."""
+
+    def find(context: LaunchContext) -> None:
+        for name in names:
+            given = LaunchConfiguration(name).perform(context)
+            path = Path(given).expanduser().absolute()
+            if given and not path.is_file():
+                raise FileNotFoundError(f"{name}:={given}: there is no such file")
+            context.launch_configurations[name] = str(path) if given else ""
+
+    return OpaqueFunction(function=find)
+
+
+def remappings(context: LaunchContext, *names: str) -> list[tuple[str, str]]:
+    """Those of arguments in `TOPICS`, and of `remap`.
+
+    Raises:
+        ValueError: `remap` is not a list of OLD:=NEW.
+    """
+    found = [(TOPICS[name], LaunchConfiguration(name).perform(context)) for name in names]
+    for each in filter(None, LaunchConfiguration("remap").perform(context).replace(" ", "").split(",")):
+        old, separator, new = each.partition(":=")
+        if not (old and separator and new):
+            raise ValueError(f"remap:={each}: wanted OLD:=NEW, with commas between several")
+        found.append((old, new))
+    return [(old, new) for old, new in found if old != new]
+
+
+def node(executable: str, *parameters: dict, remap: list[tuple[str, str]] | None = None) -> Node:
     """A node of ours with the configuration, and parameters that go before it; wants config, namespace, log_level."""
     return Node(
         package=PACKAGE,
@@ -51,6 +98,7 @@ def node(executable: str, *parameters: dict) -> Node:
         name=executable,
         namespace=LaunchConfiguration("namespace"),
         parameters=[LaunchConfiguration("config"), *parameters],
+        remappings=remap,
         arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
         output="screen",
     )

@@ -22,6 +22,7 @@ class Stop:
     def __init__(self) -> None:
         self.requested = False
         self.at_once = True
+        self.interrupted = False  # it has
         for number in _SIGNALS:
             signal.signal(number, self._take)
 
@@ -30,6 +31,7 @@ class Stop:
         for each in _SIGNALS:  # ignored even while the interpreter shuts down, which would restore a handler
             signal.signal(each, signal.SIG_IGN)
         if self.at_once:
+            self.interrupted = True
             raise KeyboardInterrupt
 
 
@@ -84,6 +86,10 @@ def run(name: str, find: Callable[[], Callable[[], Any]]) -> int:
     except ComanError as error:
         print(f"{name}: {error}", file=sys.stderr, flush=True)
         return 2
+    except Exception:
+        if stop.interrupted:  # while compiling, which turns a KeyboardInterrupt into errors of its own
+            return 0
+        raise
 
 
 def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop: Stop) -> int:
@@ -121,7 +127,7 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
     finally:
         stop.at_once = False
         if stop.requested:
-            exit_in(_TAKING_DOWN_S, failed=isinstance(sys.exc_info()[1], Exception))
+            exit_in(_TAKING_DOWN_S, failed=isinstance(sys.exc_info()[1], Exception) and not stop.interrupted)
         with suppress(Exception):  # whatever is wrong at the end, the reason for ending is what counts
             sys.stdout.flush()
             if executor is not None:
