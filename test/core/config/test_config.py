@@ -196,7 +196,9 @@ def value_of(parameter):
 FREE = sorted(  # values that need not fit each other
     name
     for name in TABLE
-    if not name.startswith(("effects.", "robot.left.", "robot.right.", "support.contact", "prediction.reference"))
+    if not name.startswith(
+        ("effects.", "robot.left.", "robot.right.", "support.contact", "prediction.reference", "model.trunk")
+    )
 )
 
 
