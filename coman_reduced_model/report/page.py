@@ -51,6 +51,12 @@ class Table:
     folded: str = ""  # if given, the table is folded away under this title
     kind: str = "table"
 
+    @property
+    def labels(self) -> list[str]:
+        """What each column is, its group included, for phones, where a row is a list."""
+        groups = [text for text, span in self.groups for _ in range(span)] or [""] * len(self.head)
+        return [f"{group}, {name}" if group else name for group, name in zip(groups, self.head, strict=True)]
+
 
 @dataclass(frozen=True)
 class Picture:

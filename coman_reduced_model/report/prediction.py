@@ -105,11 +105,12 @@ def prediction_page(
     robot = (summary.get("robot") or {}).get("name") or "robot"
     recording = Path(summary.get("bag") or "?").name
     sections: list[Section] = []
-    parts = _errors, _walk, _deflection, _horizons, _left, _support, _inputs, configuration_section
+    parts = _walk, _errors, _deflection, _horizons, _left, _support, _inputs, configuration_section
     for number, make in enumerate(parts):
         report(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
         sections.append(make(summary, shown, plots))
-    sections[0] = replace(sections[0], parts=[*left_out, *sections[0].parts])
+    warnings = [Notice(text, "warn") for text in summary.get("warnings") or []]
+    sections[0] = replace(sections[0], parts=[*left_out, *warnings, *sections[0].parts])
     title = f"COM of {robot}, predicted and measured: {recording}"
     return page(title, sentence(summary), sections, _facts(summary))
 
@@ -191,8 +192,7 @@ def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
         ]
         for name, by, count in rows
     ]
-    parts: list[Part] = [Notice(text, "warn") for text in summary.get("warnings") or []]
-    parts.append(
+    parts: list[Part] = [
         Table(
             head,
             cells,
@@ -202,7 +202,7 @@ def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
             strong=(0,),
             groups=[("", 2), *((f"{figures.DIRECTIONS[axis]} [mm]", 2) for axis in AXES)],
         )
-    )
+    ]
     config = summary.get("config") or {}
     sideways = config_from_flat(config, "summary.json").uses("lateral_compliance")
     if config and not sideways and config.get("prediction.reference") != "none":

@@ -146,7 +146,7 @@ def test_sentence_and_table_have_the_numbers_of_the_summary(folder, html):
     lead = re.search(r"<h1>(.*?)</h1>", html, flags=re.S)[1]
     assert "z is predicted to 1.00 mm RMS where a rigid robot is 4.00 mm off" in lead
     assert "x is not explained: 6.00 mm RMS where a rigid robot is only 3.00 mm off" in lead
-    table = text_of(html[html.index("<table>") : html.index("</table>")])
+    table = text_of(html[html.index("<table") : html.index("</table>")])
     for kind in ("rmse_m", "rmse_rigid_m"):
         for axis in AXES:
             assert millimetres(summary[kind][axis]).removesuffix(" mm") in table
@@ -330,3 +330,22 @@ def test_a_live_run_shows_the_skill_that_the_node_told(tmp_path):
     summary = summary_of(predictions, horizon_rmse_m={}, skill={"0.2": {"x": 0.25, "y": -0.5, "z": None}})
     page = write_report(write(tmp_path, predictions, summary)).read_text()
     assert "0.2 s" in page and "+0.25" in page and "-0.50" in page and "No horizon prediction" not in page
+
+
+def test_the_first_thing_on_the_page_is_a_figure_and_warnings_come_before_it():
+    predictions = walk()
+    html = prediction_page(summary_of(predictions, warnings=["left_foot/wrench: reversed"]), run_of(predictions))
+    body = html[html.index("</header>") :]
+    assert body.index("left_foot/wrench: reversed") < body.index("<figure") < body.index("<table")
+
+
+def test_on_a_phone_each_number_of_a_wide_table_has_its_name_beside_it():
+    predictions = walk()
+    html = prediction_page(summary_of(predictions), run_of(predictions))
+    assert "@media screen and (max-width: 44rem)" in html and "min-width: 40rem" not in html  # figures shrink
+    lists = re.findall(r'<table class="list">.*?</table>', html, re.S)
+    assert len(lists) > 1
+    for table in lists:
+        labels = re.findall(r'<td[^>]* data-label="([^"]*)"', table)
+        assert labels and all(labels) and len(labels) == table.count("<td") - table.count("<td colspan")
+    assert 'data-label="x, forward [mm], predicted"' in html

@@ -54,8 +54,8 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
     train, hold = pairs(diagnosis.finding)
     words = str(result["sentence"])
     sections = [
-        Section(_HEADINGS[result["verdict"]], _verdict(result)),
         Section("Before and after" if diagnosis.finding.chosen else "How it shows", _shows(diagnosis, train, hold)),
+        Section(_HEADINGS[result["verdict"]], _verdict(result)),
         Section("Where it disagrees", _where(diagnosis)),
         Section("The gap", _gap(result)),
         Section("Other explanations", _ranking(diagnosis)),
