@@ -9,7 +9,8 @@ motors theta(t) are known, and
 
 with M the inertia that the joints carry and tau the torques of gravity and of the moving masses (`swing_momentum`),
 both at the predicted posture, so that the toppling of the loaded leg (`gravity_stiffness`) is in them. Only positions
-of the motors are needed, never their acceleration.
+of the legs' motors are needed, never their acceleration. Joints outside the legs (waist, arms, head) are no
+coordinates: they follow their motors, and what that takes pushes the trunk.
 
 The ground can only press on the corners of the soles, and holds them no more than friction does (`contact.py`): a foot
 that has just landed or is about to leave stands on an edge or a corner, and the springs of its leg hold little, and a
@@ -82,6 +83,9 @@ class TrunkModel(Dynamics):
         self._no_torque = np.zeros(robot.model.nv)
         self._still = np.zeros(len(robot.joint_names))
         self._soles = StandingSoles()
+        self._above = np.setdiff1d(np.arange(len(robot.joint_names)), self._order[Foot.LEFT])  # waist, arms, head
+        # Columns of those of them between root link and legs: none, if the legs hang on the root link.
+        self._between = np.setdiff1d(robot.sole_columns[Foot.LEFT], robot.leg_columns[Foot.LEFT])
         self._stride = Stride(friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
         self.reset()
 
@@ -100,6 +104,8 @@ class TrunkModel(Dynamics):
         self._next: State | None = None  # the same at this sample
         self._filtered: State | None = None  # the measurement
         self._terms: TrunkTerms | None = None
+        self._above_rate: Array | None = None  # (nj,) of joints outside the legs at the last sample [rad/s]
+        self._above_twist = np.zeros(6)  # of the root link by them
         self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
 
     def prepare(self, now: Now) -> bool:
@@ -191,6 +197,7 @@ class TrunkModel(Dynamics):
         g, R = t.geometry, self._posture.R[Foot(t.foot)]
         values = com_and_tilt(g.com, g.J, R, self._posture.up, free.y - t.linear.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
+        self.state[3:] += self._posture.com_in_sole(Foot(t.foot))[1]  # by the joints outside the legs
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
 
@@ -216,7 +223,8 @@ class TrunkModel(Dynamics):
         inertia = pin.crba(self._pin, self._data, self._q)
         g = self._geometry(inertia, state)
         self._move_base(g, state.w, now.dt)
-        # How the moving masses resist, the joints not accelerating.
+        self._move_above(now.dt)
+        # How the moving masses resist, the joints of the legs not accelerating.
         tau = pin.rnea(self._pin, self._data, self._q, self._v, self._a) if self._swing else self._no_torque
         weight_down = self.model.gravity * g.down
         M, f = project_dynamics(inertia, tau, weight_down, g.V, g.A, columns[foot], columns[foot.other])
@@ -236,7 +244,9 @@ class TrunkModel(Dynamics):
         order = self._order[self._foot]
         q, qd = motor_q.copy(), motor_qd.copy()
         q[order], qd[order] = state.y[: len(order)], state.w[: len(order)]
-        self._posture.update(q, self._still)
+        above = self._still.copy()
+        above[self._above] = qd[self._above]
+        self._posture.update(q, above)
         self.robot.scatter(q, self._q)
         self._v[self.robot.idx_v] = qd
 
@@ -255,6 +265,24 @@ class TrunkModel(Dynamics):
             base_motion(g.V, g.A, g.V, g.A, w, 0.0, self._v, self._a)
         else:
             base_motion(g.V, g.A, before.geometry.V, before.geometry.A, w, dt, self._v, self._a)
+
+    def _move_above(self, dt: float) -> None:
+        """Move the joints outside the legs, accelerating as their motors did since the last sample.
+
+        The step of the model takes that for its whole length: momentum changes by that of the rates, and their noise
+        does not add up. Call after `_move_base`.
+        """
+        rate = self._still.copy()
+        columns = self.robot.idx_v[self._above]
+        rate[self._above] = self._v[columns]
+        twist = -self._posture.J[:, self._between] @ self._v[self._between]
+        self._v[:6] += twist
+        if self._above_rate is not None and dt > 0.0:
+            self._a[columns] = (rate - self._above_rate)[self._above] / dt
+            self._a[:6] += (twist - self._above_twist) / dt
+        else:
+            self._a[columns] = 0.0
+        self._above_rate, self._above_twist = rate, twist
 
     def _add_push(self, f: Array, g: Geometry, now: Now) -> None:
         """Add what effects push the robot with to the forces f (m + 6,), in place."""

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Robots that are more than two legs of six joints: moving arms and waist, another root link, seven joints a leg."""
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Foot, Sample
+from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.judge.cases import data_sheet
+from coman_reduced_model.resources import bag_path
+from coman_reduced_model.sim.upper_motion import UpperMotion
+from coman_reduced_model.sim.worlds import World
+from coman_reduced_model.sim.worlds.run import record_world
+
+MOVING = UpperMotion(arms=0.4, together=True, waist_yaw=0.1, waist_pitch=0.03)
+JOINT_FIELDS = ("q", "qd", "tau", "motor_q", "motor_qd")
+
+
+@pytest.fixture(scope="module", params=["coman", "small"])
+def walk(request, tmp_path_factory):
+    """Configuration and samples of a robot whose arms swing together and whose waist turns and pitches."""
+    world = World(robot=request.param, upper_body=True, upper=MOVING, duration_s=8.0, tolerances=False)
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "robot.yaml").write_text(data_sheet(world.table))
+    config = load_config(folder / "robot.yaml")
+    assert record_world(world, folder / "bag").fallen_s is None
+    with Session(folder / "bag", config) as session:
+        return session.robot, config, list(session.samples())
+
+
+def errors(robot, config, samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """COM (n, 3) by the free run, its error and that of the rigid robot [m]."""
+    predictor = Predictor(robot, config.replaced({"prediction.horizons": []}))
+    predictions = [predictor.update(sample) for sample in samples]
+    com = np.array([each.predicted_com for each in predictions])
+    error = np.array([each.residual for each in predictions])
+    rigid = np.array([each.measured_com - each.reference_com for each in predictions])
+    return com, error, rigid
+
+
+def rms_mm(values: np.ndarray) -> np.ndarray:
+    return 1e3 * np.sqrt(np.nanmean(np.square(values), axis=0))
+
+
+def test_arms_and_waist_that_accelerate_push_the_trunk(walk):
+    _, error, rigid = errors(*walk)
+    assert (rms_mm(error) < [0.5, 0.3, 0.15]).all(), rms_mm(error)
+    assert (rms_mm(error) < 0.7 * rms_mm(rigid)).all(), (rms_mm(error), rms_mm(rigid))
+
+
+def test_predicted_velocity_counts_the_arms(walk):
+    robot, config, samples = walk
+    predictor = Predictor(robot, config.replaced({"prediction.horizons": []}))
+    off = [p.measured_com_vel - p.predicted_com_vel for p in map(predictor.update, samples)]
+    rigid = [p.measured_com_vel - p.reference_com_vel for p in map(predictor.update, samples)]
+    assert rms_mm(np.array(off))[0] < 0.9 * rms_mm(np.array(rigid))[0]
+
+
+def test_prediction_does_not_depend_on_the_root_link(walk):
+    robot, config, samples = walk
+    other = Robot(rooted_at(robot.urdf, "torso"), config.robot)
+    assert other.root == "torso" and set(other.joint_names) == set(robot.joint_names)
+    order = [robot.joint_names.index(name) for name in other.joint_names]
+    com, *_ = errors(other, config, [mapped(sample, lambda values: values[order]) for sample in samples])
+    expected, error, _ = errors(robot, config, samples)
+    known = np.isfinite(expected)
+    assert known.sum() > 1000 and (known == np.isfinite(com)).all()
+    assert (rms_mm(com - expected) < 0.1 * rms_mm(error)).all()
+
+
+def mapped(sample: Sample, change) -> Sample:
+    """The sample with other joints."""
+    return replace(sample, **{name: change(getattr(sample, name)) for name in JOINT_FIELDS})
+
+
+def rooted_at(urdf: str, root: str) -> str:
+    """The URDF with the joints between the root link and another link turned round; their frames are not turned."""
+    tree = ElementTree.fromstring(urdf)
+    by_child = {joint.find("child").get("link"): joint for joint in tree.iterfind("joint")}
+    chain, link = [], root
+    while link in by_child:
+        chain.append(by_child[link])
+        link = by_child[link].find("parent").get("link")
+    for joint in chain:
+        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
+        shift = np.array(origin.get("xyz").split(), float)
+        above = parent.get("link")
+        # The frame of what was the parent moves into the joint.
+        inertial = tree.find(f"link[@name='{above}']/inertial/origin")
+        below = [other.find("origin") for other in tree.iterfind("joint")
+                 if other is not joint and other.find("parent").get("link") == above]  # fmt: skip
+        for moved in (inertial, *below):
+            moved.set("xyz", " ".join(map(str, np.array(moved.get("xyz").split(), float) - shift)))
+        parent.set("link", child.get("link"))
+        child.set("link", above)
+        origin.set("xyz", "0 0 0")
+        axis = joint.find("axis")
+        axis.set("xyz", " ".join(map(str, -np.array(axis.get("xyz").split(), float))))
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def test_a_seventh_joint_that_is_locked_changes_nothing():
+    """Seven joints a leg: a pelvis joint of high stiffness, whose encoders and motors stay at zero."""
+    with Session(bag_path("test1"), load_config()) as session:
+        robot, config = session.robot, session.config
+        samples = [sample for sample, _ in zip(session.samples(), range(1200), strict=False)]
+    expected, error, _ = errors(robot, config, samples)
+
+    tree = ElementTree.fromstring(robot.urdf)
+    changes: dict = {}
+    for foot, side in ((Foot.LEFT, "left"), (Foot.RIGHT, "right")):
+        first = robot.joint_names[robot.legs[foot][0]]
+        joint = tree.find(f"joint[@name='{first}']")
+        link = f"{side}_pelvis"
+        tree.append(ElementTree.fromstring(f"<link name='{link}'/>"))
+        tree.append(ElementTree.fromstring(
+            f"<joint name='{side}_seventh' type='revolute'><parent link='base_link'/><child link='{link}'/>"
+            f"<origin xyz='{joint.find('origin').get('xyz')}'/><axis xyz='0 0 1'/>"
+            "<limit lower='-1' upper='1' effort='100' velocity='10'/></joint>"
+        ))  # fmt: skip
+        joint.find("parent").set("link", link)
+        joint.find("origin").set("xyz", "0 0 0")
+        leg = getattr(config.robot, side)
+        changes |= {
+            f"robot.{side}.joints": [f"{side}_seventh", *leg.joints],
+            f"robot.{side}.stiffness": [1e6, *leg.stiffness],
+            f"robot.{side}.damping": [1e3, *leg.damping],
+        }
+    seven = config.replaced(changes)
+    other = Robot(ElementTree.tostring(tree, encoding="unicode"), seven.robot)
+    assert len(other.legs[Foot.LEFT]) == 7
+    place = [other.joint_names.index(name) for name in robot.joint_names]
+
+    def with_sevenths(values: np.ndarray) -> np.ndarray:
+        out = np.zeros(14)
+        out[place] = values
+        return out
+
+    com, *_ = errors(other, seven, [mapped(sample, with_sevenths) for sample in samples])
+    known = np.isfinite(expected)
+    assert known.sum() > 1000 and (known == np.isfinite(com)).all()
+    assert (rms_mm(com - expected) < 0.1 * rms_mm(error)).all()
