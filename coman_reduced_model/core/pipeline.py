@@ -132,6 +132,7 @@ class Pipeline:
         try:
             converted = convert(message)
         except Refused as refused:
+            self.joiner.streams[stream].received += 1
             self.joiner.rejections.add(stream, refused.reason, str(refused))
             return []
         return self._add[stream](converted)
@@ -234,10 +235,14 @@ class Pipeline:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))
         zeros = self.predictor.zeros
-        suspect = self.plausibility.warnings({foot: zeros.of(foot)[2] for foot in WRENCHES})
+        refused = self.joiner.possible.beyond
+        beyond = {name: each for name, each in refused.items() if each.count > streams[name].accepted}
+        suspect = self.plausibility.warnings({foot: zeros.of(foot)[2] for foot in WRENCHES}, beyond)
         # One sentence for one cause: zeros and biases are not what they seem where a sign or a unit is wrong.
         causes = [each for each in suspect if each.prevents_diagnosis]
-        return found + (causes or [*zeros.warnings(), *suspect])
+        if causes:  # a stream that holds nothing usable for this reason
+            return [each for each in found if each.stream not in beyond] + causes
+        return [*found, *zeros.warnings(), *suspect]
 
     def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
         """What is wrong with a stream that the predictions need beside the joint states."""

@@ -26,6 +26,7 @@ from .model.horizon import drop_impossible
 from .model.point_mass import Pendulum, PointMass
 from .model.reference import plan_ahead
 from .model.trunk.model import TrunkModel
+from .robot.limits import limits_of
 from .robot.robot import Robot
 
 _NAN3 = np.full(3, np.nan)
@@ -81,7 +82,9 @@ class Predictor:
         self.model = Model(robot, config, effects)
         self.dynamics = self._dynamics()
         self.link = robot.posture()
-        self.zeros = SensorZeros(config.support.weight or robot.mass * config.robot.gravity)
+        weight = config.support.weight or robot.mass * config.robot.gravity
+        self.zeros = SensorZeros(weight)
+        self._limits = limits_of(robot, config.robot.gravity, weight)
         self.sample: Sample | None = None
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
@@ -154,10 +157,12 @@ class Predictor:
         if foot == Foot.NONE:
             return self._finish(sample, support, T_odom_sole, flags | Flags.NO_SUPPORT | Flags.NOT_INITIALISED)
         com, com_vel = self.link.com_in_sole(foot)
-        if support.phase == Phase.FLIGHT:
+        possible = self._possible(com, com_vel)
+        if support.phase == Phase.FLIGHT or not possible:
             self.dynamics.stop()
-            flags |= Flags.NO_SUPPORT | Flags.NOT_INITIALISED
-            return self._finish(sample, support, T_odom_sole, flags, com, com_vel)
+            flags |= Flags.NOT_INITIALISED | (Flags.NO_SUPPORT if possible else Flags.REJECTED_STATE)
+            measured = (com, com_vel) if possible else (_NAN3, _NAN3)
+            return self._finish(sample, support, T_odom_sole, flags, *measured)
         zmp = self._zmp(sample, foot) if self._needs_zmp else None
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
@@ -190,18 +195,23 @@ class Predictor:
         prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
         return prediction
 
+    def _possible(self, com: Array, com_vel: Array) -> bool:
+        """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""
+        return hypot(*com) <= self._limits.reach and hypot(*com_vel) <= self._limits.com_speed
+
     def _ahead(self, now: Now, ready: bool) -> tuple[Array | None, Flags]:
         """What is published for the horizons, (k, 3) [m] in the support sole; None if the model has no input."""
         dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
         ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
         if ready:
             ahead[0] = dynamics.ahead(now, self._horizons)
-            if drop_impossible(ahead[0], now.com, now.com_vel, self._horizons, gravity, self.DIVERGED):
-                flags |= Flags.REJECTED_STATE
         ahead[1:] = predict_baselines(
             now.com, now.com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
             dynamics.reference, dynamics.reference_vel, *plan_ahead(now.sample, now.foot),
         )  # fmt: skip
+        # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
+        if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
+            flags |= Flags.REJECTED_STATE
         published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead)
         if not ready:
             return None, flags

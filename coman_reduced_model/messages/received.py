@@ -68,7 +68,8 @@ def known_orientation(quaternion: Array, covariance: float) -> Array | None:
 
     Or if it is no rotation: there are drivers that leave both fields at zero.
     """
-    return quaternion if covariance >= 0.0 and 0.9 < float(quaternion @ quaternion) < 1.1 else None
+    length = math.hypot(*quaternion)
+    return quaternion if covariance >= 0.0 and 0.9 < length * length < 1.1 else None
 
 
 def reference_from(message: Any) -> Reference:

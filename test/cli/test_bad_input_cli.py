@@ -127,28 +127,38 @@ def test_arrays_of_unequal_length(spoiled, array):
     assert summary["rejected"] == {"joint_states/length": 1} and summary["samples"] == SAMPLES - 1
 
 
-@pytest.mark.timeout(300, method="thread")  # the report drew lines that left the figure for good
-@pytest.mark.parametrize("topics", [("/joint_states",), ("/joint_states", "/motor_states")])
-def test_joint_positions_in_degrees(tmp_path, capsys, topics):
-    """Predictions beyond physics are restarts with their flag, no table says inf, and the page says what it hides."""
-    with Bag(BAGS / "test1") as opened, BagWriter(tmp_path / "bag", opened.topics, ("/robot_description",)) as writer:
+def scaled_walk(path, factor, topics):
+    """Five seconds of a shipped walk with other joint positions."""
+    with Bag(BAGS / "test1") as opened, BagWriter(path, opened.topics, ("/robot_description",)) as writer:
         for topic, log_time, message in opened.messages(opened.topics):
             if log_time > opened.start_ns + 5_000_000_000:
-                break
+                return path
             if topic in topics:
-                message.position = np.degrees(message.position)
+                message.position = factor * message.position
             writer.write(topic, log_time, message)
+    return path
+
+
+@pytest.mark.timeout(300, method="thread")  # the report drew lines that left the figure for good
+def test_springs_that_carry_no_robot(tmp_path, capsys):
+    """Predictions beyond physics are restarts with their flag, no table says inf, and the page says what it hides."""
     out = tmp_path / "out"
     capsys.readouterr()
-    assert run(["predict", str(tmp_path / "bag"), "--out", str(out)]) == 0
+    weak = [f"robot.{side}.stiffness=[5, 5, 5, 5, 5, 5]" for side in ("left", "right")]
+    assert run(["predict", str(BAGS / "test1"), "--out", str(out), "--set", weak[0], "--set", weak[1]]) == 0
     text, err = capsys.readouterr()
     assert "inf" not in text and "nan" not in text and "RuntimeWarning" not in err
-    rejected = json.loads((out / "summary.json").read_text())["flags"]["REJECTED_STATE"]
-    assert rejected > 50 and f"predictions diverged in {rejected} of " in err
+    assert json.loads((out / "summary.json").read_text())["flags"]["REJECTED_STATE"] > 5
     check_bounds(out)
     assert run(["report", str(out)]) == 0
     page = (out / "report.html").read_text()
     assert "which is beyond physics. It was restarted from the measurement" in page
+
+
+@pytest.mark.parametrize("topics", [("/joint_states",), ("/joint_states", "/motor_states")])
+def test_joint_positions_in_degrees(tmp_path, predict, topics):
+    code, _, err = predict(scaled_walk(tmp_path / "bag", 180.0 / math.pi, topics))
+    assert code == 2 and "in degrees?" in err and "rad, by far beyond its limits" in err
 
 
 def test_bytes_that_are_no_message(predict, tmp_path):

@@ -16,6 +16,17 @@ from ...resources import config_path
 from .schema import Config, config_from_flat, parameter_table
 
 
+class _PlainLoader(yaml.SafeLoader):
+    """Values alone: no tags that make objects, and no aliases, by which a short file could fill the memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node that is no alias."""
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.composer.ComposerError(None, None, "aliases (*) are not allowed", mark)
+        return super().compose_node(parent, index)
+
+
 def load_config(path: str | Path | None = None, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
     """Read a ROS 2 parameter file: the sections `/**` and then that of the node, if any.
 
@@ -38,11 +49,13 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
     """
     path = Path(config_path() if path is None else path)
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = yaml.load(path.read_text(encoding="utf-8"), _PlainLoader)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not a text file") from None
+    except (RecursionError, ValueError) as error:  # nested too deeply; dates and numbers that are none
+        raise ConfigError(f"{path}: is not YAML of a configuration: {error}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""

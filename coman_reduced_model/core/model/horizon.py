@@ -67,12 +67,12 @@ def predict_horizons(
 
 @compiled
 def drop_impossible(ahead: Array, com: Array, com_vel: Array, horizons: Array, gravity: float, diverged: float) -> bool:
-    """Write NaN over predictions that no robot on its feet gets to; whether there were any.
+    """Write NaN over predictions that no robot on its feet gets to; whether any was the model's.
 
     It accelerates by less than gravity, so that in a time h it gets no farther than |p'| h + g h^2 / 2.
 
     Args:
-        ahead: (k, 3) predictions [m] in the support sole, changed in place.
+        ahead: (n, k, 3) predictions [m] in the support sole, the model's first, changed in place.
         com, com_vel: (3,) measured [m], [m/s].
         horizons: (k,) [s].
         gravity: [m/s^2].
@@ -82,9 +82,10 @@ def drop_impossible(ahead: Array, com: Array, com_vel: Array, horizons: Array, g
     for h in range(horizons.shape[0]):
         t = horizons[h]
         limit = diverged + np.sqrt(com_vel.dot(com_vel)) * t + 0.5 * gravity * t * t
-        for i in range(3):
-            if not abs(ahead[h, i] - com[i]) < limit:  # an axis each: a sum of squares could overflow
-                ahead[h] = np.nan
-                found = True
-                break
+        for n in range(ahead.shape[0]):
+            for i in range(3):
+                if not abs(ahead[n, h, i] - com[i]) < limit:  # an axis each: a sum of squares could overflow
+                    ahead[n, h] = np.nan
+                    found = found or n == 0
+                    break
     return found

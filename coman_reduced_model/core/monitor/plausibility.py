@@ -17,6 +17,7 @@ from ..base.stream_names import JOINTS, MOTORS, WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
 from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS
+from ..streams.possible import Refusals
 from .signs import Signs
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on 
 _CARRIES = 0.8  # share of both forces on the foot in the air, from which the feet are swapped
 _TURN = 2.0 * np.pi  # [rad] by which no joint of a leg is turned
 _GEARED = 5.0  # motor positions over joint positions, from which they are not on the same side of the gear
+_NO_REFUSALS: Mapping[str, Refusals] = {}
 _NO_ZEROS = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
 _MOVES = 0.05  # [rad] of a joint, from which the two are compared
 
@@ -108,16 +110,20 @@ class Plausibility:
         counts["wrenches/swapped"] = self._swapped
         return {name: count for name, count in counts.items() if count}
 
-    def warnings(self, zeros: Mapping[Foot, float] = _NO_ZEROS) -> list[InputWarning]:
+    def warnings(
+        self, zeros: Mapping[Foot, float] = _NO_ZEROS, beyond: Mapping[str, Refusals] = _NO_REFUSALS
+    ) -> list[InputWarning]:
         """Present warnings, beside what the sensors are known to read vertically without load [N].
+
+        `beyond`: by stream, positions that no sample holds because most were beyond the limits of their joints.
 
         Torques, motors and IMU are judged by forces and positions: only where units and signs of these are right.
         """
-        found = self._of_forces(zeros)
+        found = self._of_forces(zeros, beyond)
         return found if any(each.prevents_diagnosis for each in found) else [*found, *self._signs.warnings()]
 
-    def _of_forces(self, zeros: Mapping[Foot, float]) -> list[InputWarning]:
-        found = self._units()
+    def _of_forces(self, zeros: Mapping[Foot, float], beyond: Mapping[str, Refusals]) -> list[InputWarning]:
+        found = self._units(beyond)
         if any(each.stream == JOINTS for each in found):
             return found  # no posture to judge forces by
         if self._looks >= _MIN_LOOKS:
@@ -149,13 +155,19 @@ class Plausibility:
                 found.append(InputWarning(WarningKind.BIAS, name, text))
         return found
 
-    def _units(self) -> list[InputWarning]:
+    def _units(self, beyond: Mapping[str, Refusals]) -> list[InputWarning]:
         """What is in degrees, in kilograms, or before a gear."""
         found = []
-        span = self._highest - self._lowest
-        k = int(np.argmax(self._turned))
-        if self._turned[k] >= _MIN_LOOKS:
-            largest = max(self._highest[0, k], -self._lowest[0, k])
+        lowest, highest, turned = self._lowest.copy(), self._highest.copy(), self._turned
+        for k, stream in enumerate((JOINTS, MOTORS)):
+            if stream in beyond:
+                lowest[k] = np.fmin(lowest[k], beyond[stream].lowest)
+                highest[k] = np.fmax(highest[k], beyond[stream].highest)
+                turned = turned + (beyond[stream].count if k == 0 else 0) * (highest[0] - lowest[0] > _TURN)
+        span = highest - lowest
+        k = int(np.argmax(self._of_legs * turned))
+        if turned[k] >= _MIN_LOOKS:
+            largest = max(highest[0, k], -lowest[0, k])
             text = (
                 f"{JOINTS}: {self._robot.joint_names[k]} is at {largest:.3g} rad, more than a turn: in degrees? "
                 "wanted are radians"

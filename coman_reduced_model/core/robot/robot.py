@@ -75,7 +75,10 @@ class Robot:
             self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(chain)[2:]], dtype=np.intp)
         self._refuse_one_leg(source)
         x, y = 0.5 * config.foot_length, 0.5 * config.foot_width
-        self.shapes = {foot: shape_points(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
+        try:
+            self.shapes = {foot: shape_points(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
+        except ValueError as error:
+            raise RobotError(f"{source}: a collision shape of a foot has no usable numbers: {error}") from None
         outlines = {foot: outline(points) for foot, points in self.shapes.items()}
         self.soles = {f: np.array([-x, x, -y, y]) if o is None else o for f, o in outlines.items()}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
@@ -312,6 +315,10 @@ def build_model(urdf: str, source: str) -> pin.Model:
     text = urdf.strip()
     if not text:
         raise RobotError(f"{source}: the URDF is empty")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise RobotError(
+            f"{source}: the URDF has a document type or entities, which could fill the memory; remove them"
+        )
     try:  # checked here, because urdfdom writes its complaints to the terminal
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:

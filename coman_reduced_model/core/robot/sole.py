@@ -111,13 +111,24 @@ def _points(shape: ElementTree.Element, at: pin.SE3) -> Array:
 
 
 def _mesh_file(name: str, folder: Path) -> Path | None:
-    """The file of a mesh: beside the URDF, in a package that holds it, or in one of the environment."""
+    """The file of a mesh: beside the URDF or below, in a package that holds it, or in one of the environment.
+
+    A URDF is input: it names no file elsewhere, not by ``..``, an absolute path or a link.
+    """
     if not name.startswith("package://"):
-        path = folder / name.removeprefix("file://")
-        return path if path.is_file() else None
+        return _inside(folder, name.removeprefix("file://"))
     package, _, rest = name.removeprefix("package://").partition("/")
     above = [folder.absolute(), *folder.absolute().parents]
     shares = [Path(prefix) / "share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    places = [each / rest for each in above if each.name == package]
-    places += [each / package / rest for each in (*above, *shares)]
-    return next((path for path in places if path.is_file()), None)
+    places = [each for each in above if each.name == package]
+    places += [each / package for each in (*above, *shares) if package not in ("", ".", "..")]
+    return next((path for place in places if (path := _inside(place, rest))), None)
+
+
+def _inside(folder: Path, name: str) -> Path | None:
+    """A file of a folder or below it; None if there is no such file, or it is elsewhere."""
+    try:
+        path = (folder / name).resolve()
+        return path if path.is_relative_to(folder.resolve()) and path.is_file() else None
+    except (OSError, ValueError, RuntimeError):  # names too long, with zeros, links in a circle
+        return None

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,9 +35,11 @@ from ..base.stream_names import (
 )
 from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
+from ..robot.limits import limits_of
 from .differentiate import Differentiator
 from .joint_map import JointMap, JointState
 from .mixing import all_usable, mix, mixed, to_sole
+from .possible import Possible
 from .preview import later
 from .stream import (
     CAPACITY,
@@ -60,6 +62,7 @@ class Joiner:
         streams: by name, for rates and ages.
         rejections: what was not used and why.
         incomplete: by stream, the number of Samples that went without an expected value.
+        possible: what a robot can do at most; messages beyond are refused.
         extra_joints: joints in messages that the URDF lacks (ignored).
         clock_lead_s: by expected stream, how far its stamps are ahead of those of the joint states as they arrive,
             smoothed; about zero if clocks agree and nothing is delayed.
@@ -73,6 +76,9 @@ class Joiner:
         self._reach = self._max_wait // 2
         self._gap = round(limits.restart_gap * 1e9)
         self.rejections = Rejections()
+        gravity = config.robot.gravity
+        weight = config.support.weight or robot.mass * gravity
+        self.possible = Possible(robot, limits_of(robot, gravity, weight), limits.restart_gap)
 
         def stream(name: str, max_age_s: float) -> Stream:
             return Stream(name, max_age_s, limits.restart_gap, self.rejections)
@@ -130,7 +136,7 @@ class Joiner:
         samples = self._restart(accepted[0][0]) if self._joints.jumped else []
         self._watch_clocks()
         for stamp, state in accepted:
-            if self._velocity(JOINTS, stamp, state):
+            if self._usable(JOINTS, stamp, state):
                 self._waiting.append((stamp, state))
         return samples + self._ready() if samples else self._ready()
 
@@ -138,7 +144,7 @@ class Joiner:
         """A joint state, motor side."""
         accepted = self._joint_items(self._motors, message)
         samples = self._went_back(self._motors) if self._motors.jumped else []
-        self._motors.items.extend(item for item in accepted if self._velocity(MOTORS, *item))
+        self._motors.items.extend(item for item in accepted if self._usable(MOTORS, *item))
         return samples + self._ready()
 
     def add_wrench(self, foot: Foot, message: WrenchMessage) -> list[Sample]:
@@ -159,7 +165,7 @@ class Joiner:
         if isinstance(wrench_map, RobotError):
             self._reject(stream, "frame", str(wrench_map))
             return []
-        return self._add(stream, message.stamp_ns, wrench)
+        return self._add_possible(stream, self.possible.wrench, message.stamp_ns, wrench)
 
     def add_reference(self, message: Reference) -> list[Sample]:
         """A point of the planned motion."""
@@ -183,7 +189,7 @@ class Joiner:
         if not all_usable(*values):
             worst = next(each for each in values if not usable(each))
             return self._reject_values(self._reference, worst, f"a vector of it is {worst[:3]}")
-        return self._add(self._reference, message.stamp_ns, message)
+        return self._add_possible(self._reference, self.possible.reference, message.stamp_ns, message)
 
     def add_imu(self, message: ImuMessage) -> list[Sample]:
         """Orientation and rates of the trunk."""
@@ -191,7 +197,7 @@ class Joiner:
         for values in (message.angular_velocity, message.linear_acceleration):
             if not usable(values):
                 return self._reject_values(self._imu, values, f"a vector of it is {values}")
-        return self._add(self._imu, message.stamp_ns, message)
+        return self._add_possible(self._imu, self.possible.imu, message.stamp_ns, message)
 
     def flush(self) -> list[Sample]:
         """The end: joint states that still wait become Samples with what is there."""
@@ -207,6 +213,14 @@ class Joiner:
     def _reject_values(self, stream: Stream, values: Array, sentence: str) -> list[Sample]:
         self._reject(stream, fault(float(values.sum())), " ".join(sentence.split()))
         return []
+
+    def _add_possible(self, stream: Stream, check: Callable[[Any], None], stamp: int, value: Any) -> list[Sample]:
+        try:
+            check(value)
+        except Refused as refused:
+            self._reject(stream, refused.reason, str(refused))
+            return []
+        return self._add(stream, stamp, value)
 
     def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
         accepted = stream.accept(stream.true_stamp(stamp), value)
@@ -225,14 +239,28 @@ class Joiner:
             return ()
         return stream.accept(stream.true_stamp(message.stamp_ns), state)
 
-    def _velocity(self, name: str, stamp: int, state: JointState) -> bool:
-        """Fill in a velocity that the message does not give; False while there is none."""
-        if state.qd is not None:
-            return True
-        state.qd = self._differentiators[name].update(stamp, state.q)
-        if state.qd is None:
-            self.rejections.add(name, "no_velocity", "gives no velocities, and one position makes none")
-        return state.qd is not None
+    def _usable(self, name: str, stamp: int, state: JointState) -> bool:
+        """Whether a joint state is possible; a velocity that it does not give is filled in."""
+        try:
+            self.possible.joints(name, stamp, state)
+            if state.qd is None:
+                state.qd = self._velocity(name, stamp, state.q)
+        except Refused as refused:
+            self.streams[name].withdraw(refused.reason, str(refused))
+            return False
+        return True
+
+    def _velocity(self, name: str, stamp: int, q: Array) -> Array:
+        """Differentiated positions.
+
+        Raises:
+            Refused: there is but one, or no joint is that fast.
+        """
+        qd = self._differentiators[name].update(stamp, q)
+        if qd is None:
+            raise Refused("no_velocity", "gives no velocities, and one position makes none")
+        self.possible.speeds(qd)
+        return qd
 
     def _wrench_map(self, foot: Foot, frame_id: str) -> Array | RobotError:
         """(6, 6) matrix from wrenches in a frame to the sole's, or why there is none."""

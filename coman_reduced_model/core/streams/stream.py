@@ -148,6 +148,11 @@ class Stream:
             self._suspect = (stamp, value)
         return ()
 
+    def withdraw(self, reason: str, sentence: str) -> None:
+        """A message that was accepted by its stamp is not used for its values."""
+        self.accepted -= 1
+        self._reject(reason, sentence)
+
     def finish(self) -> None:
         """No more messages: a suspect that nothing followed is rejected."""
         if self._suspect is not None and self.last is not None:

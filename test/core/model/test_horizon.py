@@ -238,9 +238,9 @@ def test_more_samples_than_can_wait_are_dropped_not_mixed_up():
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e200, 4.0])
 def test_predictions_that_no_robot_gets_to_are_nan(value):
     """1 m/s for 0.4 s and a fall of 0.8 m, with half a metre to spare, are possible; 4 m are not."""
-    ahead = np.array([[0.1, 0.0, 0.4], [0.2, value, 0.4], [1.6, 0.0, 0.4]])
+    ahead = np.array([[[0.1, 0.0, 0.4], [0.2, value, 0.4], [1.6, 0.0, 0.4]]])
     kept = ahead.copy()
     assert drop_impossible(ahead, np.array([0.0, 0.0, 0.4]), np.array([1.0, 0.0, 0.0]), HORIZONS, 9.81, 0.5)
-    assert np.isnan(ahead[1]).all()
-    np.testing.assert_array_equal(ahead[[0, 2]], kept[[0, 2]])
-    assert not drop_impossible(kept[:1], COM, COM_VEL, HORIZONS[:1], 9.81, 0.5)
+    assert np.isnan(ahead[0, 1]).all()
+    np.testing.assert_array_equal(ahead[0, [0, 2]], kept[0, [0, 2]])
+    assert not drop_impossible(kept[:, :1], COM, COM_VEL, HORIZONS[:1], 9.81, 0.5)

@@ -31,11 +31,11 @@ def test_equal_stamps_complete_at_once():
 
 def test_values_between_two_messages_are_interpolated():
     messages = [wrench(LEFT, 0, 100.0), wrench(RIGHT, 0, 0.0), motor(0, 0.0), joint(3)]
-    messages += [wrench(LEFT, 4, 200.0), wrench(RIGHT, 4, 40.0), motor(4, 0.4)]
+    messages += [wrench(LEFT, 4, 200.0), wrench(RIGHT, 4, 40.0), motor(4, 0.04)]
     (sample,), _ = joined(messages)
     assert sample.left_wrench[2] == pytest.approx(175.0)
     assert sample.right_wrench[2] == pytest.approx(30.0)
-    assert sample.motor_q == pytest.approx(np.full(12, 0.3))
+    assert sample.motor_q == pytest.approx(np.full(12, 0.03))
 
 
 def test_on_a_walk_every_value_is_that_of_its_stamp():
