@@ -21,6 +21,11 @@ Raw = tuple[str, int, bytes]  # topic, log time [ns], serialised message
 CHUNK = struct.Struct("<QQQI")  # start and end time, size, checksum; then the compression and the records, as strings
 RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
+LARGEST = 256 * 2**20  # bytes of a chunk: rosbag2 writes some megabytes; a small file must not fill the memory
+GROWTH = 100  # times its size that a compressed file may grow to, beside that: recordings grow some ten times
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_PART = 16 * 2**10  # bytes that are decompressed at once
+_TOO_LARGE = f"a chunk of more than {LARGEST >> 20} MB"
 _IS_MESSAGE = int(Opcode.MESSAGE)
 _log_time = itemgetter(1)
 
@@ -37,7 +42,35 @@ def indexed_messages(path: Path, topics: Collection[str]) -> Iterator[Raw] | Non
         return None
     channels = {key: each.topic for key, each in summary.channels.items() if each.topic in topics}
     chunks = [each for each in summary.chunk_indexes if not channels.keys().isdisjoint(each.message_index_offsets)]
+    _refuse_large(chunks)
     return _in_order(path, sorted(chunks, key=lambda each: each.message_start_time), channels)
+
+
+def grows_unchecked(path: Path) -> bool:
+    """Whether a general reader would decompress a file, or its chunks to look for an index, however large they grow."""
+    try:
+        with path.open("rb") as file:
+            if file.read(4) == _ZSTD:
+                return True
+            file.seek(0)
+            summary = make_reader(file).get_summary()
+            return summary is None or not summary.chunk_indexes and _has_compressed_chunks(file)
+    except Exception:  # no MCAP file, or a damaged one
+        return path.suffix == ".mcap"
+
+
+def _has_compressed_chunks(file: BinaryIO) -> bool:
+    file.seek(8)  # the magic bytes
+    while len(head := file.read(RECORD.size)) == RECORD.size:
+        opcode, length = RECORD.unpack(head)
+        after = file.tell() + length
+        if opcode == Opcode.CHUNK:
+            file.seek(CHUNK.size, 1)
+            return file.read(4) != b"\0\0\0\0"
+        if opcode == Opcode.DATA_END:
+            return False
+        file.seek(after)
+    return False
 
 
 def _in_order(path: Path, chunks: list[ChunkIndex], channels: dict[int, str]) -> Iterator[Raw]:
@@ -84,15 +117,36 @@ def _messages(data: bytes, channels: dict[int, str]) -> list[Raw]:
 
 
 def decompressed(method: bytes, data: bytes) -> bytes:
-    """The records of a chunk, which may be cut off: as far as they go.
+    """The records of a chunk, which may be cut off: as far as they go, and no more than LARGEST.
 
     Raises:
-        Exception: of some kind, if it is damaged.
+        Exception: of some kind, if it is damaged or larger.
     """
     if method == b"":
         return data
     if method == b"lz4":
-        return lz4.frame.LZ4FrameDecompressor().decompress(data)
-    if method == b"zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    raise ValueError(f"compression {method!r} is not known")
+        out = lz4.frame.LZ4FrameDecompressor().decompress(data, LARGEST + 1)
+    elif method == b"zstd":
+        out = b"".join(_zstd(data))
+    else:
+        raise ValueError(f"compression {method!r} is not known")
+    if len(out) > LARGEST:
+        raise ValueError(_TOO_LARGE)
+    return out
+
+
+def _zstd(data: bytes) -> Iterator[bytes]:
+    """Parts of what was compressed; a file that is cut off ends without an error."""
+    decompress, size = zstandard.ZstdDecompressor().decompressobj().decompress, 0
+    for start in range(0, len(data), _PART):  # no part grows by more than some thousand times
+        part = decompress(data[start : start + _PART])
+        size += len(part)
+        if size > LARGEST:
+            raise ValueError(_TOO_LARGE)
+        yield part
+
+
+def _refuse_large(chunks: list[ChunkIndex]) -> None:
+    """Raises ValueError if a chunk says that it is larger than LARGEST."""
+    if any(max(each.uncompressed_size, each.chunk_length) > LARGEST for each in chunks):
+        raise ValueError(_TOO_LARGE)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import zstandard
-from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_msg
@@ -19,7 +19,7 @@ from rosbags.typesys.store import Typestore
 
 from ..errors import BagError
 from ..messages import OWN
-from .chunks import Raw, indexed_messages
+from .chunks import GROWTH, LARGEST, Raw, decompressed, grows_unchecked, indexed_messages
 from .truncated import MAGIC, TruncatedMcap
 from .types import typestore
 
@@ -142,16 +142,18 @@ class Bag:
         if path.is_file():
             return [self._file(path)]
         problem = "no metadata.yaml"
+        inside = sorted(each for each in path.iterdir() if each.name.endswith(_SUFFIXES))
+        if any(grows_unchecked(each) for each in inside):
+            return [self._file(file) for file in inside]
         if (path / "metadata.yaml").is_file():
             try:
                 return [self._whole(path)]
             except Exception as error:  # a wrong metadata.yaml fails in any way; the files may be good all the same
                 problem = " ".join(str(error).split())[:200] or type(error).__name__
-        files = sorted(each for each in path.iterdir() if each.name.endswith(_SUFFIXES))
-        if not files:
+        if not inside:
             raise BagError(f"{path}: not a bag: {problem}, and no {', '.join(_SUFFIXES[:2])} file")
         self.warnings.append(f"{path}: read file by file: {problem}")
-        return [self._file(file) for file in files]
+        return [self._file(file) for file in inside]
 
     def _file(self, path: Path, shown: Path | None = None) -> _Part:
         """Open one file; `shown` is what it is called to people, if it is a decompressed copy."""
@@ -168,6 +170,8 @@ class Bag:
             return self._whole(path, ".db3")
         if not start.startswith(MAGIC):
             raise BagError(f"{shown}: neither an MCAP nor an SQLite bag{'' if start else ': the file is empty'}")
+        if grows_unchecked(path):
+            return self._cut(path, shown)
         try:
             return self._whole(path, ".mcap")
         except Exception:  # however it fails, it is not whole
@@ -205,7 +209,11 @@ class Bag:
         problem = "it is cut off in its first block"
         try:
             with path.open("rb") as source, target.open("wb") as out:
-                zstandard.ZstdDecompressor().copy_stream(source, out)
+                most = GROWTH * path.stat().st_size + LARGEST
+                for part in zstandard.ZstdDecompressor().read_to_iter(source):
+                    out.write(part)
+                    if out.tell() > most:
+                        raise BagError(f"{path}: grows to more than {most >> 20} MB: not decompressed")
         except zstandard.ZstdError as error:
             problem = str(error)
             self.warnings.append(f"{path}: decompressed as far as it goes: {error}")
@@ -251,12 +259,12 @@ class _Whole:
         self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
 
     def raw(self, topics: Collection[str]) -> Iterator[Raw]:
-        connections = [each for each in self._reader.connections if each.topic in topics]
-        if not connections:
+        wanted = {each.topic for each in self._reader.connections if each.topic in topics}
+        if not wanted:
             return
         last = 0
         try:
-            for item in self._messages(connections):
+            for item in self._messages(wanted):
                 last = item[1]
                 yield item
         except GeneratorExit:
@@ -266,16 +274,18 @@ class _Whole:
             where = f"after the message at {_seconds(last)}" if last else "at the first message"
             self._bag.warnings.append(f"{self._reader.path}: damaged {where}, the rest is not read: {reason}")
 
-    def _messages(self, connections: list[Connection]) -> Iterator[Raw]:
-        topics = {each.topic for each in connections}
+    def _messages(self, topics: Collection[str]) -> Iterator[Raw]:
         files = getattr(self._reader.storage, "storages", [self._reader.storage])  # of a folder; or it is a file itself
+        each_compressed = self._reader.compression_mode == "message"
         direct = [indexed_messages(Path(str(file.path)), topics) for file in files if isinstance(file, McapReader)]
-        if len(direct) == len(files) and None not in direct and self._reader.compression_mode != "message":
+        if len(direct) == len(files) and None not in direct and not each_compressed:
             for messages in direct:
                 yield from messages or ()
-        else:
-            for connection, log_time, raw in self._reader.messages(connections):
-                yield connection.topic, log_time, raw
+            return
+        for file in files:
+            connections = [each for each in file.connections if each.topic in topics]
+            for connection, log_time, raw in file.messages(connections) if connections else ():
+                yield connection.topic, log_time, decompressed(b"zstd", raw) if each_compressed else raw
 
 
 class _Cut:
