@@ -21,7 +21,7 @@ unexport VIRTUAL_ENV MAKEFLAGS MFLAGS PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo live test test-quick lint format bench lock clean
+.PHONY: help setup demo live test test-quick fuzz lint format bench lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -41,6 +41,10 @@ test: lint  ## lint, types and all tests: what CI runs
 
 test-quick: setup  ## the tests that take seconds
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not ros"
+
+# 1,000 times as many cases as in `make test`: above 10^5 spoiled messages, 10^4 bags, 10^4 descriptions and configurations.
+fuzz: setup  ## untrusted input of all kinds, some hours; FUZZ=100 takes a tenth of it
+	COMAN_FUZZ=$(or $(FUZZ),1000) $(BIN)/python -m pytest -n $(JOBS) test/test_fuzz.py
 
 lint: setup  ## ruff (rules and format) and mypy
 	$(BIN)/ruff check
