@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Predictions straight to serialised messages (CDR), for what goes out with every joint state.
 
-The layout of a message depends on its strings and lengths alone, and those hardly ever change; so the format is made
-once and the numbers are packed into it. Message objects in between would cost several times as much.
+See layout.py.
 """
 
 from __future__ import annotations
@@ -16,35 +15,17 @@ import numpy as np
 from ..core.base.pose import quaternion
 from ..core.base.types import Array, Prediction
 from ..messages import ODOM, UNKNOWN
-
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-_SECOND = 1_000_000_000
-
-
-class _Layout:
-    """A struct format with the padding of CDR: every number at a multiple of its size."""
-
-    def __init__(self) -> None:
-        self.format = "<"
-
-    def add(self, kind: str, count: int = 1) -> _Layout:
-        size = struct.calcsize(kind)
-        padding = -struct.calcsize(self.format) % size
-        self.format += f"{padding}x" * bool(padding) + f"{count}{kind}"
-        return self
-
-    def header(self, frame: bytes) -> _Layout:
-        return self.add("i").add("I").add("I").add("s", len(frame))
+from .layout import LITTLE_ENDIAN, SECOND, Layout, cdr_string, header_values
 
 
 @lru_cache(maxsize=64)
 def _support_format(frame: bytes) -> struct.Struct:
-    return struct.Struct(_Layout().header(frame).add("B", 2).add("d", 3).format)
+    return struct.Struct(Layout().header(frame).add("B", 2).add("d", 3).format)
 
 
 @lru_cache(maxsize=64)
 def _prediction_format(frame: bytes, horizons: int) -> struct.Struct:
-    layout = _Layout().header(frame).header(frame).add("B", 2).add("d", 3 + 7 * 3 + 7).add("I")
+    layout = Layout().header(frame).header(frame).add("B", 2).add("d", 3 + 7 * 3 + 7).add("I")
     if horizons:
         layout.add("d", 16 * horizons)
     return struct.Struct(layout.add("I").add("d", 9).format)
@@ -52,15 +33,7 @@ def _prediction_format(frame: bytes, horizons: int) -> struct.Struct:
 
 @lru_cache(maxsize=64)
 def _point_format(frame: bytes) -> struct.Struct:
-    return struct.Struct(_Layout().header(frame).add("d", 3).format)
-
-
-def _header(stamp_ns: int, frame: bytes) -> tuple[int, int, int, bytes]:
-    return stamp_ns // _SECOND, stamp_ns % _SECOND, len(frame), frame
-
-
-def _frame(name: str) -> bytes:
-    return name.encode() + b"\0"
+    return struct.Struct(Layout().header(frame).add("d", 3).format)
 
 
 @lru_cache(maxsize=4)
@@ -72,30 +45,30 @@ def _pose(matrix: bytes) -> tuple[float, ...]:
 
 def encode_point(stamp_ns: int, point: Array) -> bytes:
     """A geometry_msgs/PointStamped in `odom`; messages.point_to, serialised."""
-    frame = _frame(ODOM)
-    return _LITTLE_ENDIAN + _point_format(frame).pack(*_header(stamp_ns, frame), *point.tolist())
+    frame = cdr_string(ODOM)
+    return LITTLE_ENDIAN + _point_format(frame).pack(*header_values(stamp_ns, frame), *point.tolist())
 
 
 def encode_support(prediction: Prediction) -> bytes:
     """A SupportState; messages.support_to, serialised."""
-    frame = _frame(prediction.frame_id)
+    frame = cdr_string(prediction.frame_id)
     s = prediction.support
-    return _LITTLE_ENDIAN + _support_format(frame).pack(
-        *_header(prediction.stamp_ns, frame), s.phase, s.support_foot, s.left_share, s.phase_time, s.total_force
+    return LITTLE_ENDIAN + _support_format(frame).pack(
+        *header_values(prediction.stamp_ns, frame), s.phase, s.support_foot, s.left_share, s.phase_time, s.total_force
     )
 
 
 @lru_cache(maxsize=4)
 def _odometry_format(frame: bytes, child: bytes) -> struct.Struct:
-    layout = _Layout().header(frame).add("I").add("s", len(child)).add("d", 7 + 36 + 6 + 36)
+    layout = Layout().header(frame).add("I").add("s", len(child)).add("d", 7 + 36 + 6 + 36)
     return struct.Struct(layout.format)
 
 
 def encode_odometry(prediction: Prediction, root: str) -> bytes:
     """A nav_msgs/Odometry; messages.odometry_to, serialised."""
-    frame, child, T = _frame(ODOM), _frame(root), prediction.T_odom_base
-    return _LITTLE_ENDIAN + _odometry_format(frame, child).pack(
-        *_header(prediction.stamp_ns, frame),
+    frame, child, T = cdr_string(ODOM), cdr_string(root), prediction.T_odom_base
+    return LITTLE_ENDIAN + _odometry_format(frame, child).pack(
+        *header_values(prediction.stamp_ns, frame),
         len(child),
         child,
         *T[:3, 3].tolist(),
@@ -111,7 +84,7 @@ _UNKNOWN = UNKNOWN.tolist()
 
 @lru_cache(maxsize=4)
 def _transforms_format(names: tuple[tuple[bytes, bytes], ...]) -> struct.Struct:
-    layout = _Layout().add("I")
+    layout = Layout().add("I")
     for frame, child in names:
         layout.header(frame).add("I").add("s", len(child)).add("d", 7)
     return struct.Struct(layout.format)
@@ -119,25 +92,25 @@ def _transforms_format(names: tuple[tuple[bytes, bytes], ...]) -> struct.Struct:
 
 def encode_transforms(stamp_ns: int, names: Sequence[tuple[str, str]], poses: Array) -> bytes:
     """A tf2_msgs/TFMessage of poses (n, 7), position and quaternion x y z w, of parents and children by name."""
-    sec, nanosec = divmod(stamp_ns, _SECOND)
-    frames = tuple((_frame(parent), _frame(child)) for parent, child in names)
+    sec, nanosec = divmod(stamp_ns, SECOND)
+    frames = tuple((cdr_string(parent), cdr_string(child)) for parent, child in names)
     values: list[float | bytes] = [len(frames)]
     for (frame, child), pose in zip(frames, poses.tolist(), strict=True):
         values += [sec, nanosec, len(frame), frame, len(child), child, *pose]
-    return _LITTLE_ENDIAN + _transforms_format(frames).pack(*values)
+    return LITTLE_ENDIAN + _transforms_format(frames).pack(*values)
 
 
 def encode_prediction(prediction: Prediction) -> bytes:
     """A ComPrediction; messages.prediction_to, serialised."""
     p, s, T = prediction, prediction.support, prediction.T_odom_sole
-    frame = _frame(p.frame_id)
-    header = _header(p.stamp_ns, frame)
+    frame = cdr_string(p.frame_id)
+    header = header_values(p.stamp_ns, frame)
     ahead = [
         value
         for each in p.horizons
         for value in (each.h, *each.com.tolist(), *each.covariance.ravel().tolist(), *each.model_share.tolist())
     ]
-    return _LITTLE_ENDIAN + _prediction_format(frame, len(p.horizons)).pack(
+    return LITTLE_ENDIAN + _prediction_format(frame, len(p.horizons)).pack(
         *header,
         *header,
         s.phase,

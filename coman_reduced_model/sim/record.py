@@ -9,22 +9,23 @@ from __future__ import annotations
 import heapq
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import count
+from itertools import count, repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..bag.encode_input import ENCODE
 from ..bag.types import bag_types
 from ..bag.writer import BagWriter
 from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.base.types import Foot
+from ..core.base.types import Foot, Reference
 from ..core.gait.gait import WalkPlan, plan_walk
 from ..core.gait.parameters import GaitParameters, gait
 from ..errors import ConfigError, OutputError
-from ..messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
+from ..messages import INPUT_TYPES, STRING
 from ..output import OutputFolder
 from ..progress import Progress
 from ..topics import DESCRIPTION, INPUT_TOPICS
@@ -35,12 +36,13 @@ from .disturbances import Disturbance
 from .motion import MotorMotion, plan_motion
 from .motors import MotorOptions
 from .robot_table import COMAN, ROBOTS, RobotTable
-from .sensors import SensorOptions
+from .sensors import Readings, SensorOptions
 from .upper_motion import UpperMotion
 from .virtual_robot import Motion, Truth, VirtualRobot
 
 REFERENCE_RATE = 200.0  # [Hz] of com/reference at most
 PREVIEW_DT, PREVIEW_N = 0.02, 25  # half a second: farther than any horizon
+BLOCK = 200  # sensor periods of which the plan is computed at once
 CONTACT_FORCE = 1.0  # [N] above which the truth says that a foot touches the floor
 
 
@@ -249,44 +251,55 @@ class _Stream:
     """Messages in the order in which they reach the bag."""
 
     def __init__(self, bag: BagWriter, names: dict[str, str], robot: VirtualRobot, plan: WalkPlan | None) -> None:
-        self._bag, self._names, self._robot, self._plan = bag, names, robot, plan
+        self._bag, self._names, self._robot = bag, names, robot
         self._latency = round(1e9 * robot.sensors.options.latency_s)
-        self._pending: list[tuple[int, int, str, Any]] = []
+        self._pending: list[tuple[int, int, str, bytes]] = []
         self._order = count()
-        self._every = max(1, round(1.0 / (robot.period * REFERENCE_RATE)))
-        self._period = 0
+        self._references = _references(plan, robot) if plan else repeat(None)
 
-    def add(self, readings: Any) -> None:
+    def add(self, readings: Readings) -> None:
         """One period's readings, and the point of the plan for it."""
-        types = bag_types()
-        for stream, message, convert in (
-            (JOINTS, readings.joint_states, joint_to),
-            (MOTORS, readings.motor_states, joint_to),
-            (WRENCHES[Foot.LEFT], readings.left_wrench, wrench_to),
-            (WRENCHES[Foot.RIGHT], readings.right_wrench, wrench_to),
-            (IMU, readings.imu, imu_to),
+        for stream, message in (
+            (JOINTS, readings.joint_states),
+            (MOTORS, readings.motor_states),
+            (WRENCHES[Foot.LEFT], readings.left_wrench),
+            (WRENCHES[Foot.RIGHT], readings.right_wrench),
+            (IMU, readings.imu),
         ):
             if message is not None:
-                self._push(stream, message.stamp_ns + self._latency, convert(types, message))
-        if self._plan and self._period % self._every == 0:
-            stamp = self._robot.start_ns + round(1e9 * readings.t)
-            point = self._plan.reference(readings.t, stamp, PREVIEW_DT, PREVIEW_N)
-            if not self._plan.parameters.steps:  # the ZMP of a sway is where its COM has it
-                height = point.com[2] - point.zmp[2]
-                point.zmp[:2] = point.com[:2] - height / self._plan.parameters.gravity * point.com_acc[:2]
-            self._push(REFERENCE, stamp, reference_to(types, point))
-        self._period += 1
+                self._push(stream, message.stamp_ns + self._latency, message)
+        if (reference := next(self._references)) is not None:
+            self._push(REFERENCE, reference.stamp_ns, reference)
         # Nothing of a later period is stamped a whole period before it begins.
         self.flush(self._robot.start_ns + round(1e9 * (readings.t - self._robot.period)))
 
     def _push(self, stream: str, log_time_ns: int, message: Any) -> None:
-        heapq.heappush(self._pending, (log_time_ns, next(self._order), self._names[stream], message))
+        heapq.heappush(self._pending, (log_time_ns, next(self._order), self._names[stream], ENCODE[stream](message)))
 
     def flush(self, until_ns: int | None = None) -> None:
         """Write what is due by then, or everything."""
         while self._pending and (until_ns is None or self._pending[0][0] <= until_ns):
-            log_time, _, topic, message = heapq.heappop(self._pending)
-            self._bag.write(topic, max(log_time, self._robot.start_ns), message)
+            log_time, _, topic, data = heapq.heappop(self._pending)
+            self._bag.write_raw(topic, max(log_time, self._robot.start_ns), data)
+
+
+def _references(plan: WalkPlan, robot: VirtualRobot) -> Iterator[Reference | None]:
+    """The plan at each sensor period, or None where none is due; without end."""
+    every = max(1, round(1.0 / (robot.period * REFERENCE_RATE)))
+    step = robot.model.opt.timestep * robot.sensors.steps
+    for first in count(0, BLOCK):
+        t = step * np.arange(first, first + BLOCK)[first % -every :: every]
+        stamps = [robot.start_ns + round(1e9 * each) for each in t]
+        due = iter(plan.references(t, stamps, PREVIEW_DT, PREVIEW_N))
+        for k in range(first, first + BLOCK):
+            if k % every:
+                yield None
+                continue
+            point = next(due)
+            if not plan.parameters.steps:  # the ZMP of a sway is where its COM has it
+                height = point.com[2] - point.zmp[2]
+                point.zmp[:2] = point.com[:2] - height / plan.parameters.gravity * point.com_acc[:2]
+            yield point
 
 
 def save_truth(path: str | Path, truths: Sequence[Truth], robot: VirtualRobot) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -74,14 +75,23 @@ class WalkPlan:
 
     def reference(self, t: float, stamp_ns: int, preview_dt: float = 0.0, preview_n: int = 0) -> Reference:
         """The message of the trajectory node for time t [s], with preview_n points at t + preview_dt, ... [s]."""
-        times = t + preview_dt * np.arange(preview_n + 1.0)
-        points = self._com(times)
-        com, com_vel, com_acc, zmp = points[0]
-        T, phase, step = self._feet(times[:1])
-        now = Reference(stamp_ns, com, com_vel, com_acc, zmp, T[0, 0], T[0, 1], Phase(phase[0]), int(step[0]))
-        if preview_n:
-            now.preview_dt, now.preview_com, now.preview_com_vel = preview_dt, points[1:, 0], points[1:, 1]
-        return now
+        return self.references(np.array([t], dtype=float), [stamp_ns], preview_dt, preview_n)[0]
+
+    def references(
+        self, t: Array, stamps_ns: Sequence[int], preview_dt: float = 0.0, preview_n: int = 0
+    ) -> list[Reference]:
+        """The same for the times t (n,) [s] with their stamps, at once."""
+        times = t[:, None] + preview_dt * np.arange(preview_n + 1.0)
+        points = self._com(times.ravel()).reshape(*times.shape, 4, 3)
+        T, phase, step = self._feet(t)
+        found = []
+        for k, stamp_ns in enumerate(stamps_ns):
+            com, com_vel, com_acc, zmp = points[k, 0]
+            now = Reference(stamp_ns, com, com_vel, com_acc, zmp, T[k, 0], T[k, 1], Phase(phase[k]), int(step[k]))
+            if preview_n:
+                now.preview_dt, now.preview_com, now.preview_com_vel = preview_dt, points[k, 1:, 0], points[k, 1:, 1]
+            found.append(now)
+        return found
 
     def with_com(self, t_grid: Array, com: Array) -> WalkPlan:
         """The same walk with another COM (n, 3) [m] at the times t_grid (n,) [s]: a C2 spline, at rest at its ends.

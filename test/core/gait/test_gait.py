@@ -386,3 +386,13 @@ def test_standing_too_short_to_start_or_stop_is_refused(key):
 
 def test_whole_numbers_and_numpy_scalars_are_numbers():
     assert gait("test1", stand_before_s=2, step_length_m=np.float32(0.05)).stand_before_s == 2.0
+
+
+def test_references_at_once_are_those_one_by_one():
+    plan = plan_walk(gait("test1"))
+    t = np.array([0.3, 2.2, 2.205, 99.0])
+    for time, point in zip(t, plan.references(t, range(4), 0.02, 25), strict=True):
+        alone = plan.reference(float(time), point.stamp_ns, 0.02, 25)
+        assert (alone.phase, alone.step) == (point.phase, point.step)
+        for name in ("com", "com_vel", "zmp", "T_odom_left", "preview_com", "preview_com_vel"):
+            assert np.array_equal(getattr(alone, name), getattr(point, name))
