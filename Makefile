@@ -104,9 +104,10 @@ $(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
 	@touch $@
 
 # Numba's compilations, once and by one process: several nodes that start together would all compile at the same time.
-$(STAMP)/compiled: $(shell find coman_reduced_model/core -name '*.py') $(STAMP)/package
+$(STAMP)/compiled: $(shell find coman_reduced_model/core coman_reduced_model/sim -name '*.py') $(STAMP)/package
 	@echo "compiling the model"
 	@$(BIN)/python -m compileall -q coman_reduced_model
 	@$(BIN)/python -m coman_reduced_model.warm_up
+	@$(BIN)/python -m coman_reduced_model.sim.warm_up
 	@$(BIN)/python -c "from coman_reduced_model.tuning.free_run import compile_loop; compile_loop()"
 	@touch $@

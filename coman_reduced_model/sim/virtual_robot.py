@@ -12,7 +12,7 @@ while robot.t < motion.end:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import mujoco
 import numpy as np
@@ -25,11 +25,14 @@ from .disturbances.base import Disturbance, foot_body, overrides
 from .disturbances.floor import plate_body
 from .engines import make_engine
 from .motion import Posture
-from .motors import MotorOptions, Motors
+from .motors import MotorOptions
+from .physics import JOINTS, LEFT, Body, Drive, Sampled
 from .robot_table import COMAN, RobotTable
-from .sensors import Readings, SensorOptions, Sensors, Signals
+from .sensors import STREAMS, Readings, SensorOptions, Sensors, Signals
+from .spring_laws import SpringLaws
 
 START_NS = 1_700_000_000_000_000_000  # stamp at t = 0; fixed, so that a seed gives the same bag at any time
+SETTLE_STEPS = 100  # physics steps at once while the robot comes to rest
 Motion = Callable[[Array], "tuple[Array, Array]"]  # times (n,) -> motor positions, velocities (n, nj)
 
 
@@ -106,18 +109,12 @@ class VirtualRobot:
         self._options = sensors or SensorOptions()
         self._controller = controller or Controller()
         self.disturbances = list(disturbances)
-        self.stiffness = self.model.actuator_gainprm[:, 0].copy()
-        self.damping = -self.model.actuator_biasprm[:, 2]
-        self._lead = self.damping / self.stiffness
-        # Disturbances may put joints of their own between those of the robot.
-        joints = [self.model.joint(name) for name in table.joint_names]
-        self._q, self._v = (np.array([int(getattr(j, a)[0]) for j in joints]) for a in ("qposadr", "dofadr"))
+        self._body = Body.of(self.model, self.data, table.joint_names)
+        self.stiffness, self.damping = self._body.stiffness, self._body.damping
         # What the ground does to a foot it does to the foot or to the plate that a disturbance puts below it.
         bodies = {self.model.body(i).name: i for i in range(self.model.nbody)}
         feet = [[bodies[n] for n in (foot_body(k), plate_body(k)) if n in bodies] for k in (0, 1)]
-        self._soles = [self.model.site(name).id for name in ("l_sole", "r_sole")]
-        self._engine = make_engine(engine, self.model, feet, self._soles, contact or Contact())
-        self._imu = self.model.site("imu_link").id
+        self._engine = make_engine(engine, self.model, self.data, feet, contact or Contact())
         self.sensors = Sensors(self._options, table, self.model.opt.timestep, start_ns, seed)
 
     @property
@@ -144,25 +141,29 @@ class VirtualRobot:
         mujoco.mj_resetData(model, data)
         data.qpos[:3], self._height = start.base[0], float(start.base[0, 2])
         data.qpos[3:7] = [np.cos(start.yaw[0] / 2.0), 0.0, 0.0, np.sin(start.yaw[0] / 2.0)]
-        data.qpos[self._q] = start.q[0]
+        data.qpos[self._body.q] = start.q[0]
         self.sensors = Sensors(self._options, self.table, model.opt.timestep, self.start_ns, self._seed)
         self._stabiliser = Stabiliser(self._controller, self.table, self.period)
         for disturbance in self.disturbances:
             disturbance.start(self.table, model, rng)
         self._move = overrides(self.disturbances, "move_motors")
-        self._springs = overrides(self.disturbances, "spring_torque")
         self._forces = overrides(self.disturbances, "apply")
         self._bear = overrides(self.disturbances, "bear")
         self._sense = overrides(self.disturbances, "sense")
         self._engine.reset(data)
         theta = motion(np.zeros(1))[0][0]
-        self._motors = Motors(self._motor_options, theta) if self._motor_options else None
-        self._q_history = np.tile(data.qpos[self._q], (self.sensors.steps, 1))
+        laws = SpringLaws.of([law for d in self.disturbances for law in d.spring_laws()], len(theta))
+        loop = astuple(self._motor_options) if self._motor_options else ()
+        self._drive = Drive.of(max(SETTLE_STEPS, self.sensors.steps), len(theta), laws, loop)
+        self._drive.motor[0] = theta
+        self._sampled = Sampled.of(self._body)
+        self._q_history = np.tile(data.qpos[self._body.q], (self.sensors.steps, 1))
         steps = round(settle_s / model.opt.timestep)
         self.t = -steps * model.opt.timestep
-        for first in range(0, steps, 100):
-            n = min(100, steps - first)
-            self._physics(np.tile(theta, (n, 1)), np.zeros((n, len(theta))), {})
+        for first in range(0, steps, SETTLE_STEPS):
+            n = min(SETTLE_STEPS, steps - first)
+            self._physics(np.tile(theta, (n, 1)), np.zeros((n, len(theta))))
+        self._sampled.at[:] = [self.sensors.phase[name] for name in STREAMS]
         self.motion, self._period_index, self.truth = motion, 0, None
 
     def step(self) -> Readings:
@@ -174,16 +175,15 @@ class VirtualRobot:
         if self._controller.kind != "none":
             offset, offset_rate = self._stabiliser.over(n, dt)
             theta, rate = theta + offset, rate + offset_rate
-        samples: dict[int, list[str]] = {}
-        for name, phase in self.sensors.phase.items():
-            samples.setdefault(phase, []).append(name)
-        self._signals = Signals(*(np.empty(0) for _ in range(10)))
-        self._physics(theta, rate, samples)
+        before = self._q_history
+        self._physics(theta, rate)
+        signals = self._signals(before, theta, rate)
+        self.truth = self._truth(t, signals)
         self._period_index += 1
         self.t = self._period_index * n * dt
         for disturbance in self._sense:
-            disturbance.sense(t, self._signals)
-        readings = self.sensors.read(t, self._signals)
+            disturbance.sense(t, signals)
+        readings = self.sensors.read(t, signals)
         self._stabiliser.update(readings)
         if not self._options.imu:  # the robot may have one without publishing it
             readings.imu = None
@@ -193,109 +193,69 @@ class VirtualRobot:
         """Steps until dt [s] more have passed, to the nearest period."""
         return [self.step() for _ in range(round(dt / self.period))]
 
-    def _physics(self, theta: Array, rate: Array, samples: dict[int, list[str]]) -> None:
-        """Physics steps, one a row of the motor references (n, nj); samples: streams to read at a step."""
-        data, dt = self.data, self.model.opt.timestep
-        self._command = theta, rate
+    def _physics(self, theta: Array, rate: Array) -> None:
+        """Physics steps, one a row of the motor references (n, nj)."""
+        n, dt = len(theta), self._body.dt
         if self._move:
-            times = self.t + dt * np.arange(len(theta))
+            times = np.asarray(self.t + dt * np.arange(n), dtype=np.float64)
             for disturbance in self._move:
                 theta, rate = disturbance.move_motors(times, theta, rate)
-        ctrl = theta + self._lead * rate
-        history = np.empty(theta.shape)
-        slow = bool(self._springs or self._forces or self._motors)
-        for i in range(len(theta)):
-            history[i] = data.qpos[self._q]
-            extra = None
-            motor_q, motor_qd = theta[i], rate[i]
-            if slow:
-                motor_q, motor_qd, extra = self._slow_step(i, theta[i], rate[i], ctrl)
-            if streams := samples.get(i):
-                state = data.qpos.copy(), data.qvel.copy()
-                data.ctrl[:] = ctrl[i]
-                self._engine.sampled_step(data)
-                # The integrator damps with the velocity after the step: this is the torque that it has applied.
-                tau = data.actuator_force - self.damping * (data.qvel - state[1])[self._v]
-                if extra is not None:
-                    tau += extra
-                for name in streams:
-                    getattr(self, f"_take_{name}")(state, motor_q, motor_qd, tau, history[: i + 1])
-                if "joints" in streams and self._options.motor_source == "commanded":
-                    self._signals.motor_q, self._signals.motor_qd = (part[i].copy() for part in self._command)
-            else:
-                data.ctrl[:] = ctrl[i]
-                self._engine.step(data)
-        self.t += dt * len(theta)
-        self._q_history = history
+        self._drive.theta[:n], self._drive.rate[:n] = theta, rate
+        state = self._body, self._drive, self._sampled
+        if self._forces:
+            for i in range(n):
+                self._apply_forces(self.t + i * dt)
+                self._engine.steps(i, i + 1, self.t, *state, True)
+                self._add_borne(i)
+        else:
+            self._engine.steps(0, n, self.t, *state, False)
+        self.t += dt * n
+        self._q_history = self._drive.history[:n].copy()
 
-    def _slow_step(self, i: int, theta: Array, rate: Array, ctrl: Array) -> tuple[Array, Array, Array]:
-        """Motors with inertia, springs that are not linear, outside forces: motor position, rate, extra torque."""
-        model, data = self.model, self.data
-        t = self.t + i * model.opt.timestep
-        if self._motors:
-            reference, reference_rate = theta, rate
-            theta, rate = self._motors.theta, self._motors.rate
-            ctrl[i] = theta + self._lead * rate
-        deflection, deflection_rate = theta - data.qpos[self._q], rate - data.qvel[self._v]
-        extra = np.zeros(len(deflection))
-        for disturbance in self._springs:
-            extra += disturbance.spring_torque(t, deflection, deflection_rate)
-        data.qfrc_applied[:] = 0.0
-        data.xfrc_applied[:] = 0.0
-        data.qfrc_applied[self._v] = extra
+    def _apply_forces(self, t: float) -> None:
+        self.data.qfrc_applied[:] = 0.0
+        self.data.xfrc_applied[:] = 0.0
         for disturbance in self._forces:
-            disturbance.apply(t, model, data)
-        if self._motors:
-            torque = self.stiffness * deflection + self.damping * deflection_rate + extra
-            self._motors.step(reference, reference_rate, torque, model.opt.timestep)
-        return theta, rate, extra
+            disturbance.apply(t, self.model, self.data)
 
-    def _take_joints(self, state: tuple[Array, Array], motor_q: Array, motor_qd: Array, tau: Array, now: Array) -> None:
-        (q, v), data, s = state, self.data, self._signals
-        s.q = np.concatenate([self._q_history, now])[-self.sensors.steps :]
-        s.qd, s.tau = v[self._v], tau
-        s.motor_q, s.motor_qd = motor_q.copy(), motor_qd.copy()
-        mujoco.mj_subtreeVel(self.model, data)
-        T_left, T_right = (self._sole(k) for k in (0, 1))
-        self.truth = Truth(
-            self.t,
-            data.subtree_com[0].copy(),
-            data.subtree_linvel[0].copy(),
-            q[:3],
-            q[[4, 5, 6, 3]],
-            T_left,
-            T_right,
-            self._ground_wrench(0),
-            self._ground_wrench(1),
-            q[self._q],
-            v[self._v],
-            s.motor_q,
-            s.motor_qd,
-            tau,
+    def _add_borne(self, step: int) -> None:
+        """What the ground exerts on the feet beside the contacts, if that step is sampled."""
+        at = self._sampled.at
+        for foot in (0, 1):
+            for disturbance in self._bear:
+                if at[JOINTS] == step:
+                    self._sampled.wrenches[foot] += disturbance.bear(foot, self.data)
+                if at[LEFT + foot] == step:
+                    self._sampled.felt[foot] += disturbance.bear(foot, self.data)
+
+    def _signals(self, before: Array, theta: Array, rate: Array) -> Signals:
+        """What the sensors read of the last period; before: joint positions (n, nj) in the one before it."""
+        s = self._sampled
+        steps, first = self.sensors.steps, s.at[JOINTS]
+        motor_q, motor_qd = s.motor.copy()
+        if self._options.motor_source == "commanded":
+            motor_q, motor_qd = theta[first].copy(), rate[first].copy()
+        return Signals(
+            np.concatenate([before, self._q_history[: first + 1]])[-steps:],
+            s.qd.copy(),
+            s.tau.copy(),
+            motor_q,
+            motor_qd,
+            s.felt[0].copy(),
+            s.felt[1].copy(),
+            s.orientation.copy(),
+            s.motion[0, :3].copy(),
+            s.motion[1, 3:].copy(),
         )
 
-    def _take_left_wrench(self, *_: object) -> None:
-        self._signals.left_wrench = self._ground_wrench(0)
-
-    def _take_right_wrench(self, *_: object) -> None:
-        self._signals.right_wrench = self._ground_wrench(1)
-
-    def _take_imu(self, state: tuple[Array, Array], *_: object) -> None:
-        s, kind = self._signals, mujoco.mjtObj.mjOBJ_SITE
-        motion = np.empty(6)
-        s.orientation = state[0][[4, 5, 6, 3]]
-        mujoco.mj_objectVelocity(self.model, self.data, kind, self._imu, motion, 1)
-        s.gyro = motion[:3].copy()
-        mujoco.mj_objectAcceleration(self.model, self.data, kind, self._imu, motion, 1)
-        s.acceleration = motion[3:].copy()
-
-    def _sole(self, foot: int) -> Array:
-        T = np.eye(4)
-        T[:3, :3] = self.data.site_xmat[self._soles[foot]].reshape(3, 3)
-        T[:3, 3] = self.data.site_xpos[self._soles[foot]]
-        return T
-
-    def _ground_wrench(self, foot: int) -> Array:
-        """Force and moment (6,) of the ground on a foot, in and about its sole frame."""
-        wrench = self._engine.ground_wrench(self.data, foot)
-        return sum((d.bear(foot, self.data) for d in self._bear), wrench)
+    def _truth(self, t: float, signals: Signals) -> Truth:
+        s = self._sampled
+        com, com_vel = s.com.copy()
+        base, motor_q, motor_qd = s.base.copy(), *s.motor.copy()
+        left, right = s.wrenches.copy()
+        T_left, T_right = s.soles.copy()
+        q = signals.q[-1].copy()
+        return Truth(
+            t, com, com_vel, base[:3], base[3:], T_left, T_right, left, right, q, s.qd.copy(), motor_q, motor_qd,
+            s.tau.copy(),
+        )  # fmt: skip

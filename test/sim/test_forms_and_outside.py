@@ -12,6 +12,7 @@ from coman_reduced_model.sim.describe import mujoco_spec
 from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
+from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 
 K = COMAN.joint_array(COMAN.stiffness)
@@ -32,31 +33,36 @@ def started(text: str, standing):
     return effect
 
 
-def law(effect, deflections) -> np.ndarray:
+def springs_of(effect) -> SpringLaws:
+    """What the springs do beside the linear law, and remember."""
+    return SpringLaws.of(effect.spring_laws(), 12)
+
+
+def law(springs, deflections) -> np.ndarray:
     """Torque of the left knee's spring, effect included, over its deflection [Nm]."""
     out = []
     for deflection in deflections:
         bent = np.zeros(12)
         bent[KNEE] = deflection
-        out.append(K[KNEE] * deflection + effect.spring_torque(0.0, bent, STILL)[KNEE])
+        out.append(K[KNEE] * deflection + springs.torque(0.0, bent, STILL)[KNEE])
     return np.array(out)
 
 
 @pytest.mark.parametrize("form", ["cubic", "tanh", "steps"])
 @pytest.mark.parametrize("cubic", [150.0, -100.0])
 def test_each_form_of_a_bent_spring_has_the_stated_secant_and_never_pushes_the_wrong_way(standing, form, cubic):
-    effect = started(f"spring_nonlinearity:where=LKneeSag,cubic={cubic},form={form}", standing)
-    assert law(effect, [0.05])[0] / (K[KNEE] * 0.05) == pytest.approx(1.0 + cubic * 0.05**2, rel=1e-6)
+    springs = springs_of(started(f"spring_nonlinearity:where=LKneeSag,cubic={cubic},form={form}", standing))
+    assert law(springs, [0.05])[0] / (K[KNEE] * 0.05) == pytest.approx(1.0 + cubic * 0.05**2, rel=1e-6)
     d = np.linspace(0.0, 0.12, 200)
-    torque = law(effect, d)
+    torque = law(springs, d)
     assert np.all(np.diff(torque) > 0.0)
-    assert law(effect, -d) == pytest.approx(-torque)
+    assert law(springs, -d) == pytest.approx(-torque)
 
 
 def test_a_spring_of_two_slopes_is_the_data_sheets_below_the_step(standing):
-    effect = started("spring_nonlinearity:where=LKneeSag,cubic=150,form=steps", standing)
+    springs = springs_of(started("spring_nonlinearity:where=LKneeSag,cubic=150,form=steps", standing))
     d = np.linspace(0.0, 0.02, 20)
-    assert law(effect, d) == pytest.approx(K[KNEE] * d)
+    assert law(springs, d) == pytest.approx(K[KNEE] * d)
 
 
 def test_hysteresis_stays_where_it_slipped_unlike_play(standing):
@@ -64,18 +70,19 @@ def test_hysteresis_stays_where_it_slipped_unlike_play(standing):
     effect = started("hysteresis:where=LKneeSag,width=0.01,friction=1", standing)
     effect.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
     reach = 1.0 / K[KNEE]
-    first = law(effect, np.linspace(0.0, 0.03, 300))
+    springs = springs_of(effect)
+    first = law(springs, np.linspace(0.0, 0.03, 300))
     assert first[-1] == pytest.approx(K[KNEE] * (0.03 - 0.005))  # slipped by half the width
-    back = law(effect, np.linspace(0.03, 0.005 + reach / 2.0, 300))
+    back = law(springs, np.linspace(0.03, 0.005 + reach / 2.0, 300))
     assert back[-1] == pytest.approx(K[KNEE] * reach / 2.0)  # still slipped, with hardly any load
-    assert law(effect, np.linspace(0.005 + reach / 2.0, 0.03, 300)) == pytest.approx(back[::-1])
+    assert law(springs, np.linspace(0.005 + reach / 2.0, 0.03, 300)) == pytest.approx(back[::-1])
 
 
 def test_a_drifting_spring_changes_by_its_time_constant(standing):
     effect = started("stiffness_drift:where=LKneeSag,change=-0.3,time=4", standing)
     bent = 0.02 * np.ones(12)
     for t, share in ((0.0, 0.0), (4.0, 1.0 - np.exp(-1.0)), (40.0, 1.0)):
-        torque = effect.spring_torque(t, bent, STILL)
+        torque = springs_of(effect).torque(t, bent, STILL)
         assert torque[KNEE] == pytest.approx(-0.3 * share * K[KNEE] * 0.02, abs=1e-4)
         assert np.delete(torque, KNEE) == pytest.approx(np.zeros(11))
 

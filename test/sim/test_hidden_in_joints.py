@@ -13,6 +13,7 @@ from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
+from coman_reduced_model.sim.spring_laws import SpringLaws
 
 # --- springs ---
 
@@ -45,7 +46,8 @@ def test_a_bent_spring_law(walking, cubic):
     hidden = make("spring_nonlinearity", {"where": "LKneeSag", "cubic": cubic})
     hidden.start(COMAN, run.robot.model, np.random.default_rng())
     grid = np.linspace(-0.3, 0.3, 601)[:, None] * np.ones(12)
-    torque = K * grid + np.array([hidden.spring_torque(0.0, row, 0.0 * row) for row in grid])
+    springs = SpringLaws.of(hidden.spring_laws(), 12)
+    torque = K * grid + np.array([springs.torque(0.0, row, 0.0 * row) for row in grid])
     assert np.all(np.diff(torque[:, 3]) > 0.19 * K[3] * 0.001)  # it never pushes the wrong way
 
 

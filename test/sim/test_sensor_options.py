@@ -12,6 +12,7 @@ from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.disturbances import Imperfections, overrides
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.sim.sensors import SensorOptions
+from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 
 K, D = COMAN.joint_array(COMAN.stiffness), COMAN.joint_array(COMAN.damping)
@@ -115,10 +116,10 @@ def test_play_in_every_joint_is_a_dead_zone(standing):
     robot.reset(standing, settle_s=0.1)
     play = imperfections.drawn(COMAN)["play"]
     inside, outside = 0.4 * play, 0.01 * np.ones(12)
-    still = np.zeros(12)
-    assert imperfections.spring_torque(0.0, inside, still) == pytest.approx(-K * inside)  # transmits nothing
-    assert imperfections.spring_torque(0.0, outside, still) == pytest.approx(-K * 0.5 * play)
-    assert imperfections.spring_torque(0.0, -outside, still) == pytest.approx(K * 0.5 * play)
+    still, springs = np.zeros(12), SpringLaws.of(imperfections.spring_laws(), 12)
+    assert springs.torque(0.0, inside, still) == pytest.approx(-K * inside)  # transmits nothing
+    assert springs.torque(0.0, outside, still) == pytest.approx(-K * 0.5 * play)
+    assert springs.torque(0.0, -outside, still) == pytest.approx(K * 0.5 * play)
 
 
 def test_sensors_of_a_robot_on_its_sloping_floor_agree_with_its_tilt(standing):

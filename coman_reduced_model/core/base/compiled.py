@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,16 +33,20 @@ def compiled(function: _Function) -> _Function:
 def _drop_stale_caches() -> None:
     """Forget what was compiled before the newest source: numba watches the file of a function, not what it calls.
 
-    Also what lies outside of the core and calls what is in it.
+    Also what lies outside of the core: it calls what is in the core and in its own folder.
     """
     package = Path(__file__).parents[1]
-    newest = max(source.stat().st_mtime_ns for source in package.rglob("*.py"))
+    newest = _newest(package.rglob("*.py"))
     for index in package.parent.rglob("__pycache__/*.nbi"):
         try:
-            if index.stat().st_mtime_ns < newest:
+            if index.stat().st_mtime_ns < max(newest, _newest(index.parents[1].glob("*.py"))):
                 index.unlink()
         except OSError:  # read-only, or another process was faster
             continue
+
+
+def _newest(sources: Iterable[Path]) -> int:
+    return max(source.stat().st_mtime_ns for source in sources)
 
 
 _drop_stale_caches()

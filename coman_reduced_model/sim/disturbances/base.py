@@ -16,6 +16,7 @@ from ...errors import ConfigError
 from ..motors import MotorOptions
 from ..robot_table import SIDES, RobotTable
 from ..sensors import Signals
+from ..spring_laws import SpringLaw
 
 
 @dataclass
@@ -62,15 +63,9 @@ class Disturbance:
         """
         return theta, theta_rate
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
-        """Torque (nj,) [Nm] that springs transmit beside k deflection + d rate.
-
-        Args:
-            t: [s].
-            deflection: (nj,) motor minus link [rad].
-            rate: (nj,) its derivative [rad/s].
-        """
-        return np.zeros_like(deflection)
+    def spring_laws(self) -> Sequence[SpringLaw]:
+        """Laws of springs that are not linear, after `start`: torque beside k deflection + d rate."""
+        return ()
 
     def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Adds forces to `data.qfrc_applied` and `data.xfrc_applied`, which are zero before every physics step."""
@@ -108,9 +103,8 @@ class Later(Disturbance):
     def move_motors(self, t: Array, theta: Array, theta_rate: Array) -> tuple[Array, Array]:
         return self.effect.move_motors(t, theta, theta_rate) if t[0] >= self.after else (theta, theta_rate)
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
-        began = t >= self.after
-        return self.effect.spring_torque(t, deflection, rate) if began else np.zeros_like(deflection)
+    def spring_laws(self) -> Sequence[SpringLaw]:
+        return [replace(law, since=self.after) for law in self.effect.spring_laws()]
 
     def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         if t >= self.after:

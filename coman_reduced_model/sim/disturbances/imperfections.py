@@ -14,6 +14,7 @@ from ...core.base.parameter import par
 from ...core.base.types import Array
 from ..robot_table import COMAN, RobotTable
 from ..sensors import Signals, cross
+from ..spring_laws import Law, SpringLaw
 from .base import Disturbance
 from .floor import GroundSlope
 from .sensors import WRENCHES, EncoderDelay, WrenchDelay
@@ -81,8 +82,10 @@ class Imperfections(Disturbance):
         """See Disturbance."""
         self._values = v = self.drawn(table)
         self._legs = slice(0, len(v["play"]))
-        self._half, self._stiffness = 0.5 * v["play"], model.actuator_gainprm[self._legs, 0].copy()
-        self._damping = -model.actuator_biasprm[self._legs, 2]
+        play = np.zeros((3, model.nu))
+        springs = model.actuator_gainprm[self._legs, 0], -model.actuator_biasprm[self._legs, 2]
+        play[:, self._legs] = 0.5 * v["play"], *springs
+        self._play = SpringLaw(Law.PLAY, play)
         self._dt = model.opt.timestep
         self._steps = round(v["delay"] / self._dt)
         self._past: Array | None = None
@@ -118,13 +121,9 @@ class Imperfections(Disturbance):
         self._moved = position
         return moved, rate
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
-        """See Disturbance: play, as in `Backlash`."""
-        out = np.zeros(len(deflection))
-        leg, half = deflection[self._legs], self._half
-        free = (np.abs(leg) < half) * self._damping * rate[self._legs]
-        out[self._legs] = -self._stiffness * np.minimum(np.maximum(leg, -half), half) - free
-        return out
+    def spring_laws(self) -> list[SpringLaw]:
+        """See Disturbance."""
+        return [self._play]
 
     def sense(self, t: float, signals: Signals) -> None:
         """See Disturbance: encoders, torques, foot sensors, clocks, and the IMU on a sloping floor."""

@@ -14,6 +14,7 @@ from ...core.base.parameter import par
 from ...core.base.types import Array
 from ..describe import set_spring
 from ..robot_table import RobotTable
+from ..spring_laws import Law, SpringLaw
 from .base import Disturbance, joint_indices
 
 _JOINT = "joint, kind of joint, left, right; empty: all"
@@ -24,6 +25,14 @@ def _scale_springs(spec: mujoco.MjSpec, table: RobotTable, where: str, stiffness
     for i in joint_indices(table, where):
         spring = spec.actuator(table.joint_names[i])
         set_spring(spring, stiffness * float(spring.gainprm[0]), -damping * float(spring.biasprm[2]))
+
+
+def _law(law: Law, joints: list[int], *values: Array | float) -> SpringLaw:
+    """A law of some joints; the others have linear springs. Values of all joints (nu,), or one for all."""
+    given = np.broadcast_arrays(*values)
+    all_values = np.zeros((len(values), len(given[0])))
+    all_values[:, joints] = np.stack(given)[:, joints]
+    return SpringLaw(law, all_values)
 
 
 @dataclass
@@ -63,13 +72,12 @@ class StiffnessDrift(Disturbance):
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
-        self._more = np.zeros(model.nu)
-        joints = joint_indices(table, self.where)
-        self._more[joints] = self.change * model.actuator_gainprm[joints, 0]
+        more = self.change * model.actuator_gainprm[:, 0]
+        self._laws = [_law(Law.DRIFT, joint_indices(table, self.where), more, self.time)]
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+    def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
-        return self._more * (1.0 - np.exp(-max(t, 0.0) / self.time)) * deflection
+        return self._laws
 
 
 @dataclass
@@ -87,19 +95,13 @@ class Hysteresis(Disturbance):
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
-        self._joints = joint_indices(table, self.where)
-        self._stiffness = model.actuator_gainprm[self._joints, 0].copy()
-        self._reach = self.friction / self._stiffness
-        self._slip = np.zeros(len(self._joints))
+        stiffness = model.actuator_gainprm[:, 0]
+        joints = joint_indices(table, self.where)
+        self._laws = [_law(Law.HYSTERESIS, joints, 0.5 * self.width, self.friction / stiffness, stiffness)]
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+    def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
-        stretch = deflection[self._joints] - self._slip
-        slipped = self._slip + stretch - np.clip(stretch, -self._reach, self._reach)
-        self._slip = np.clip(slipped, -0.5 * self.width, 0.5 * self.width)
-        out = np.zeros_like(deflection)
-        out[self._joints] = -self._stiffness * self._slip
-        return out
+        return self._laws
 
 
 FORMS = ("cubic", "tanh", "steps")
@@ -121,27 +123,20 @@ class SpringNonlinearity(Disturbance):
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
-        self._cubic = np.zeros(model.nu)
-        self._cubic[joint_indices(table, self.where)] = self.cubic
-        self._stiffness = model.actuator_gainprm[:, 0].copy()
-        self._straight_from = np.sqrt(0.8 / (3.0 * -self.cubic)) if self.cubic < 0.0 else np.inf
-        self._change = np.clip(self.cubic * _SECANT_AT**2, -0.6, 3.0)
-        self._bent = _bend_of(float(self._change)) if self.form == "tanh" else 0.0
-
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
-        """See Disturbance."""
-        k = self._stiffness * (self._cubic != 0.0)
+        stiffness, joints = model.actuator_gainprm[:, 0], joint_indices(table, self.where)
+        change = float(np.clip(self.cubic * _SECANT_AT**2, -0.6, 3.0))
         if self.form == "tanh":
-            if self._bent == 0.0:
-                return 0.0 * k
-            law = np.tanh if self._change < 0.0 else np.sinh
-            return k * (law(self._bent * deflection) / self._bent - deflection)
-        if self.form == "steps":
-            beyond = np.sign(deflection) * np.maximum(np.abs(deflection) - _STEP_AT, 0.0)
-            return k * self._change * _SECANT_AT / (_SECANT_AT - _STEP_AT) * beyond
-        bent = np.clip(deflection, -self._straight_from, self._straight_from)
-        beyond = deflection - bent
-        return self._stiffness * self._cubic * (bent**3 + 3.0 * bent**2 * beyond)
+            self._laws = [_law(Law.TANH if change < 0.0 else Law.SINH, joints, stiffness, _bend_of(change))]
+        elif self.form == "steps":
+            beyond = stiffness * change * _SECANT_AT / (_SECANT_AT - _STEP_AT)
+            self._laws = [_law(Law.TWO_SLOPES, joints, beyond, _STEP_AT)]
+        else:
+            straight_from = np.sqrt(0.8 / (3.0 * -self.cubic)) if self.cubic < 0.0 else np.inf
+            self._laws = [_law(Law.CUBIC, joints, stiffness * self.cubic, straight_from)]
+
+    def spring_laws(self) -> list[SpringLaw]:
+        """See Disturbance."""
+        return self._laws
 
 
 _SECANT_AT, _STEP_AT = 0.05, 0.02  # [rad]
@@ -165,16 +160,12 @@ class Backlash(Disturbance):
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
-        self._half = np.zeros(model.nu)
-        self._half[joint_indices(table, self.where)] = self.width / 2.0
-        self._stiffness = model.actuator_gainprm[:, 0].copy()
-        self._damping = -model.actuator_biasprm[:, 2]
+        stiffness, damping = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
+        self._laws = [_law(Law.PLAY, joint_indices(table, self.where), 0.5 * self.width, stiffness, damping)]
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+    def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
-        lost = np.clip(deflection, -self._half, self._half)
-        free = (np.abs(deflection) < self._half) * self._damping * rate
-        return -self._stiffness * lost - free
+        return self._laws
 
 
 @dataclass

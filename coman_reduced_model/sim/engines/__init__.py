@@ -20,29 +20,29 @@ ENGINES = ("mujoco", "drake")
 
 
 def make_engine(
-    name: str, model: mujoco.MjModel, feet: Sequence[Sequence[int]], soles: Sequence[int], contact: Contact
+    name: str, model: mujoco.MjModel, data: mujoco.MjData, feet: Sequence[Sequence[int]], contact: Contact
 ) -> Engine:
     """An engine by its name.
 
     Args:
         name: one of ENGINES.
         model: compiled; bodies, joints, springs, geometry of soles and floor.
+        data: its state, which the engine moves.
         feet: of the left and the right foot, the bodies on which the ground acts.
-        soles: sites of the left and the right sole.
         contact: what an engine needs of it beside the model.
 
     Raises:
         ConfigError: there is no such engine, it is not installed, or it cannot simulate this model.
     """
     if name == "mujoco":
-        return MujocoEngine(model, feet, soles)
+        return MujocoEngine(feet)
     if name != "drake":
         raise ConfigError(f"engine: {name!r}: allowed: {', '.join(ENGINES)}")
     try:
         from .drake_engine import DrakeEngine
     except ImportError:
         raise ConfigError("engine: drake is not installed (pip install drake)") from None
-    return DrakeEngine(model, feet, soles, contact)
+    return DrakeEngine(model, data, feet, contact)
 
 
 __all__ = ["ENGINES", "Engine", "make_engine"]

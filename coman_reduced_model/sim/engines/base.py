@@ -7,7 +7,7 @@ from typing import Protocol
 
 import mujoco
 
-from ...core.base.types import Array
+from ..physics import Body, Drive, Sampled
 
 
 class Engine(Protocol):
@@ -16,17 +16,10 @@ class Engine(Protocol):
     def reset(self, data: mujoco.MjData) -> None:
         """Begin with the state in `data`."""
 
-    def step(self, data: mujoco.MjData) -> None:
-        """One physics step with `data.ctrl`, `qfrc_applied` and `xfrc_applied`.
+    def steps(self, first: int, last: int, t: float, body: Body, drive: Drive, sampled: Sampled, forced: bool) -> None:
+        """Steps first to last - 1 of a period whose step 0 is at time t [s].
 
-        Afterwards qpos and qvel are those after the step, and poses those before it.
+        Before each: physics.begin_step; forced as there. After one that it samples: physics.end_step, with poses and
+        forces of the state before the step in MuJoCo's data, and `ground` and `about` filled. Afterwards qpos and qvel
+        are those after the step, and poses those before it.
         """
-
-    def sampled_step(self, data: mujoco.MjData) -> None:
-        """The same, with all that sensors read.
-
-        Poses, velocities and accelerations of bodies and `actuator_force` are those of the state before the step.
-        """
-
-    def ground_wrench(self, data: mujoco.MjData, foot: int) -> Array:
-        """After `sampled_step`: force and moment (6,) of the ground on a foot (0 left, 1 right), at its sole frame."""

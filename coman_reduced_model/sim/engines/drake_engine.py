@@ -37,6 +37,7 @@ from scipy.spatial.transform import Rotation
 from ...core.base.types import Array
 from ...errors import ConfigError, EngineError
 from ..contact import Contact
+from ..physics import Body, Drive, Sampled, begin_step, end_step
 from ..sensors import cross
 
 logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of half spaces and deformable bodies
@@ -71,7 +72,7 @@ class DrakeEngine:
     """See Engine."""
 
     def __init__(
-        self, model: mujoco.MjModel, feet: Sequence[Sequence[int]], soles: Sequence[int], contact: Contact
+        self, model: mujoco.MjModel, data: mujoco.MjData, feet: Sequence[Sequence[int]], contact: Contact
     ) -> None:
         """See make_engine.
 
@@ -80,7 +81,7 @@ class DrakeEngine:
         """
         if model.neq:
             raise ConfigError("engine: drake: no clamped joints (allowed: mujoco)")
-        self._model, self._soles, self._dt = model, soles, model.opt.timestep
+        self._model, self._data, self._dt = model, data, model.opt.timestep
         self._damping = model.dof_damping.copy()
         for i in range(model.nu):
             self._damping[self._dof(model.actuator_trnid[i, 0])] -= model.actuator_biasprm[i, 2]
@@ -221,15 +222,25 @@ class DrakeEngine:
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_comPos(self._model, data)
 
-    def step(self, data: mujoco.MjData) -> None:
+    def steps(self, first: int, last: int, t: float, body: Body, drive: Drive, sampled: Sampled, forced: bool) -> None:
         """See Engine."""
+        for i in range(first, last):
+            if begin_step(i, t + i * self._dt, body, drive, sampled, forced):
+                self._sampled_step(self._data)
+                sampled.ground[:, :3], sampled.ground[:, 3:] = self._wrenches[:, 3:], self._wrenches[:, :3]
+                sampled.about[:] = 0.0  # the origin of the world
+                end_step(i, body, drive, sampled)
+            else:
+                self._step(self._data)
+
+    def _step(self, data: mujoco.MjData) -> None:
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_comPos(self._model, data)
         self._set_force(self._forces(data))
         self._advance(data)
 
-    def sampled_step(self, data: mujoco.MjData) -> None:
-        """See Engine."""
+    def _sampled_step(self, data: mujoco.MjData) -> None:
+        """The same, with poses, velocities and accelerations of the bodies of the state before it."""
         self._mirror(data)
         self._set_force(self._forces(data))
         self._read_contacts()
@@ -247,13 +258,6 @@ class DrakeEngine:
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_comPos(self._model, data)
         mujoco.mj_comVel(self._model, data)
-
-    def ground_wrench(self, data: mujoco.MjData, foot: int) -> Array:
-        """See Engine."""
-        sole = self._soles[foot]
-        R = data.site_xmat[sole].reshape(3, 3)
-        force, moment = self._wrenches[foot, :3], self._wrenches[foot, 3:]  # moment about the origin of the world
-        return np.concatenate([force @ R, (moment - cross(data.site_xpos[sole], force)) @ R])
 
     def _forces(self, data: mujoco.MjData) -> Array:
         """Generalised forces (nv,) of Drake but for dampers of joints."""
