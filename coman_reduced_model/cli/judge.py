@@ -68,7 +68,8 @@ def judge(
     baseline: Annotated[
         bool,
         typer.Option(
-            "--baseline", help="Each diagnosis gets the baseline of its robot, from three healthy recordings."
+            "--baseline",
+            help="Each diagnosis gets the baseline of its robot, from three nominal recordings.",
         ),
     ] = False,
     again: Annotated[

@@ -46,7 +46,7 @@ def validate(
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="About how long each recorded walk is [s].")
     ] = None,
-    processes: Annotated[int, typer.Option("--processes", metavar="N", help="Work on so many at a time.")] = 2,
+    processes: Annotated[int, typer.Option("--processes", metavar="N", help="Number of processes.")] = 2,
     quick: Annotated[
         bool, typer.Option("--quick", help="Only the paper's model and the whole one, on the paper's two gaits.")
     ] = False,

@@ -7,7 +7,7 @@
 1. How much nominal robots vary, from the clean cases (expectation maximisation, diagnose/inference/variability.py).
 2. What the laws leave on them, and the first comparison of explanations of every case, with these widths.
 3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
-4. Both again with a baseline of each robot, for the cases that have healthy recordings (`coman judge --baseline`).
+4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
 
 Kinds of worlds are left out one by one: the shares that are printed are of kinds that the weights did not see.
 """
@@ -117,7 +117,7 @@ def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[st
 def with_baseline(
     bags: Path, healthy: Path, stored: Path, nominal: Nominal
 ) -> tuple[Nominal, list[dict[str, Any]]] | None:
-    """A robot's baseline by its healthy recordings, and `first_comparison` with it; kept in a file."""
+    """A robot's baseline by its recordings without a hidden effect, and `first_comparison` with it; kept in a file."""
     if not stored.is_file():
         try:
             config = load_config(bags / "robot.yaml")

@@ -122,7 +122,7 @@ class PredictionConfig:
         "motor", "", "motor-side kinematics, com/reference, or none (LIPM)", choices=("motor", "topic", "none")
     )
     reset_every_steps: int = par(
-        1, "steps", "free run restarts from the measurement every so many steps; 0: never", 0, 1000
+        1, "steps", "number of steps after which the free run restarts from the measurement; 0: never", 0, 1000
     )
     horizons: tuple[float, ...] = par(
         (0.1, 0.2, 0.4), "s", "horizons of the prediction from the measured state", 0.005, 2.0

@@ -97,8 +97,9 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         ]  # fmt: skip
         caption = (
             "Values with intervals that are longer than 1.96 standard deviations of the linearised posterior by a "
-            "factor, by which they held 95 % of the true values on robots with known faults. Evidence: log ratio of "
-            "the probabilities of the data with the effect and with no more than nominal scatter [nats], of the "
+            "factor, by which they held 95 % of the true values on robots with known faults. Evidence: natural "
+            "logarithm of the ratio of the probabilities of the data with the effect and with no more than nominal "
+            "variability (4.6 nats are 100 to 1), of the "
             "training recordings, of those that help to choose, and of the one that confirms. The probability is that "
             "of the effect and all that these recordings cannot distinguish from it."
         )
@@ -327,6 +328,8 @@ def _ranking(diagnosis: Diagnosis) -> list[Part]:
         "the others are "
         f"looked at again (at most {MOST} are chosen), so that a second effect may stand far down here."
     )
+    if not named:  # else the table of the effects has said it
+        caption += " Evidence: natural logarithm of a ratio of probabilities (4.6 nats are 100 to 1)."
     parts: list[Part] = [Table(head, rows[:_ROWS], caption, words=2, strong=[i for i in strong if i < _ROWS])]
     if rows[_ROWS:]:
         parts.append(Table(head, rows[_ROWS:], words=2, folded=f"{len(rows) - _ROWS} more candidates"))

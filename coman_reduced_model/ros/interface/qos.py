@@ -18,9 +18,9 @@ def _profile(depth: int, reliability: ReliabilityPolicy, durability: DurabilityP
 def sensor_input() -> QoSProfile:
     """What sensors and com/reference are received with.
 
-    Best effort hears both kinds of publishers; reliable would silently refuse the best-effort ones that most drivers
-    are. What makes best effort lose messages is a short queue: this one holds a second at 2 kHz, and was measured to
-    lose nothing at 4 kHz. On a lossy network, override it with `reliable`.
+    Best effort receives from both kinds of publishers; reliable would silently refuse the best-effort ones that most
+    drivers are. What makes best effort lose messages is a short queue: this one holds a second at 2 kHz, and was
+    measured to lose nothing at 4 kHz. On a lossy network, override it with `reliable`.
     """
     return _profile(2000, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 

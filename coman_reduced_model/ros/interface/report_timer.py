@@ -20,7 +20,7 @@ class ReportTimer:
         self._rate = 0.0
 
     def set_rate(self, rate: float) -> None:
-        """Call it so many times a second from now on [Hz]."""
+        """Call it at this rate from now on [Hz]."""
         if rate == self._rate:
             return
         if self._timer is not None:
