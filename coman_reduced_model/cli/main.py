@@ -26,6 +26,7 @@ from .demo import demo
 from .diagnose import diagnose
 from .identify import identify
 from .init import init
+from .isolability import isolability
 from .judge import judge
 from .live import live
 from .predict import predict
@@ -53,6 +54,7 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
         predict: "coman predict bags/test1 --config my_robot.yaml --out result",
         report: "coman report result",
         diagnose: "coman diagnose bags/test1 --holdout bags/test2 --out found",
+        isolability: "coman isolability bags/test1 bags/test2 --size 0.3",
         baseline: "coman baseline bags/test1 bags/test2 --out my_robot_usual.yaml",
     },
     "Parameters of the model": {

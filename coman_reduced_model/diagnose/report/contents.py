@@ -13,16 +13,18 @@ from ...core.base.types import Array, Integers, Phase
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
 from ...core.evaluation.statistics import by_axis
-from ..inference.case import Case
+from ..inference.case import Case, evidence_of
 from ..inference.check import Checked
 from ..inference.compare import pulls
 from ..inference.effects import MEASURED
-from ..inference.evidence import ONE_A_STEP
+from ..inference.evidence import ONE_A_STEP, Evidence
 from ..inference.finding import ChosenEffect, Finding
+from ..inference.isolability import isolability, taken_for
 from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
 from ..inference.verdict import Found, too_much
+from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
 from .words import sentence
 
@@ -41,7 +43,9 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         began: time.perf_counter() at the start [s].
     """
     finding, effects, named = found.finding, predicted.effects, found.verdict == "effect"
+    evidence, options = evidence_of([*finding.before[0], *finding.before[1]]), candidates(finding.known)
     for effect, chosen in zip(effects, finding.chosen, strict=True):
+        effect["taken_for"] = could_be(finding, evidence, options, chosen)
         effect["explains"] = explained(finding, chosen, effect)
         effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
@@ -64,6 +68,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
             "holdout": gap(finding.before[1], finding.hold, finding, predicted.hold) if checked.hold_paths else None,
         },
         "undetectable_below": undetectable(finding),
+        "groups": groups(evidence, options),
         "probabilities": found.probabilities,
         "pulled": pulled(finding),
         "weight": weight(finding),
@@ -103,6 +108,21 @@ def explained(finding: Finding, chosen: ChosenEffect, entry: Mapping[str, Any]) 
                 with_it += float(left[key] @ left[key]) / floor**2
                 without += float(more[key] @ more[key]) / floor**2
     return {"of": "residuals", "share": 1.0 - with_it / without if without > 0.0 else float("nan")}
+
+
+def could_be(
+    finding: Finding, evidence: Evidence, options: Sequence[Candidate], chosen: ChosenEffect
+) -> list[dict[str, Any]]:
+    """What an effect of this size could be taken for in recordings like these, by expected log Bayes factor [nats]."""
+    assert finding.fit is not None
+    rivals = taken_for(evidence, options, chosen.option, finding.fit.x)
+    return [{"name": each.effect, "where": each.place, "factor": factor} for each, factor in rivals]
+
+
+def groups(evidence: Evidence, options: Sequence[Candidate]) -> list[list[str]]:
+    """Effects and places that recordings like these show, and cannot tell from each other."""
+    found = isolability(evidence, options)
+    return [[found.options[i].name for i in group] for group in found.groups]
 
 
 def pulled(finding: Finding) -> dict[str, float]:

@@ -18,6 +18,7 @@ from ..inference.finding import Finding
 from ..inference.finding import judged as is_judged
 from ..inference.search import MOST
 from ..result import Diagnosis
+from .alike import groups, taken_for
 from .figures import Pair, com_error, law, pairs, residuals
 from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
 
@@ -347,9 +348,11 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
             text += f" Explaining nearly as much when alone: {', '.join(rivals)}."
         elif not effect["class"]:
             text += " No other effect, or place, explains half as much."
-        if rivals or effect["class"]:
+        text += (alike := taken_for(effect))
+        if rivals or alike or effect["class"]:
             text += f" What would decide: {decides}."
         parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
+    parts += groups(result)
     for name in result["contradicted"]:
         parts.append(Notice(f"The confirming recording speaks against {spaced(name).replace('@', ' of ')}.", "warn"))
     if result["too_much"]:

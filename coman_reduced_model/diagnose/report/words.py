@@ -117,6 +117,12 @@ def shown(value: float, unit: str) -> str:
     return f"{factor * value:.2g} {name}"
 
 
+def figures_of(name: str, values: Mapping[str, float]) -> str:
+    """Values of parameters of an effect, without intervals."""
+    units = {parameter.name: parameter.unit for parameter in CATALOGUE[name].parameters}
+    return ", ".join(f"{key} {shown(value, units[key])}" for key, value in values.items())
+
+
 def place(where: str, foot: bool = False) -> str:
     """Where an effect sits: `LKneeSag` is "the left knee (LKneeSag)"; names that say nothing stay as they are."""
     if where in ("left", "right"):
