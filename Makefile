@@ -8,7 +8,7 @@ STAMP  := $(VENV)/.stamp
 BUILD  := build/coman_reduced_model_msgs
 JOBS   ?= 2
 
-# No packet leaves this machine, and two runs on it do not hear each other.
+# No packet leaves this machine, and two runs on it do not see each other.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export ROS_DOMAIN_ID := $(shell echo $$(($$$$ % 101 + 1)))
 # Our processes run side by side; each with as many threads for linear algebra as cores would get in each other's way.
