@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.base.pose import quaternion
 from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.base.types import Array, ImuMessage, JointMessage, Reference, WrenchMessage
+from ..core.base.types import ImuMessage, JointMessage, Reference, WrenchMessage
 from ..messages import ODOM
 from .layout import LITTLE_ENDIAN, Layout, cdr_string, header_values
 
@@ -86,7 +86,10 @@ def _reference_format(frame: bytes, preview: int) -> struct.Struct:
     return layout.doubles(preview).doubles(preview).packer()
 
 
-def _pose(T: Array) -> tuple[float, ...]:
+@lru_cache(maxsize=4)
+def _pose(matrix: bytes) -> tuple[float, ...]:
+    """Position and quaternion of (4, 4): the same as long as the foot stands."""
+    T = np.frombuffer(matrix).reshape(4, 4)
     return (*T[:3, 3].tolist(), *quaternion(T[:3, :3]))
 
 
@@ -100,8 +103,8 @@ def encode_reference(reference: Reference) -> bytes:
         *r.com_vel.tolist(),
         *r.com_acc.tolist(),
         *r.zmp.tolist(),
-        *_pose(r.T_odom_left),
-        *_pose(r.T_odom_right),
+        *_pose(r.T_odom_left.tobytes()),
+        *_pose(r.T_odom_right.tobytes()),
         int(r.phase),
         r.step,
         r.preview_dt,

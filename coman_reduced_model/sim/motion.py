@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.linalg import solve_banded
 
 from ..core.base.types import Array, Phase, Reference
@@ -45,15 +45,16 @@ class MotorMotion:
 
     def __init__(self, t: Array, theta: Array, start: Posture):
         """Args: times (n,) [s]; motor positions (n, nj) [rad]; where the robot stands at the start (n = 1)."""
-        self._spline = CubicSpline(t, theta, bc_type="clamped")
-        self._rate = self._spline.derivative()
+        spline = CubicSpline(t, theta, bc_type="clamped")
+        rate = np.concatenate([np.zeros_like(spline.c[:1]), spline.derivative().c])
+        self._both = PPoly(np.stack([spline.c, rate], axis=2), spline.x)  # one evaluation gives both
         self.start = start
         self.end = float(t[-1])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Motor positions [rad] and velocities [rad/s], each (n, nj), at times (n,) [s]."""
-        t = np.clip(t, self._spline.x[0], self.end)
-        return self._spline(t), self._rate(t)
+        both = self._both(np.minimum(np.maximum(t, self._both.x[0]), self.end))
+        return both[:, 0], both[:, 1]
 
 
 class LegKinematics:

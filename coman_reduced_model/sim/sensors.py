@@ -7,13 +7,14 @@ up to a jitter. Joint and motor states come from one driver and share their stam
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
+from ..core.base.compiled import compiled
 from ..core.base.types import Array, ImuMessage, JointMessage, WrenchMessage
 from ..errors import ConfigError
 from .robot_table import RobotTable
@@ -187,8 +188,8 @@ class Sensors:
         self._gyro_bias = o.gyro_bias * rng.standard_normal(3)
         self._acceleration_bias = o.acceleration_bias * rng.standard_normal(3)
         self._smooth = np.exp(-2.0 * np.pi * o.velocity_cutoff_hz * dt)
-        self._last_count: Array | None = None
-        self._velocity_state = np.zeros((1, nj))
+        self._last_count = np.full(nj, np.nan)
+        self._velocity_state = np.zeros(nj)
         below = table.ankle_height - table.sensor_below_ankle
         self._lever = (0.0, 0.0, below) if o.wrench_frame == "sensor" else None
         self._frame = "ft" if o.wrench_frame == "sensor" else "sole"
@@ -236,20 +237,11 @@ class Sensors:
         q = s.q
         if self.options.encoder_noise:
             q = q + self.options.encoder_noise * self._rng["encoders"].standard_normal(q.shape)
-        if self._count:
-            q = self._count * np.round((q - self._grid) / self._count) + self._grid
-        if self._last_count is None:
-            self._last_count = q[0]
-        velocity = None
-        if self.options.velocity == "exact":
-            velocity = s.qd.copy()
-        elif self.options.velocity == "filtered":
-            rate = np.diff(q, axis=0, prepend=self._last_count[None]) / self._dt
-            a = self._smooth
-            rate, self._velocity_state = lfilter([1.0 - a], [1.0, -a], rate, axis=0, zi=self._velocity_state)
-            velocity = rate[-1]
-        self._last_count = q[-1]
-        return q[-1].copy(), velocity
+        last, state = self._last_count, self._velocity_state
+        filtered = _read_encoders(q, self._count, self._grid, last, state, self._smooth, self._dt)
+        if self.options.velocity == "none":
+            return last.copy(), None
+        return last.copy(), filtered if self.options.velocity == "filtered" else s.qd.copy()
 
     def _wrench(self, foot: str, frame: str, stamps: dict[str, int], wrench: Array) -> WrenchMessage:
         rng = self._rng[foot]
@@ -280,4 +272,28 @@ class Sensors:
         )
         gyro = s.gyro + self._gyro_bias + o.gyro_noise * noise[1]
         acceleration = s.acceleration + self._acceleration_bias + o.acceleration_noise * noise[2]
-        return ImuMessage(stamp, "imu_link", turned / np.linalg.norm(turned), gyro, acceleration)
+        return ImuMessage(stamp, "imu_link", turned / math.sqrt(turned @ turned), gyro, acceleration)
+
+
+@compiled
+def _read_encoders(q: Array, count: float, grid: Array, last: Array, state: Array, smooth: float, dt: float) -> Array:
+    """Velocities (nj,) [rad/s] of positions (m, nj) [rad] at consecutive physics steps dt [s], counted and low-passed.
+
+    Args:
+        q: positions.
+        count: one count of the encoders [rad]; 0: exact.
+        grid: (nj,) [rad] where their counts lie.
+        last: (nj,) [rad] the last count, NaN before the first one; becomes that of the newest position.
+        state: (nj,) of the filter.
+        smooth: its factor a step.
+        dt: see above.
+    """
+    velocity = np.empty_like(last)
+    for j in range(len(last)):
+        for i in range(len(q)):
+            x = count * np.rint((q[i, j] - grid[j]) / count) + grid[j] if count > 0.0 else q[i, j]
+            rate = 0.0 if np.isnan(last[j]) else (x - last[j]) / dt
+            velocity[j] = (1.0 - smooth) * rate + state[j]
+            state[j] = smooth * velocity[j]
+            last[j] = x
+    return velocity

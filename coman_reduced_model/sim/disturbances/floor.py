@@ -101,13 +101,11 @@ class GroundSlope(Disturbance):
         """See Disturbance."""
         turn = Rotation.from_euler("xyz", [self.roll, self.pitch, 0.0])  # two slopes add up
         spec.option.gravity = turn.inv().apply(spec.option.gravity)
+        self._quaternion = turn.as_quat().tolist()  # x y z w
 
     def sense(self, t: float, signals: Signals) -> None:
         """See Disturbance."""
-        half = 0.5 * np.array([self.pitch, self.roll])
-        cp, cr = np.cos(half)
-        sp, sr = np.sin(half)
-        a, b, c, w = cp * sr, sp * cr, -sp * sr, cp * cr  # quaternion x y z w of Ry(pitch) Rx(roll)
+        a, b, c, w = self._quaternion
         x, y, z, v = signals.orientation
         signals.orientation = np.array(
             [w * x + a * v + b * z - c * y, w * y - a * z + b * v + c * x, w * z + a * y - b * x + c * v,

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...core.base.compiled import compiled
 from ...core.base.parameter import par
 from ...core.base.types import Array
 from ..robot_table import COMAN, RobotTable
@@ -90,18 +91,26 @@ class Imperfections(Disturbance):
         self._steps = round(v["delay"] / self._dt)
         self._past: Array | None = None
         self._moved: Array = np.empty(0)
-        units = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # moments at 0.1 m
-        self._mix = {}
-        for k, foot in enumerate(WRENCHES):
-            mix = np.diag(v["wrench_gain"][k])
-            mix += np.outer(units, 1.0 / units) * (1.0 - np.eye(6)) * v["cross_talk"][k]
-            self._mix[foot] = mix, Rotation.from_rotvec(v["wrench_turn"][k]).as_matrix().T
-        self._lever = np.array([0.0, 0.0, table.ankle_height - table.sensor_below_ankle])
+        self._wrench_errors = dict(zip(WRENCHES, self._wrench_matrices(table), strict=True))
         late = zip(("left", "right"), v["wrench_late"], strict=True)
         self._clocks: list[Disturbance] = [WrenchDelay(foot, float(delay)) for foot, delay in late]
         self._clocks.append(EncoderDelay(float(v["link_late"])))
         for clock in self._clocks:
             clock.start(table, model, rng)
+
+    def _wrench_matrices(self, table: RobotTable) -> list[Array]:
+        """What each foot's sensor makes of a wrench at the sole: (6, 6), gains, cross-talk and turn at the sensor."""
+        v, units = self._values, np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # moments at 0.1 m
+        to_sensor = np.eye(6)
+        lever = np.array([0.0, 0.0, table.ankle_height - table.sensor_below_ankle])
+        to_sensor[3:, :3] = np.array([cross(-lever, axis) for axis in np.eye(3)]).T
+        found = []
+        for k in (0, 1):
+            mix = np.diag(v["wrench_gain"][k])
+            mix += np.outer(units, 1.0 / units) * (1.0 - np.eye(6)) * v["cross_talk"][k]
+            turn = np.kron(np.eye(2), Rotation.from_rotvec(v["wrench_turn"][k]).as_matrix().T)
+            found.append(np.linalg.inv(to_sensor) @ mix @ turn @ to_sensor)
+        return found
 
     def move_motors(self, t: Array, theta: Array, theta_rate: Array) -> tuple[Array, Array]:
         """See Disturbance: the references arrive late, and the motors follow them with a lag."""
@@ -112,14 +121,9 @@ class Imperfections(Disturbance):
         wanted, self._past = known[: len(theta)], known[len(theta) :]
         lag = np.zeros(theta.shape[1])
         lag[self._legs] = self._values["lag"]
-        share = self._dt / (lag + self._dt)
-        moved, position = np.empty_like(theta), self._moved
-        for i, reference in enumerate(wanted):
-            position = position + share * (reference - position)
-            moved[i] = position
-        rate = np.diff(moved, axis=0, prepend=self._moved[None]) / self._dt
-        self._moved = position
-        return moved, rate
+        before, self._moved = self._moved, self._moved.copy()
+        moved = _follow(wanted, self._dt / (lag + self._dt), self._moved)
+        return moved, (moved - np.concatenate([before[None], moved[:-1]])) / self._dt
 
     def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
@@ -131,11 +135,19 @@ class Imperfections(Disturbance):
         error = v["eccentricity"] * np.sin(v["eccentric_per_turn"] * signals.q[:, legs] + v["eccentric_phase"])
         signals.q[:, legs] += v["encoder_zero"] + error
         signals.tau[legs] *= v["torque_gain"]
-        for foot, (mix, turn) in self._mix.items():
-            wrench = getattr(signals, foot)
-            force, moment = wrench[:3], wrench[3:] - cross(self._lever, wrench[:3])
-            read = mix @ np.concatenate([turn @ force, turn @ moment])
-            setattr(signals, foot, np.concatenate([read[:3], read[3:] + cross(self._lever, read[:3])]))
+        for foot, errors in self._wrench_errors.items():
+            setattr(signals, foot, errors @ getattr(signals, foot))
         for clock in self._clocks:
             clock.sense(t, signals)
         self._slope.sense(t, signals)
+
+
+@compiled
+def _follow(wanted: Array, share: Array, position: Array) -> Array:
+    """Positions (n, nj) that go a share (nj,) of the way to the wanted ones each step; `position` (nj,) is the last."""
+    moved = np.empty_like(wanted)
+    for i in range(len(wanted)):
+        for j in range(len(position)):
+            position[j] += share[j] * (wanted[i, j] - position[j])
+            moved[i, j] = position[j]
+    return moved
