@@ -44,7 +44,7 @@ def isolability(
     remap: RemapOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Say which effects recordings could show, and which they cannot tell from each other."""
+    """Say which effects recordings could show, and which they cannot distinguish."""
     settings = read_config(config, changes)
     from ..diagnose.isolability import as_result
     from ..diagnose.isolability import isolability as run
@@ -71,12 +71,12 @@ def _show(found: Isolability) -> None:
     ]  # fmt: skip
     print_table("Effects where they show best [nats against none]", ["", "effect", "where", "size", "evidence"], rows)
     print("Expected log Bayes factor [nats] of what is so (row) against what it could be taken for (column),")
-    print("at its most similar place; below 3 they cannot be told apart.\n")
+    print("at its most similar place; below 3 they cannot be distinguished.\n")
     print(" " * 3 + "".join(f"{n:4d}" for n in range(1, len(best) + 1)))
     for n, row in enumerate(factors, 1):
         print(f"{n:3d}" + "".join("   ." if each != each else f"{min(each, _MOST):4.0f}" for each in row))
     names = [option.name for option in found.options]
-    print(f"\nCannot be told apart ({len(found.groups)} groups):")
+    print(f"\nCannot be distinguished ({len(found.groups)} groups):")
     for group in found.groups:
         more = f" and {len(group) - _GROUP} more" if len(group) > _GROUP else ""
         print(f"  {', '.join(names[i] for i in group[:_GROUP])}{more}")
