@@ -77,8 +77,10 @@ class Robot:
         x, y = 0.5 * config.foot_length, 0.5 * config.foot_width
         try:
             self.shapes = {foot: shape_points(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
-        except ValueError as error:
-            raise RobotError(f"{source}: a collision shape of a foot has no usable numbers: {error}") from None
+        except (ValueError, TypeError):  # Pinocchio's for vectors of another length is a TypeError
+            raise RobotError(
+                f"{source}: a collision shape of a foot lacks numbers, or has others than wanted"
+            ) from None
         outlines = {foot: outline(points) for foot, points in self.shapes.items()}
         self.soles = {f: np.array([-x, x, -y, y]) if o is None else o for f, o in outlines.items()}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
