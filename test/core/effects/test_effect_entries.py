@@ -18,6 +18,7 @@ from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.core.effects.unknown import LINKS, PLAN, About, Unknown
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.world import World
+from coman_reduced_model.diagnose.inference.variability import MEMBERS, widths_of
 from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 
 
@@ -132,3 +133,11 @@ def test_missing_parts_are_noticed():
 
 def test_all_widths_are_used():
     assert {name for each in unknowns(*moving()) for name in each.widths.values()} == set(load_nominal().widths)
+
+
+def test_what_robots_are_given_room_for_has_a_bound():
+    """Else a robot that has the effect at several places would be taken for one that varies by so much."""
+    known, nominal = unknowns(*moving()), load_nominal()
+    widths = {name: members for name, members in widths_of(known).items() if len(members) >= MEMBERS}
+    effects = {n for n, members in widths.items() if known[members[0]].effect and not known[members[0]].shape}
+    assert effects <= set(nominal.most), effects - set(nominal.most)
