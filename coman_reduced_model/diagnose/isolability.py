@@ -36,7 +36,7 @@ def isolability(
     baseline: str | Path = "",
     progress: Progress | None = None,
 ) -> Isolability:
-    """What recordings of one robot can tell apart.
+    """What recordings of one robot can distinguish.
 
     Args:
         bags: recordings.

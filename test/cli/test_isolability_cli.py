@@ -15,7 +15,7 @@ def test_the_matrix_is_printed_and_as_json(tmp_path, capsys):
     bag = str(write_bag(tmp_path / "bag", walk(6.0)))
     assert run(["isolability", bag]) == 0
     printed = capsys.readouterr().out
-    assert "could be taken for" in printed and "joint_stiffness" in printed and "Cannot be told apart" in printed
+    assert "could be taken for" in printed and "joint_stiffness" in printed and "Cannot be distinguished" in printed
     assert run(["isolability", bag, "--size", "0.2", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     n = len(found["effects"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What recordings can tell apart: expected log Bayes factors between effects, before anything was found.
+"""What recordings can distinguish: expected log Bayes factors between effects, before anything was found.
 
 With the whitened derivatives of the residuals, G = A'A, and the prior variances V of a nominal robot, the posterior
 mean of a robot that has x beside what varies on nominal robots is C G x + noise of covariance V - C, C = (G + V^-1)^-1.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What recordings cannot tell apart, for the page of a diagnosis."""
+"""What recordings cannot distinguish, for the page of a diagnosis."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ def groups(result: Mapping[str, Any]) -> list[Table]:
         "Effects of half their usual reach that recordings like these show, and cannot tell from each other: their "
         "expected log Bayes factor is below 3 nats."
     )
-    title = "What these recordings cannot tell apart"
-    return [Table(["cannot be told apart"], rows[:_ROWS], caption, words=1, folded=title)]
+    title = "What these recordings cannot distinguish"
+    return [Table(["cannot be distinguished"], rows[:_ROWS], caption, words=1, folded=title)]
