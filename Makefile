@@ -21,7 +21,7 @@ unexport VIRTUAL_ENV MAKEFLAGS MFLAGS PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo live test test-quick fuzz lint format bench lock clean
+.PHONY: help setup demo live test test-quick fuzz soak lint format bench lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -45,6 +45,9 @@ test-quick: setup  ## the tests that take seconds
 # 1,000 times as many cases as in `make test`: above 10^5 spoiled messages, 10^4 bags, 10^4 descriptions and configurations.
 fuzz: setup  ## untrusted input of all kinds, some hours; FUZZ=100 takes a tenth of it
 	COMAN_FUZZ=$(or $(FUZZ),1000) $(BIN)/python -m pytest -n $(JOBS) test/test_fuzz.py
+
+soak: setup  ## an hour of a node under fire at 1 kHz: killed, streams cut, late, twice, clocks that jump; SOAK=600 is shorter
+	COMAN_SOAK=$(or $(SOAK),3600) $(BIN)/python -m pytest -s test/ros/test_soak.py
 
 lint: setup  ## ruff (rules and format) and mypy
 	$(BIN)/ruff check
