@@ -24,7 +24,9 @@ def config(
 ) -> None:
     """Check a parameter file, and its robot; print all parameters as they then are, with units and meanings."""
     settings = read_config(file, changes, node)
-    robot = _robot(settings, urdf)
+    robot = open_robot(settings, urdf)
+    if robot is not None:
+        settings = settings.with_joints_of(robot)
     if json:
         print_json(settings.flat())
         return
@@ -35,7 +37,7 @@ def config(
     print(config_to_yaml(settings), end="")
 
 
-def _robot(settings: Config, urdf: Path | None) -> Robot | None:
+def open_robot(settings: Config, urdf: Path | None) -> Robot | None:
     """The robot that predict would have: of --urdf, else of robot.urdf; None where the configuration names none.
 
     Raises:

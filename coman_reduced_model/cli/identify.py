@@ -51,6 +51,7 @@ def identify(
     check_file(out, force)
     with progress("identifying") as report:
         recordings = read_all(bags, motor_side(settings), TopicNames(namespace, remap or ()), urdf, report)
+        settings = settings.with_joints_of(recordings[0].robot)
         joints = identify_joints(recordings, settings)
     warn([f"{recording.bag}: {line}" for recording in recordings for line in recording.warnings])
     names = ", ".join(bag.name for bag in bags)

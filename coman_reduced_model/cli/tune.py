@@ -79,7 +79,7 @@ def tune(
     with progress("tuning") as report:
         recordings = read_all(bags, bare, TopicNames(namespace, remap or ()), urdf, lambda f, w: report(0.2 * f, w))
         shares = measure_shares(recordings)
-        shared = with_shares(bare, shares)
+        shared = with_shares(bare.with_joints_of(recordings[0].robot), shares)
         if names:
             tuned = tune_parameters(recordings, shared, names, steps, progress=lambda f, w: report(0.2 + 0.8 * f, w))
         else:

@@ -74,6 +74,7 @@ class Predictor:
         Raises:
             ConfigError: an effect does not fit the robot.
         """
+        config = config.with_joints_of(robot)
         if effects is None:
             effects, robot = build_effects(config.effects, robot)
         self.robot = robot

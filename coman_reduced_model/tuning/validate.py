@@ -103,8 +103,9 @@ def virtual_case(name: str, config: Config) -> RobotCase:
     table = ROBOTS[name]
     changes: dict[str, Any] = {"robot.name": name, "robot.urdf": ""}
     for side, leg in (("left", config.robot.left), ("right", config.robot.right)):
-        changes[f"robot.{side}.stiffness"] = [table.stiffness[joint[1:]] for joint in leg.joints]
-        changes[f"robot.{side}.damping"] = [table.damping[joint[1:]] for joint in leg.joints]
+        joints = leg.joints or getattr(Config().robot, side).joints
+        changes[f"robot.{side}.stiffness"] = [table.stiffness[joint[1:]] for joint in joints]
+        changes[f"robot.{side}.damping"] = [table.damping[joint[1:]] for joint in joints]
     return RobotCase(name, config.replaced(changes))
 
 

@@ -102,3 +102,22 @@ def test_config_refuses_a_robot_that_predict_would_refuse(tmp_path, urdf, capsys
     assert run(["config", str(out), "--set", change]) == 2
     text, err = capsys.readouterr()
     assert text == "" and words in err and len(err.strip().splitlines()) == 1
+
+
+def test_joints_may_be_left_out_where_the_chain_gives_them(tmp_path, urdf, capsys):
+    out = tmp_path / "robot.yaml"
+    assert run(["init", "--urdf", str(urdf), "--out", str(out)]) == 0
+    named = load_config(out)
+    text = "".join(line for line in out.read_text().splitlines(True) if " joints: [" not in line)
+    out.write_text(text)
+    assert load_config(out).robot.left.joints == ()
+    capsys.readouterr()
+    assert run(["config", str(out), "--json"]) == 0
+    assert tuple(json.loads(capsys.readouterr().out)["robot.right.joints"]) == named.robot.right.joints
+    bag = write_bag(tmp_path / "bag", walk(1.0))
+    results = []
+    for name, changes in (("without", []), ("with", [f"robot.left.joints={[*named.robot.left.joints]}"])):
+        sets = [word for change in changes for word in ("--set", change)]
+        assert run(["predict", str(bag), "--config", str(out), "--out", str(tmp_path / name), "--json", *sets]) == 0
+        results.append(json.loads(capsys.readouterr().out)["rmse_m"])
+    assert results[0] == results[1]

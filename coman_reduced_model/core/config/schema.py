@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import ConfigError
 from ..base.parameter import Parameter, Value
@@ -33,6 +33,10 @@ from .sections import (
     VirtualRobotConfig,
 )
 
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
+
+LEGS = ("left", "right")
 STANDARD, NOTHING = "standard", "none"  # in effects.active of version 0.1, beside the names of the options
 
 
@@ -72,6 +76,15 @@ class Config:
         if choice != "auto":
             return bool(choice == "with")
         return can_turn(self) if option == "trunk_rotation" else self.turning
+
+    def with_joints_of(self, robot: Robot) -> Config:
+        """The same with the joints of legs for which it names none, as the robot's chains have them."""
+        legs = {
+            side: dataclasses.replace(getattr(self.robot, side), joints=getattr(robot.config, side).joints)
+            for side in LEGS
+            if not getattr(self.robot, side).joints
+        }
+        return dataclasses.replace(self, robot=dataclasses.replace(self.robot, **legs)) if legs else self
 
     @property
     def turning(self) -> bool:
@@ -153,6 +166,7 @@ def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = P
     """
     table = parameter_table()
     values, notes = without_old_keys(values)
+    values = _leave_joints_to_the_chain(values)
     checked: dict[str, Value] = {}
     for key, value in values.items():
         if key not in table:
@@ -176,6 +190,12 @@ def config_from_flat(values: Mapping[str, Any], source: str, directory: Path = P
     config = dataclasses.replace(config, effects=_effects(checked, dict.fromkeys(named), source))
     _check_consistency(config, source)
     return config
+
+
+def _leave_joints_to_the_chain(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A leg that is described without its joints has those of its chain, not those of COMAN."""
+    sides = {side for side in LEGS for key in values if key.startswith(f"robot.{side}.")}
+    return {**{f"robot.{side}.joints": () for side in sides}, **values}
 
 
 def without_old_keys(values: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -209,7 +229,7 @@ def without_old_keys(values: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[s
 
 def can_turn(config: Config) -> bool:
     """Whether the trunk can turn: it needs motor positions, and legs that are built alike."""
-    legs = len(config.robot.left.joints), len(config.robot.right.joints)
+    legs = len(config.robot.left.stiffness), len(config.robot.right.stiffness)
     return config.prediction.reference == "motor" and legs[0] == legs[1]
 
 
@@ -236,7 +256,7 @@ def _check_consistency(config: Config, source: str) -> None:
     for side, leg in (("left", config.robot.left), ("right", config.robot.right)):
         for key in ("stiffness", "damping"):
             count = len(getattr(leg, key))
-            if count != len(leg.joints):
+            if leg.joints and count != len(leg.joints):
                 raise ConfigError(
                     f"{source}: robot.{side}.{key}: {count} values for {len(leg.joints)} joints (robot.{side}.joints)"
                 )
@@ -249,10 +269,11 @@ def _check_consistency(config: Config, source: str) -> None:
             f"{source}: model.trunk_rotation: needs the motor side (prediction.reference: motor), "
             f"not {config.prediction.reference!r}"
         )
-    if config.turning and len(config.robot.left.joints) != len(config.robot.right.joints):
+    counts = [len(leg.stiffness) for leg in (config.robot.left, config.robot.right)]
+    if config.turning and counts[0] != counts[1]:
         raise ConfigError(
             f"{source}: model.trunk_rotation: needs legs of equally many joints, "
-            f"not {len(config.robot.left.joints)} and {len(config.robot.right.joints)} (robot.left.joints)"
+            f"not {counts[0]} and {counts[1]} (robot.left.stiffness)"
         )
     if config.support.contact_off >= config.support.contact_on:
         raise ConfigError(

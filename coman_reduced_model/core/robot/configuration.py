@@ -13,7 +13,9 @@ class LegConfig:
     """One leg: its chain of joints and the series springs in them."""
 
     sole_frame: str = par("", "", "URDF frame of the sole: x forward, z up, origin on the ground")
-    joints: tuple[str, ...] = par((), "", "joints of the leg in order from the hip to the ankle", kind="strs")
+    joints: tuple[str, ...] = par(
+        (), "", "joints of the leg from the hip to the ankle; left out: those from base_frame to the sole", kind="strs"
+    )
     stiffness: tuple[float, ...] = par((), "Nm/rad", "series stiffness of each joint, in the same order", 1e-3, 1e7)
     damping: tuple[float, ...] = par((), "Nms/rad", "damping of each joint, in the same order", 0.0, 1e5)
 

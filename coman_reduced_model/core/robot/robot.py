@@ -9,6 +9,7 @@ whose axes may be others: loads on it are in these, and its z is what leans.
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -30,6 +31,7 @@ class Robot:
 
     Attributes:
         root: name of the root link.
+        config: with the joints of the legs, where the configuration leaves them out.
         joint_names: joints with one degree of freedom, in the order of the model; the order of all joint arrays.
         legs: indices of the joints of each leg in `joint_names`, hip to ankle.
         leg_columns: their columns in Jacobians.
@@ -45,7 +47,6 @@ class Robot:
         Raises:
             RobotError: the URDF cannot be read, has no mass, or lacks a joint or frame of the configuration.
         """
-        self.config = config
         self.urdf = urdf
         self.model = build_model(urdf, source)
         if not self.mass > 0.0:
@@ -67,12 +68,18 @@ class Robot:
         self.legs: dict[Foot, Array] = {}
         self.leg_columns: dict[Foot, Array] = {}
         self.sole_columns: dict[Foot, Array] = {}
-        for foot, leg in ((Foot.LEFT, config.left), (Foot.RIGHT, config.right)):
-            self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{_LEG_NAMES[foot]}.sole_frame", source)
-            self.legs[foot] = self._leg(foot, leg, source)
+        for foot, name in _LEG_NAMES.items():
+            leg: LegConfig = getattr(config, name)
+            self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{name}.sole_frame", source)
+            chain = self._chain(foot)
+            if not leg.joints:
+                leg = replace(leg, joints=chain)
+                config = replace(config, **{name: leg})  # type: ignore[arg-type]
+            self.legs[foot] = self._leg(name, leg, chain, config.base_frame, source)
             self.leg_columns[foot] = self.idx_v[self.legs[foot]]
-            chain = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
-            self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(chain)[2:]], dtype=np.intp)
+            below = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
+            self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(below)[2:]], dtype=np.intp)
+        self.config = config
         self._refuse_one_leg(source)
         x, y = 0.5 * config.foot_length, 0.5 * config.foot_width
         try:
@@ -101,24 +108,32 @@ class Robot:
                 f"both legs have the joints {names or 'none'}"
             )
 
-    def _leg(self, foot: Foot, leg: LegConfig, source: str) -> Array:
-        key = f"robot.{_LEG_NAMES[foot]}.joints"
+    def _chain(self, foot: Foot) -> tuple[str, ...]:
+        """The movable joints from the base frame to a sole, in this order."""
+        below = list(self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint])
+        base = list(self.model.supports[self.model.frames[self.base_id].parentJoint])
+        return tuple(self.model.names[j] for j in below if j not in base and self.model.joints[j].nv == 1)
+
+    def _leg(self, side: str, leg: LegConfig, chain: tuple[str, ...], base_frame: str, source: str) -> Array:
+        key = f"robot.{side}.joints"
         if not leg.joints:
-            raise RobotError(f"{source}: {key}: no joints named")
+            raise RobotError(f"{source}: {key}: no movable joint from {base_frame!r} to {leg.sole_frame!r}")
         for name in leg.joints:
             if name not in self.joint_names:
                 raise RobotError(
                     f"{source}: no movable joint {name!r} ({key}); "
                     f"joints of the URDF: {', '.join(self.joint_names)[:300]}"
                 )
-        chain = list(self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint])
-        base = list(self.model.supports[self.model.frames[self.base_id].parentJoint])
-        between = [self.model.names[j] for j in chain if j not in base and self.model.joints[j].nv == 1]
-        if between != list(leg.joints):
+        if chain != leg.joints:
             raise RobotError(
-                f"{source}: {key}: the joints from {self.config.base_frame!r} to {leg.sole_frame!r} are "
-                f"{', '.join(between) or 'none'}, not {', '.join(leg.joints)}"
+                f"{source}: {key}: the joints from {base_frame!r} to {leg.sole_frame!r} are "
+                f"{', '.join(chain) or 'none'}, not {', '.join(leg.joints)}"
             )
+        for kind in ("stiffness", "damping"):  # where the configuration leaves the joints out, it cannot count them
+            if len(values := getattr(leg, kind)) != len(chain):
+                raise RobotError(
+                    f"{source}: robot.{side}.{kind}: {len(values)} values for {len(chain)} joints: {', '.join(chain)}"
+                )
         return np.array([self.joint_names.index(name) for name in leg.joints], dtype=np.intp)
 
     @property
