@@ -16,6 +16,7 @@ class WarningKind(Enum):
     NO_USE = "a parameter has no effect with the chosen model"
     SIGN = "forces, torques, positions or accelerations of the wrong sign"
     SWAPPED = "left and right wrench swapped"
+    TURNED = "wrenches turned about the vertical"
     UNIT = "values in another unit"
     BIAS = "a wrench that does not vanish in the air"
     ZERO = "a sensor reads so much without load that it was taken off"
@@ -38,7 +39,7 @@ class InputWarning:
     @property
     def prevents_diagnosis(self) -> bool:
         """Whether nothing can be learnt about the robot before it is mended."""
-        return self.kind in (WarningKind.SIGN, WarningKind.SWAPPED, WarningKind.UNIT)
+        return self.kind in (WarningKind.SIGN, WarningKind.SWAPPED, WarningKind.TURNED, WarningKind.UNIT)
 
     @property
     def prevents_prediction(self) -> bool:

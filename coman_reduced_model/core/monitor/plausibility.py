@@ -19,6 +19,7 @@ from ..config.schema import Config
 from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS
 from ..streams.possible import Refusals
 from .signs import Signs
+from .turned import Turned
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -43,6 +44,7 @@ class Plausibility:
         self._weight = config.support.weight or robot.mass * config.robot.gravity
         self._posture = robot.posture()
         self._signs = Signs(robot, self._weight)
+        self._turned_wrenches = Turned(self._weight, robot.config.gravity)
         legs = {*config.robot.left.joints, *config.robot.right.joints}
         self._of_legs = np.array([name in legs for name in robot.joint_names])
         self.reconfigure(config)
@@ -57,6 +59,7 @@ class Plausibility:
     def reset(self) -> None:
         """Forget the past."""
         self._signs.reset()
+        self._turned_wrenches.reset()
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
@@ -89,6 +92,7 @@ class Plausibility:
             self._negative[foot] += force < -_NEGATIVE * self._weight
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
+        self._turned_wrenches.update(self._posture, sample)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
         if abs(height) <= CLEARANCE:
             return
@@ -119,7 +123,7 @@ class Plausibility:
 
         Torques, motors and IMU are judged by forces and positions: only where units and signs of these are right.
         """
-        found = self._of_forces(zeros, beyond)
+        found = self._of_forces(zeros, beyond) or self._turned_wrenches.warnings()
         return found if any(each.prevents_diagnosis for each in found) else [*found, *self._signs.warnings()]
 
     def _of_forces(self, zeros: Mapping[Foot, float], beyond: Mapping[str, Refusals]) -> list[InputWarning]:

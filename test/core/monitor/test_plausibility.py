@@ -8,14 +8,17 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from conftest import recording
 from synthetic import LEFT, RIGHT, robot, walk
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.input_warning import WarningKind
 from coman_reduced_model.core.base.stream_names import IMU, JOINTS, MOTORS
+from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.monitor.plausibility import Plausibility
 from coman_reduced_model.core.pipeline import Pipeline
-from coman_reduced_model.resources import bag_path
+from coman_reduced_model.resources import bag_path, config_path
 
 
 def warnings_of(change):
@@ -136,6 +139,47 @@ def test_torques_motors_and_imu_must_agree_with_the_rest(change, kind, words):
     found = warnings_of_walk(change)
     assert [each.kind for each in found] == ([] if kind is None else [kind])
     assert all(words in each.text and each.prevents_diagnosis for each in found)
+
+
+def warnings_with_turned_wrenches(bag, left, right, config=None):
+    """By quarters of a turn about the vertical, of each foot."""
+    quarter = np.kron(np.eye(2), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    turns = [np.linalg.matrix_power(quarter, k) for k in (left, right)]
+    with Session(bag, config or Config()) as session:
+        plausibility = Plausibility(session.robot, session.config)
+        for sample in session.samples():
+            if sample.left_wrench is not None and sample.right_wrench is not None:
+                sample.left_wrench, sample.right_wrench = turns[0] @ sample.left_wrench, turns[1] @ sample.right_wrench
+            plausibility.update(sample)
+    return plausibility.warnings()
+
+
+@pytest.mark.parametrize("bag", ["test1", "stand"])
+@pytest.mark.parametrize(
+    ("left", "right", "words"),
+    [
+        (1, 1, "wrenches: turned about the vertical, by 90 degrees counterclockwise"),
+        (3, 3, "wrenches: turned about the vertical, by 90 degrees clockwise"),
+        (0, 3, f"{RIGHT}: turned about the vertical, by 90 degrees clockwise"),
+        (0, 0, ""),
+    ],
+)
+def test_wrenches_turned_about_the_vertical_are_reported(bag, left, right, words):
+    found = warnings_with_turned_wrenches(bag_path(bag), left, right)
+    assert [each.kind for each in found] == [WarningKind.TURNED] * bool(words)
+    assert all(each.text.startswith(words) and each.prevents_diagnosis for each in found)
+
+
+@pytest.mark.parametrize(
+    ("name", "config"),
+    [("other_robot/walk_003", None), ("real/icub_walk", "icub"), ("real/icub_yoga/zeroed", "icub02")],
+)
+def test_wrenches_of_other_robots_are_not_taken_for_turned(name, config):
+    """Those of icub_yoga have axes that are wrong by ten degrees."""
+    bag = recording(name)
+    file = None if config is None else bag.parent / "icub02.yaml" if config == "icub02" else config_path(config)
+    found = warnings_with_turned_wrenches(bag, 0, 0, load_config(file))
+    assert WarningKind.TURNED not in [each.kind for each in found]
 
 
 def test_a_threshold_that_changes_counts_from_then_on():
