@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Installation, by colcon (ament_python) and by pip alike; name and version come from package.xml."""
 
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,6 +9,15 @@ from setuptools import find_packages, setup
 
 PACKAGE = ElementTree.parse("package.xml").getroot()
 NAME = PACKAGE.findtext("name")
+
+# What runs without ROS; an installation of ROS has the same by package.xml. Pinned versions are in requirements.txt.
+REQUIRED = ["numpy>=1.26", "scipy", "pin", "numba", "rosbags", "mcap", "pyyaml", "typer>=0.12.5", "rich"]
+REQUIRED += ["jinja2", "matplotlib"]
+EXTRAS = {
+    "sim": ["mujoco>=3.2"],  # the virtual robot, and coman export
+    "drake": ["mujoco>=3.2", "drake"],  # its second physics engine
+    "view": ["rerun-sdk"],  # coman view
+}
 
 
 def shared_files(*folders):
@@ -33,9 +43,11 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        *shared_files("config", "launch", "bags", "msg_defs/msg"),
+        # A wheel goes without the recorded bags, which are larger than all the rest: they come with the sources.
+        *shared_files("config", "launch", "msg_defs/msg", *([] if "bdist_wheel" in sys.argv else ["bags"])),
     ],
-    extras_require={"drake": ["drake"]},  # a second physics engine for the virtual robot
+    install_requires=REQUIRED,
+    extras_require=EXTRAS,
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -54,7 +54,9 @@ def replay(
 
         from ..ros.tools.replay import Replay
     except ImportError as error:
-        raise ComanError(f"replay needs ROS 2 and the built messages ({error}): source them, or `make setup`") from None
+        raise ComanError(
+            f"replay needs ROS 2 and its messages ({error}): source ROS 2 Jazzy, or `make setup`"
+        ) from None
     arguments = [item for rule in remap or () for item in ("-r", rule)]
     rclpy.init(args=["--ros-args", *arguments] if arguments else [], signal_handler_options=SignalHandlerOptions.NO)
     node = player = None

@@ -99,5 +99,5 @@ def why_not() -> str | None:
 
         del coman_reduced_model_msgs
     except ImportError as error:
-        return f"ROS 2 and the built messages are needed ({error}): source them, or `make setup`"
+        return f"ROS 2 and the built messages are needed ({error}): source ROS 2 Jazzy, or `make setup`"
     return None
