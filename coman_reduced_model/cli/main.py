@@ -24,11 +24,13 @@ from .check import check
 from .config import config
 from .demo import demo
 from .diagnose import diagnose
+from .export import export
 from .identify import identify
 from .init import init
 from .isolability import isolability
 from .judge import judge
 from .live import live
+from .missing import remedy
 from .predict import predict
 from .record import record
 from .replay import replay
@@ -55,6 +57,7 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
         report: "coman report result",
         diagnose: "coman diagnose bags/test1 --holdout bags/test2 --out found",
         isolability: "coman isolability bags/test1 bags/test2 --size 0.3",
+        export: "coman export found/model.yaml --mjcf my_robot.xml --out found.xml",
         baseline: "coman baseline bags/test1 bags/test2 --out my_robot_usual.yaml",
     },
     "Parameters of the model": {
@@ -117,7 +120,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _say(f"{where}{error.strerror or error}", 1 if error.errno in _OUR_FAULT else 2)
     except _CLICK_ERROR as error:
         return _say(error.format_message() or "see --help", 2)
-    except Exception:
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and (line := remedy(error)):
+            return _say(line, 2)
         if _interrupted:  # compiled code turns a KeyboardInterrupt into errors of its own
             return 130
         traceback.print_exc()
