@@ -48,3 +48,17 @@ def test_the_workflow_names_targets_files_and_executables_that_exist():
     assert made and set(made) <= set(targets) and launched
     assert all((ROOT / "launch" / f"{name}.launch.py").is_file() for name in shlex.split(launched[1]))
     assert all((ROOT / path).exists() for path in re.findall(r"\bbags/\w+", text))
+
+
+def test_the_dockerfile_names_what_exists():
+    """It cannot be built everywhere; it follows the workflow, which is."""
+    text = (ROOT / "Dockerfile").read_text()
+    assert re.search(r"^FROM ros:jazzy$", text, re.M)
+    for package in re.findall(r"src/coman_reduced_model(\S*)", text.partition("colcon build")[2].partition("&&")[0]):
+        assert (ROOT / package.lstrip("/") / "package.xml").is_file()
+    for module in re.findall(r"python3 -m (\S+)", text):
+        assert (ROOT / f"{module.replace('.', '/')}.py").is_file()
+    for name in re.findall(r"ros2 launch \S+ (\S+)", text):
+        assert (ROOT / "launch" / name).is_file()
+    installed = re.search(r'pip install .*("typer>=.*" rich)', text)
+    assert installed and any(installed[1] in step for step in STEPS)
