@@ -7,7 +7,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,6 +23,7 @@ from rich.text import Text
 
 from ..errors import ConfigError
 from . import complete
+from .compiling import COMPILING, compilation
 
 if TYPE_CHECKING:
     from ..core.config.schema import Config
@@ -83,14 +84,16 @@ def progress(title: str) -> Iterator[Progress]:
     """A function (fraction done, words) that shows progress on standard error once the work takes a while."""
     console = Console(stderr=True)
     if console.is_terminal:
-        with _bar(title, console) as report:
+        with _bar(title, console) as (report, say), compilation(say):
             yield report
     else:
-        yield _lines(title)
+        report = _lines(title)
+        with compilation(lambda done, total: report(done / total, COMPILING)):
+            yield report
 
 
 @contextmanager
-def _bar(title: str, console: Console) -> Iterator[Progress]:
+def _bar(title: str, console: Console) -> Iterator[tuple[Progress, Callable[[int, int], None]]]:
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     bar = Bar(*columns, TextColumn("{task.fields[words]}"), console=console, transient=True)
     task = bar.add_task(title, total=1.0, words="")
@@ -101,8 +104,15 @@ def _bar(title: str, console: Console) -> Iterator[Progress]:
             bar.start()
         bar.update(task, completed=min(max(fraction, 0.0), 1.0), words=words)
 
+    compiled = bar.add_task(COMPILING, total=None, visible=False, words="")
+
+    def say(done: int, total: int) -> None:
+        if not bar.live.is_started and time.monotonic() - began > _SHOW_AFTER:
+            bar.start()
+        bar.update(compiled, completed=done, total=total, visible=True)
+
     try:
-        yield report
+        yield report, say
     finally:
         bar.stop()
 
