@@ -39,7 +39,7 @@ setup(
     maintainer_email=PACKAGE.find("maintainer").get("email"),
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={"": ["*.html", "*.j2", "*.css", "*.js", "*.svg", "*.yaml", "py.typed"]},
+    package_data={"": ["*.html", "*.j2", "*.css", "*.js", "*.svg", "*.yaml", "*.schema.json", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         config_path,
         open_robot,
         predict,
+        read_result,
         save_config,
     )
     from .core.config.files import load_config
@@ -66,6 +67,8 @@ __all__ = [
     "Diagnosis",
     "diagnose",
     "save_diagnosis",
+    # results
+    "read_result",
     # data
     "Flags",
     "Foot",

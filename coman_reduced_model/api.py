@@ -28,6 +28,7 @@ from .core.robot.robot import Robot
 from .errors import ComanError
 from .progress import Progress
 from .resources import bag_path, config_path
+from .schemas import read_result
 from .topics import TopicNames
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ __all__ = [
     "load_config",
     "open_robot",
     "predict",
+    "read_result",
     "save_config",
     "save_diagnosis",
 ]

@@ -37,6 +37,7 @@ from .messages import ODOM
 from .output import OutputFolder, to_json
 from .progress import Progress
 from .resources import version
+from .schemas import VERSION as SCHEMA_VERSION
 from .topics import (
     DESCRIPTION,
     FOOT_ODOMETRY,
@@ -164,6 +165,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
             "(joint positions in rad)"
         )
     return {
+        "schema_version": SCHEMA_VERSION,
         "bag": str(bag.path),
         "version": version(),
         "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,6 +18,7 @@ from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
 from ..progress import Progress
+from ..schemas import read_result
 from . import figures
 from .configuration import configuration_section
 from .draw import PHASE_NAMES
@@ -78,16 +78,15 @@ def read_summary(directory: Path) -> dict[str, Any]:
     """
     path = directory / _SUMMARY_FILE
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
+        inside = path.exists()
     except OSError as error:
-        if not directory.is_dir():
-            raise BagError(f"{directory}: no such folder") from None
-        if isinstance(error, FileNotFoundError):
-            raise BagError(f"{directory}: no {_SUMMARY_FILE} in it: not a folder that coman predict wrote") from None
         raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:  # of JSON or of the encoding
-        raise BagError(f"{path}: is not JSON: {error}") from None
-    if not isinstance(summary, dict) or "samples" not in summary or not isinstance(summary.get("rmse_m"), dict):
+    if not directory.is_dir():
+        raise BagError(f"{directory}: no such folder")
+    if not inside:
+        raise BagError(f"{directory}: no {_SUMMARY_FILE} in it: not a folder that coman predict wrote")
+    summary = read_result(path)
+    if "samples" not in summary or not isinstance(summary.get("rmse_m"), dict):
         raise BagError(f"{path}: not a summary of coman predict: no 'samples' or 'rmse_m' in it")
     return summary
 

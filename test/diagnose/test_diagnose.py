@@ -8,12 +8,14 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from jsonschema import Draft202012Validator
 from synthetic import WRENCHES, walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.diagnose.inference.evidence import ONE_A_STEP
 from coman_reduced_model.diagnose.report.contents import MATERIAL
+from coman_reduced_model.schemas import schema
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
@@ -135,6 +137,8 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
 
     # What it prints is what discrepancy.md says, and what it writes.
     assert result == json.loads((out / "diagnosis.json").read_text())
+    Draft202012Validator(schema("diagnosis")).validate(result)
+    assert {*result} <= {*schema("diagnosis")["properties"]}
     assert {"verdict", "effects", "ranking", "localisation", "gap", "undetectable_below", "model", "seconds"} <= set(
         result
     )

@@ -13,6 +13,7 @@ from ...core.base.types import Array, Integers, Phase
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
 from ...core.evaluation.statistics import by_axis
+from ...schemas import VERSION as SCHEMA_VERSION
 from ..inference.case import Case, evidence_of
 from ..inference.check import Checked
 from ..inference.compare import pulls
@@ -55,6 +56,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
     result = {
+        "schema_version": SCHEMA_VERSION,
         "verdict": found.verdict,
         "effects": effects if named else [],
         "suspected": [] if named else effects,

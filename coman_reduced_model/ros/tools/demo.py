@@ -29,6 +29,7 @@ from ...core.gait.walk import gait_of
 from ...errors import BagError, ConfigError
 from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ...resources import version
+from ...schemas import VERSION as SCHEMA_VERSION
 from ...topics import PREDICTION
 from ..interface.diagnostic_report import Level
 from ..runtime.processes import NodeFailed, Nodes
@@ -150,6 +151,7 @@ def run_demo(
             raise NodeFailed(f"not stopped cleanly: {bad}")
         asked = replay.bag.counts[f"/{JOINTS}"]
         summary = {
+            "schema_version": SCHEMA_VERSION,
             "bag": str(path),
             "version": version(),
             "robot": {"name": robot_name},
