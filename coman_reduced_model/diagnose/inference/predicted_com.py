@@ -281,7 +281,7 @@ def free_runs_in_helper(urdf: str | Path | None, names: TopicNames | None) -> It
         for process in active_children():
             if process.pid not in before:
                 process.terminate()
-        helper.shutdown(wait=False, cancel_futures=True)
+        helper.shutdown(cancel_futures=True)
         raise
     helper.shutdown()
 
