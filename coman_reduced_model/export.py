@@ -8,7 +8,7 @@ motor and link.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,12 +23,12 @@ from .errors import ConfigError
 
 _IMPEDANCE = 0.9  # of contacts that are written, at any depth: so the stiffness is one figure
 _POINTS = {mujoco.mjtGeom.mjGEOM_BOX: 4, mujoco.mjtGeom.mjGEOM_MESH: 4, mujoco.mjtGeom.mjGEOM_CAPSULE: 2}  # of contact
-_WRITTEN = (
-    "joint_stiffness", "joint_damping", "motor_compliance", "joint_friction", "payload", "com_offset", "motor_lag",
-    "ground_compliance",
-)  # fmt: skip
+_WRITTEN: tuple[str, ...] = ("joint_stiffness", "joint_damping", "motor_compliance", "joint_friction")
+_WRITTEN += ("payload", "com_offset", "body_mass", "motor_lag", "ground_compliance")
 # Why an effect is left out of the file.
 _LEFT_OUT = {
+    "hysteresis": "a position actuator has no lost motion",
+    "stiffness_drift": "the file has one stiffness; export another one for the warm robot by joint_stiffness",
     "spring_nonlinearity": "a position actuator is a linear spring",
     "backlash": "MuJoCo has no play in a joint; a second joint in series would be another model",
     "ground_slope": "it is of the floor, not of the robot: tilt option.gravity or the floor",
@@ -90,7 +90,7 @@ class _Export:
                     raise ConfigError(f"{self._source}: no joint {joint!r} (robot.*.joints); there are: {known[:300]}")
         self._springs()
         self._friction()
-        self._trunk()
+        self._masses()
         self._lag()
         self._contacts()
         for name in self._config.active:
@@ -147,21 +147,34 @@ class _Export:
                     target.frictionloss = float(np.ravel(target.frictionloss)[0]) + coulomb
                     self._out.written.append(f"{joint}: dry friction {coulomb:.4g} Nm (frictionloss)")
 
-    def _trunk(self) -> None:
-        loads = list(self._effects("payload", "com_offset"))
-        if not loads:
-            return
-        name = self._config.robot.base_frame
-        body = self._spec.body(name)
-        if body is None:
-            raise ConfigError(f"{self._source}: no body {name!r} (robot.base_frame)")
-        i = self._model.body(name).id
+    def _masses(self) -> None:
+        """Mass and COM of each body that an effect changes, in the order of the effects."""
+        trunk = self._config.robot.base_frame
+        changes: dict[str, list[EffectConfig]] = {}
+        for effect in self._effects("payload", "com_offset", "body_mass"):
+            name = trunk
+            if effect.name == "body_mass" and effect.where:
+                if (joint := self._spec.joint(effect.where)) is None:
+                    raise ConfigError(f"{self._source}: no joint {effect.where!r} (effects.body_mass.where)")
+                name = joint.parent.name
+            changes.setdefault(name, []).append(effect)
+        for name, effects in changes.items():
+            body = self._spec.body(name)
+            if body is None:
+                raise ConfigError(f"{self._source}: no body {name!r} (robot.base_frame)")
+            self._loaded(body, effects)
+
+    def _loaded(self, body: mujoco.MjsBody, effects: Sequence[EffectConfig]) -> None:
+        i = self._model.body(body.name).id
         mass, com = float(self._model.body_mass[i]), self._model.body_ipos[i].copy()
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, self._model.body_iquat[i])
         R = turn.reshape(3, 3)
         inertia = R @ np.diag(self._model.body_inertia[i]) @ R.T  # about the COM
-        for effect in loads:
+        for effect in effects:
+            if effect.name == "body_mass":
+                mass, inertia = mass * effect.values["scale"], inertia * effect.values["scale"]
+                continue
             at = np.array([effect.values[axis] for axis in "xyz"])
             if effect.name == "com_offset":
                 com += at
@@ -169,7 +182,7 @@ class _Export:
             extra = effect.values["mass"]
             whole = mass + extra
             if not whole > 0.0:
-                raise ConfigError(f"effects.payload.mass: leaves {name!r} a mass of {whole:g} kg")
+                raise ConfigError(f"effects.payload.mass: leaves {body.name!r} a mass of {whole:g} kg")
             new = (mass * com + extra * at) / whole
             inertia += mass * _parallel(com - new) + extra * _parallel(at - new)
             mass, com = whole, new
@@ -179,7 +192,7 @@ class _Export:
         body.iquat = [1.0, 0.0, 0.0, 0.0]
         body.inertia = [0.0, 0.0, 0.0]
         where = ", ".join(f"{value:.4g}" for value in com)
-        self._out.written.append(f"{name}: mass {mass:.4g} kg, COM at {where} m")
+        self._out.written.append(f"{body.name}: mass {mass:.4g} kg, COM at {where} m")
 
     def _lag(self) -> None:
         lag = sum(effect.values["time_constant"] for effect in self._effects("motor_lag"))

@@ -84,9 +84,19 @@ def test_the_simulation_comes_closer_to_the_recording(tmp_path, mjcf, capsys, wa
 
 def test_what_mujoco_cannot_express_is_said(tmp_path, mjcf, capsys):
     changes = {
-        "effects.active": ["backlash", "wrench_bias", "motor_lag", "com_offset", "ground_compliance"],
+        "effects.active": [
+            "backlash",
+            "wrench_bias",
+            "motor_lag",
+            "com_offset",
+            "ground_compliance",
+            "body_mass",
+            "hysteresis",
+        ],
         "effects.backlash.where": ["LKneeSag"],
         "effects.backlash.width": [0.01],
+        "effects.body_mass.where": ["LKneeSag"],
+        "effects.body_mass.scale": [1.5],
         "effects.motor_lag.time_constant": [0.01],
         "effects.com_offset.x": [0.01],
         "effects.ground_compliance.vertical": [1e-5],
@@ -95,10 +105,12 @@ def test_what_mujoco_cannot_express_is_said(tmp_path, mjcf, capsys):
     }
     out, said = export(tmp_path, mjcf, capsys, **changes)
     names = [line.split(":")[0] for line in said["left_out"]]
-    assert names == ["ground_compliance", "ground_compliance", "backlash", "wrench_bias", "armature"]
+    assert sorted(names) == sorted([*2 * ["ground_compliance"], "backlash", "wrench_bias", "hysteresis", "armature"])
     before, after = (mujoco.MjModel.from_xml_path(str(path)) for path in (mjcf, out))
     trunk = before.body("base_link").id
     np.testing.assert_allclose(after.body_ipos[trunk] - before.body_ipos[trunk], [0.01, 0.0, 0.0], atol=1e-9)
+    shank = before.joint("LKneeSag").bodyid[0]
+    assert after.body_mass[shank] == pytest.approx(1.5 * before.body_mass[shank], rel=1e-5)
     np.testing.assert_allclose(after.actuator_dynprm[:, 0], 0.01)
     assert after.geom("l_foot").friction[0] == 0.5 and before.geom("l_foot").friction[0] != 0.5
 

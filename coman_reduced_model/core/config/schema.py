@@ -260,6 +260,11 @@ def _check_consistency(config: Config, source: str) -> None:
                 raise ConfigError(
                     f"{source}: robot.{side}.{key}: {count} values for {len(leg.joints)} joints (robot.{side}.joints)"
                 )
+        if len(leg.stiffness) != len(leg.damping):
+            raise ConfigError(
+                f"{source}: robot.{side}.stiffness: {len(leg.stiffness)} values, but {len(leg.damping)} of "
+                f"robot.{side}.damping"
+            )
         if len(set(leg.joints)) != len(leg.joints):
             raise ConfigError(f"{source}: robot.{side}.joints: a joint is named twice: {', '.join(leg.joints)}")
     if config.model.swing_momentum == "with" and not config.turning:

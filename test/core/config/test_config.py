@@ -105,8 +105,10 @@ def test_a_near_miss_of_a_choice_is_hinted():
 
 
 def test_lists_must_fit_each_other():
-    refused({"robot.left.stiffness": [100.0, 200.0]}, "robot.left.stiffness: 2 values for 6 joints")
-    refused({"robot.right.damping": [1.0] * 7}, "robot.right.damping: 7 values for 6 joints")
+    joints = {f"robot.{side}.joints": list(getattr(Config().robot, side).joints) for side in ("left", "right")}
+    refused({**joints, "robot.left.stiffness": [100.0, 200.0]}, "robot.left.stiffness: 2 values for 6 joints")
+    refused({**joints, "robot.right.damping": [1.0] * 7}, "robot.right.damping: 7 values for 6 joints")
+    refused({"robot.left.stiffness": [100.0, 200.0]}, "robot.left.stiffness: 2 values, but 6 of robot.left.damping")
     twice = ["LHipSag", "LHipSag", "LHipYaw", "LKneeSag", "LAnkSag", "LAnkLat"]
     refused({"robot.left.joints": twice}, "robot.left.joints", "twice", "LHipSag")
     refused({"support.contact_on": 0.05, "support.contact_off": 0.05}, "support.contact_off", "below", "0.05")
