@@ -8,9 +8,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..core.base.types import Array
 from ..sim.disturbances import Disturbance, Later, joint_indices, overrides
 from ..sim.robot_table import RobotTable
+from ..sim.spring_laws import Law, SpringLaw
 
 FORCES = ("joint_stiffness", "joint_damping", "joint_friction", "payload")  # built into the robot, or forces: `Sudden`
 
@@ -35,17 +35,16 @@ class Sudden(Disturbance):
         """See Disturbance."""
         self.joints = joint_indices(table, self.where)
         self.dofs = [int(model.joint(table.joint_names[i]).dofadr[0]) for i in self.joints]
-        self.k, self.d = model.actuator_gainprm[:, 0].copy(), -model.actuator_biasprm[:, 2]
+        self.linear = np.stack([model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]])
         self.root = model.body("base_link").id
 
-    def spring_torque(self, t: float, deflection: Array, rate: Array) -> Array:
+    def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
-        more = np.zeros_like(deflection)
-        if self.effect == "joint_stiffness":
-            more[self.joints] = ((self.values["scale"] - 1.0) * self.k * deflection)[self.joints]
-        elif self.effect == "joint_damping":
-            more[self.joints] = ((self.values["scale"] - 1.0) * self.d * rate)[self.joints]
-        return more
+        change = np.zeros_like(self.linear)
+        row = {"joint_stiffness": 0, "joint_damping": 1}.get(self.effect)
+        if row is not None:
+            change[row, self.joints] = (self.values["scale"] - 1.0) * self.linear[row, self.joints]
+        return [SpringLaw(Law.LINEAR, change)]
 
     def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """See Disturbance."""

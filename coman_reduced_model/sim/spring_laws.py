@@ -28,6 +28,7 @@ class Law(IntEnum):
     TANH = 4  # stiffness, bend [1/rad]
     SINH = 5  # stiffness, bend [1/rad]
     TWO_SLOPES = 6  # change of the stiffness beyond the step, deflection of the step
+    LINEAR = 7  # change of the stiffness, of the damping
 
 
 VALUES = 4  # of the law that takes the most
@@ -97,6 +98,8 @@ def _torque(law: int, v: Array, t: float, deflection: float, rate: float) -> flo
         return v[0] * (math.tanh(v[1] * deflection) / v[1] - deflection) if v[1] != 0.0 else 0.0
     if law == Law.SINH:
         return v[0] * (math.sinh(v[1] * deflection) / v[1] - deflection) if v[1] != 0.0 else 0.0
+    if law == Law.LINEAR:
+        return v[0] * deflection + v[1] * rate
     beyond = max(abs(deflection) - v[1], 0.0)  # TWO_SLOPES
     return v[0] * math.copysign(beyond, deflection)
 
