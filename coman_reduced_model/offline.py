@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .bag.encode import (
+    encode_external_wrench,
     encode_odometry,
     encode_point,
     encode_prediction,
@@ -40,6 +41,7 @@ from .resources import version
 from .schemas import VERSION as SCHEMA_VERSION
 from .topics import (
     DESCRIPTION,
+    EXTERNAL,
     FOOT_ODOMETRY,
     MEASURED,
     OUTPUT_TYPES,
@@ -127,6 +129,8 @@ class _Output:
         if due or before is None or (before.phase, before.support_foot) != (now.phase, now.support_foot):
             write(names[SUPPORT], stamp, encode_support(prediction))
         self._support = now
+        if due and math.isfinite(prediction.estimate.force[0]):
+            write(names[EXTERNAL], stamp, encode_external_wrench(prediction))
         if due:
             for topic, com in (
                 (MEASURED, prediction.measured_com),

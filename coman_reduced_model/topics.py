@@ -10,6 +10,7 @@ from .core.base.stream_names import IMU
 from .errors import ConfigError
 from .messages import (
     COM_PREDICTION,
+    EXTERNAL_WRENCH,
     INPUT_TYPES,
     ODOMETRY,
     POINT_STAMPED,
@@ -19,7 +20,7 @@ from .messages import (
 )
 
 DESCRIPTION = "robot_description"
-PREDICTION, SUPPORT = "com/prediction", "com/support"
+PREDICTION, SUPPORT, EXTERNAL = "com/prediction", "com/support", "com/external_wrench"
 MEASURED, PREDICTED, REFERENCE_POINT = "com/measured", "com/predicted", "com/reference_point"
 FOOT_ODOMETRY, TF, TF_STATIC = "foot_odometry", "/tf", "/tf_static"  # all nodes share the latter two
 
@@ -28,6 +29,7 @@ INPUT_TOPICS = {stream: "imu/data" if stream == IMU else stream for stream in IN
 OUTPUT_TYPES = {
     PREDICTION: COM_PREDICTION,
     SUPPORT: SUPPORT_STATE,
+    EXTERNAL: EXTERNAL_WRENCH,
     MEASURED: POINT_STAMPED,
     PREDICTED: POINT_STAMPED,
     REFERENCE_POINT: POINT_STAMPED,

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from coman_reduced_model import messages as m
 from coman_reduced_model.bag.decode import decoder
 from coman_reduced_model.bag.encode import (
+    encode_external_wrench,
     encode_odometry,
     encode_point,
     encode_prediction,
@@ -28,6 +29,7 @@ from coman_reduced_model.bag.encode import (
 from coman_reduced_model.bag.types import bag_types, typestore
 from coman_reduced_model.core.base.pose import quaternion
 from coman_reduced_model.core.base.types import (
+    Estimate,
     Flags,
     Foot,
     HorizonPrediction,
@@ -222,6 +224,10 @@ def a_prediction(seed=0, horizons=3):
     return Prediction(
         STAMP + seed, "r_sole", support, *rng.normal(size=(6, 3)), T, ahead, Flags.RESET | Flags.NEAR_SINGULAR,
         predicted_covariance=rng.normal(size=(3, 3)),
+        estimate=Estimate(
+            *rng.normal(size=(2, 3)), rng.normal(size=(6, 6)), rng.normal(size=(3, 3)), rng.normal(size=3),
+            rng.normal(size=(3, 3)), 2.5,
+        ),
     )  # fmt: skip
 
 
@@ -261,7 +267,9 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
 def test_predictions_of_the_version_before_are_read():
     """Bags keep their definitions: those of version 1 have no covariances."""
     store, definitions = get_typestore(Stores.ROS2_JAZZY), {}
-    new_fields = (["covariance"], ["model_share"], ["predicted_covariance"])
+    names = """covariance model_share predicted_covariance estimated_position estimated_velocity estimated_covariance
+        measured_covariance nis"""
+    new_fields = [[name] for name in names.split()]
     for path in sorted((ROOT / "msg_defs" / "msg").glob("*.msg")):
         lines = [line.partition("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
         text = "\n".join(" ".join(words) for words in lines if words[1:2] not in new_fields)
@@ -278,6 +286,7 @@ def test_predictions_of_the_version_before_are_read():
     read = m.prediction_from(message)
     assert [each.com.tolist() for each in read.horizons] == [each.com.tolist() for each in sent.horizons]
     assert np.isnan(read.predicted_covariance).all() and np.isnan(read.horizons[0].model_share).all()
+    assert np.isnan(read.estimate.com).all() and np.isnan(read.estimate.covariance).all()
     assert read.flags == sent.flags
 
 
@@ -292,6 +301,7 @@ def test_predictions_packed_at_once_are_the_messages_that_rosbags_serialises(fra
     for raw, message, kind in (
         (encode_prediction(sent), m.prediction_to(BAG, sent), m.COM_PREDICTION),
         (encode_support(sent), m.support_to(BAG, sent), m.SUPPORT_STATE),
+        (encode_external_wrench(sent), m.external_wrench_to(BAG, sent), m.EXTERNAL_WRENCH),
         (
             encode_point(sent.stamp_ns, sent.measured_com),
             m.point_to(BAG, sent.stamp_ns, sent.measured_com),

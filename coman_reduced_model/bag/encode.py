@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.base.pose import quaternion
 from ..core.base.types import Array, Prediction
-from ..messages import ODOM, UNKNOWN
+from ..messages import ODOM, UNKNOWN, external_covariance
 from .layout import LITTLE_ENDIAN, SECOND, Layout, cdr_string, header_values
 
 
@@ -28,7 +28,7 @@ def _prediction_format(frame: bytes, horizons: int) -> struct.Struct:
     layout = Layout().header(frame).header(frame).add("B", 2).add("d", 3 + 7 * 3 + 7).add("I")
     if horizons:
         layout.add("d", 16 * horizons)
-    return struct.Struct(layout.add("I").add("d", 9).format)
+    return struct.Struct(layout.add("I").add("d", 9 + 3 + 3 + 36 + 9 + 1).format)
 
 
 @lru_cache(maxsize=64)
@@ -100,6 +100,25 @@ def encode_transforms(stamp_ns: int, names: Sequence[tuple[str, str]], poses: Ar
     return LITTLE_ENDIAN + _transforms_format(frames).pack(*values)
 
 
+@lru_cache(maxsize=64)
+def _wrench_format(frame: bytes) -> struct.Struct:
+    return struct.Struct(Layout().header(frame).add("d", 6 + 36).format)
+
+
+def encode_external_wrench(prediction: Prediction) -> bytes:
+    """An ExternalWrench; messages.external_wrench_to, serialised."""
+    frame = cdr_string(prediction.frame_id)
+    return LITTLE_ENDIAN + _wrench_format(frame).pack(
+        *header_values(prediction.stamp_ns, frame),
+        *prediction.estimate.force.tolist(),
+        *_NO_MOMENT,
+        *external_covariance(prediction).tolist(),
+    )
+
+
+_NO_MOMENT = [float("nan")] * 3
+
+
 def encode_prediction(prediction: Prediction) -> bytes:
     """A ComPrediction; messages.prediction_to, serialised."""
     p, s, T = prediction, prediction.support, prediction.T_odom_sole
@@ -130,4 +149,9 @@ def encode_prediction(prediction: Prediction) -> bytes:
         *ahead,
         p.flags,
         *p.predicted_covariance.ravel().tolist(),
+        *p.estimate.com.tolist(),
+        *p.estimate.com_vel.tolist(),
+        *p.estimate.covariance.ravel().tolist(),
+        *p.estimate.measured_covariance.ravel().tolist(),
+        p.estimate.nis,
     )

@@ -9,6 +9,7 @@ from math import expm1, hypot, isfinite
 import numpy as np
 
 from .base.limits import DIVERGED, TOPPLED
+from .base.nominal import load_nominal
 from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
 from .config.schema import Config
 from .effects.catalogue import Effect, build_effects
@@ -26,6 +27,7 @@ from .model.horizon import drop_impossible
 from .model.point_mass import Pendulum, PointMass
 from .model.reference import plan_ahead
 from .model.trunk.model import TrunkModel
+from .observer.observer import Observer
 from .robot.limits import limits_of
 from .robot.robot import Robot
 
@@ -44,6 +46,7 @@ class Predictor:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.
         TOPPLED: [rad] and so has one whose trunk leans this much more or less than the measured one.
         dynamics: the equation of motion that does both.
+        observer: the filter that estimates COM and external force, beside the free run.
         zeros: what the foot sensors read without load, where that is much: it is taken off.
         sample: the last one, without these zeros; None: there was none.
         judge: the errors of the horizons so far.
@@ -87,6 +90,7 @@ class Predictor:
         self.zeros = SensorZeros(weight)
         self._limits = limits_of(robot, config.robot.gravity, weight)
         self.sample: Sample | None = None
+        self.observer = Observer(robot, config.robot.gravity, load_nominal().widths)
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
         chosen = config.prediction
@@ -113,6 +117,7 @@ class Predictor:
             effect.reset()
         self.judge.restart()
         self.dynamics.reset()
+        self.observer.reset()
         self.zeros.restart()
         self._stamp_ns = 0
         self._phase = Phase.FLIGHT
@@ -161,6 +166,7 @@ class Predictor:
         possible = self._possible(com, com_vel)
         if support.phase == Phase.FLIGHT or not possible:
             self.dynamics.stop()
+            self.observer.reset()
             flags |= Flags.NOT_INITIALISED | (Flags.NO_SUPPORT if possible else Flags.REJECTED_STATE)
             measured = (com, com_vel) if possible else (_NAN3, _NAN3)
             return self._finish(sample, support, T_odom_sole, flags, *measured)
@@ -183,6 +189,8 @@ class Predictor:
             horizons, ahead_flags = self._ahead(now, ready)
             if ahead_flags:
                 flags |= ahead_flags
+        estimate = self.observer.update(sample, self.link, foot, com, com_vel)
+        flags |= self.observer.flags
         prediction = self._finish(
             sample, support, T_odom_sole, flags, com, com_vel,
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
@@ -192,6 +200,7 @@ class Predictor:
         if not flags.diverged:
             fresh = -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
             self._residuals_known = remember(self._residuals, self._residuals_known, prediction.residual, fresh)
+        prediction.estimate = estimate
         prediction.base_in_sole = self.link.base_in_sole
         prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
         return prediction

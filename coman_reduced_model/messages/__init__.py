@@ -19,6 +19,8 @@ from .received import (
 )
 from .sent import (
     UNKNOWN,
+    external_covariance,
+    external_wrench_to,
     header_to,
     imu_to,
     joint_to,
@@ -34,6 +36,7 @@ from .sent import (
 from .types import (
     COM_PREDICTION,
     COM_REFERENCE,
+    EXTERNAL_WRENCH,
     IMU_TYPE,
     INPUT_TYPES,
     JOINT_STATE,
@@ -53,6 +56,9 @@ from .types import (
 __all__ = [
     "COM_PREDICTION",
     "COM_REFERENCE",
+    "EXTERNAL_WRENCH",
+    "external_covariance",
+    "external_wrench_to",
     "FROM",
     "IMU_TYPE",
     "INPUT_TYPES",

@@ -12,6 +12,7 @@ from ..core.base.pose import matrix
 from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import (
     Array,
+    Estimate,
     Flags,
     Foot,
     HorizonPrediction,
@@ -143,6 +144,7 @@ def prediction_from(message: Any) -> Prediction:
         [_horizon_from(each) for each in message.horizons],
         Flags(message.flags),
         predicted_covariance=_covariance_from(message, "predicted_covariance"),
+        estimate=_estimate_from(message),
     )
 
 
@@ -156,10 +158,23 @@ def _horizon_from(message: Any) -> HorizonPrediction:
     )
 
 
-def _covariance_from(message: Any, name: str) -> Array:
-    """(3, 3); NaN in messages of version 1, which have none."""
+def _estimate_from(message: Any) -> Estimate:
+    """Without the external force, which is a message of its own; NaN in messages of earlier versions."""
+    if not hasattr(message, "estimated_position"):
+        return Estimate()
+    return Estimate(
+        _xyz(message.estimated_position),
+        _xyz(message.estimated_velocity),
+        _covariance_from(message, "estimated_covariance", 6),
+        _covariance_from(message, "measured_covariance"),
+        nis=message.nis,
+    )
+
+
+def _covariance_from(message: Any, name: str, n: int = 3) -> Array:
+    """(n, n); NaN in messages of version 1, which have none."""
     values = getattr(message, name, None)
-    return np.full((3, 3), np.nan) if values is None else np.array(values, dtype=np.float64).reshape(3, 3)
+    return np.full((n, n), np.nan) if values is None else np.array(values, dtype=np.float64).reshape(n, n)
 
 
 FROM = {

@@ -90,6 +90,12 @@ def prediction_to(types: MessageTypes, prediction: Prediction, into: Any = None)
         _fill(target.model_share, horizon.model_share)
     message.flags = int(prediction.flags)
     message.predicted_covariance = prediction.predicted_covariance.ravel()
+    estimate = prediction.estimate
+    _fill(message.estimated_position, estimate.com)
+    _fill(message.estimated_velocity, estimate.com_vel)
+    message.estimated_covariance = estimate.covariance.ravel()
+    message.measured_covariance = estimate.measured_covariance.ravel()
+    message.nis = float(estimate.nis)
     return message
 
 
@@ -112,7 +118,30 @@ def _blank_prediction(types: MessageTypes) -> Any:
         horizons=[],
         flags=0,
         predicted_covariance=np.zeros(9),
+        estimated_position=_vector(types.Point, zero),
+        estimated_velocity=_vector(types.Vector3, zero),
+        estimated_covariance=np.zeros(36),
+        measured_covariance=np.zeros(9),
+        nis=math.nan,
     )
+
+
+def external_wrench_to(types: MessageTypes, prediction: Prediction) -> Any:
+    """An ExternalWrench; nothing estimates the moment."""
+    return types.ExternalWrench(
+        header=header_to(types, prediction.stamp_ns, prediction.frame_id),
+        wrench=types.Wrench(
+            force=_vector(types.Vector3, prediction.estimate.force), torque=_vector(types.Vector3, np.full(3, np.nan))
+        ),
+        covariance=external_covariance(prediction),
+    )
+
+
+def external_covariance(prediction: Prediction) -> Array:
+    """(36,) of an ExternalWrench [N^2]; NaN where the moment takes part."""
+    out = np.full((6, 6), np.nan)
+    out[:3, :3] = prediction.estimate.force_covariance
+    return out.ravel()
 
 
 def odometry_to(types: MessageTypes, prediction: Prediction, root: str) -> Any:

@@ -21,10 +21,11 @@ JOINT_STATE, WRENCH_STAMPED, IMU_TYPE = (
     "geometry_msgs/msg/WrenchStamped",
     "sensor_msgs/msg/Imu",
 )
-COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE = (
+COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE, EXTERNAL_WRENCH = (
     f"{OWN}/msg/ComReference",
     f"{OWN}/msg/ComPrediction",
     f"{OWN}/msg/SupportState",
+    f"{OWN}/msg/ExternalWrench",
 )
 POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
 ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
@@ -53,7 +54,10 @@ class MessageTypes:
         *(f"geometry_msgs/msg/{name}" for name in ("Wrench", "WrenchStamped")),
         "sensor_msgs/msg/JointState",
         "sensor_msgs/msg/Imu",
-        *(f"{OWN}/msg/{name}" for name in ("SupportState", "HorizonPrediction", "ComPrediction", "ComReference")),
+        *(
+            f"{OWN}/msg/{name}"
+            for name in ("SupportState", "HorizonPrediction", "ComPrediction", "ComReference", "ExternalWrench")
+        ),
     )
 
     def __init__(self, find: Callable[[str], type], doubles: Callable[[Array], Any]) -> None:

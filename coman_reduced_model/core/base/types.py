@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]  # indices, counts, stamps [ns], phases and feet by number
 Booleans = NDArray[np.bool_]
 _NAN2, _NAN3, _NAN33 = np.full(2, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
-_NAN63 = np.full((6, 3), np.nan)
+_NAN63, _NAN66 = np.full((6, 3), np.nan), np.full((6, 6), np.nan)
 
 
 class Phase(IntEnum):
@@ -128,6 +128,7 @@ class Flags(IntFlag):
     NEAR_SINGULAR = 16  # the support leg is close to a singular posture: stiffness was limited
     RESET = 32  # the free run was initialised from the measurement at this sample
     REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or the model's prediction ahead lost
+    INCONSISTENT = 128  # the estimate's innovations have been far larger than its covariance says
 
     @property
     def diverged(self) -> bool:
@@ -164,6 +165,19 @@ class HorizonPrediction:
 
 
 @dataclass(slots=True)
+class Estimate:
+    """What the observer knows at one sample, in the frame of the support sole; NaN where it knows nothing."""
+
+    com: Array = field(default_factory=lambda: _NAN3)  # (3,) [m]
+    com_vel: Array = field(default_factory=lambda: _NAN3)  # (3,) [m/s]
+    covariance: Array = field(default_factory=lambda: _NAN66)  # (6, 6) of both [m^2, m^2/s, m^2/s^2]
+    measured_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) of the measured COM [m^2]
+    force: Array = field(default_factory=lambda: _NAN3)  # (3,) external force on the robot [N]
+    force_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [N^2]
+    nis: float = float("nan")  # [1] normalised innovation squared of the measured COM; 3 is expected
+
+
+@dataclass(slots=True)
 class Prediction:
     """Predicted against measured COM at one joint state, in the frame of the support sole.
 
@@ -189,6 +203,8 @@ class Prediction:
     # (6, 3) root link: rotation and position [m] in the support sole, linear [m/s] and angular velocity [rad/s] in its
     # own axes; NaN without a support foot
     base_in_sole: Array = field(default_factory=lambda: _NAN63)
+
+    estimate: Estimate = field(default_factory=Estimate)
 
     @property
     def residual(self) -> Array:

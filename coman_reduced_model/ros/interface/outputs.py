@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from coman_reduced_model_msgs.msg import ComPrediction, SupportState
+from coman_reduced_model_msgs.msg import ComPrediction, ExternalWrench, SupportState
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -14,8 +14,8 @@ from visualization_msgs.msg import MarkerArray
 from ...core.base.throttle import Throttle
 from ...core.base.types import Array, Prediction
 from ...core.config.schema import Config
-from ...messages import MessageTypes, point_to, prediction_to, support_to
-from ...topics import MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
+from ...messages import MessageTypes, external_wrench_to, point_to, prediction_to, support_to
+from ...topics import EXTERNAL, MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos
 from .markers import Markers
 from .odometry import OdometryOutput
@@ -31,6 +31,7 @@ class Outputs:
         self._types = types
         self._prediction = publisher(ComPrediction, PREDICTION, qos.prediction_output())
         self._support = publisher(SupportState, SUPPORT, qos.display_output())
+        self._external = publisher(ExternalWrench, EXTERNAL, qos.display_output())
         self._points = [
             publisher(PointStamped, topic, qos.display_output()) for topic in (MEASURED, PREDICTED, REFERENCE_POINT)
         ]
@@ -67,6 +68,8 @@ class Outputs:
             self._marker_array.publish(self._markers.of(prediction))
 
     def _publish_points(self, prediction: Prediction) -> None:
+        if np.isfinite(prediction.estimate.force[0]):
+            self._external.publish(external_wrench_to(self._types, prediction))
         places = (prediction.measured_com, prediction.predicted_com, prediction.reference_com)
         for publisher, place in zip(self._points, places, strict=True):
             if publisher.get_subscription_count():
