@@ -52,7 +52,7 @@ def test_covariances_are_symmetric_and_positive(plain):
 def test_the_velocity_has_less_noise_than_that_of_the_encoders(plain):
     """From one sample to the next; the robot's own motion is in both."""
     measured, estimated = (
-        np.diff([v for v in values], axis=0).std(axis=0)
+        np.diff(list(values), axis=0).std(axis=0)
         for values in ([p.measured_com_vel for p in plain], [p.estimate.com_vel for p in plain])
     )
     assert (estimated < 0.6 * measured).all()
@@ -76,14 +76,14 @@ def test_a_pull_that_the_feet_bear_is_found(plain):
 
 
 def test_wrenches_that_do_not_belong_to_the_motion_are_said_to_be_inconsistent():
-    """One foot's sensor turned about the vertical by half a turn, as a wrong frame would."""
+    """Horizontal forces in another unit."""
 
-    def turned(sample: Sample) -> None:
+    def scaled(sample: Sample) -> None:
         for wrench in (sample.left_wrench, sample.right_wrench):
             if wrench is not None:
                 wrench[:2] *= 40.0
 
-    assert any(p.flags & Flags.INCONSISTENT for p in walk(turned))
+    assert any(p.flags & Flags.INCONSISTENT for p in walk(scaled))
 
 
 def test_without_a_wrench_nothing_is_estimated():
