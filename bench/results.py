@@ -356,6 +356,10 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("pendulum", "{shared}/real/icub_walk", "config/icub.yaml"),
         needs="real/icub_walk",
     ),
+    "observer": script(
+        "Consistency of the estimate",
+        ("observer", "bags/test1", "bags/test2", "bags/stand", "--worlds", "6000", "6001", "6002"),
+    ),
     "phases": script(
         "Support phases and odometry",
         ("phases", "--seeds", "4"),
