@@ -44,7 +44,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         # A wheel goes without the recorded bags, which are larger than all the rest: they come with the sources.
-        *shared_files("config", "launch", "msg_defs/msg", *([] if "bdist_wheel" in sys.argv else ["bags"])),
+        *shared_files("config", "launch", "rviz", "msg_defs/msg", *([] if "bdist_wheel" in sys.argv else ["bags"])),
     ],
     install_requires=REQUIRED,
     extras_require=EXTRAS,

@@ -37,6 +37,7 @@ from .replay import replay
 from .report import report
 from .tune import tune
 from .validate import validate
+from .view import view
 from .worlds import worlds
 
 app = typer.Typer(
@@ -55,6 +56,7 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
     "Predictions and diagnosis of recorded bags": {
         predict: "coman predict bags/test1 --config my_robot.yaml --out result",
         report: "coman report result",
+        view: "coman view bags/test1 --out walk.rrd",
         diagnose: "coman diagnose bags/test1 --holdout bags/test2 --out found",
         isolability: "coman isolability bags/test1 bags/test2 --size 0.3",
         export: "coman export found/model.yaml --mjcf my_robot.xml --out found.xml",
