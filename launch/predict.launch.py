@@ -5,7 +5,7 @@ from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from coman_reduced_model.ros.runtime.launching import TOPICS, declare, find_files, node, remappings, switch
+from coman_reduced_model.ros.runtime.launching import TOPICS, declare, find_files, node, remappings, rviz, switch
 
 
 def predictor(context):
@@ -13,9 +13,9 @@ def predictor(context):
     urdf = LaunchConfiguration("urdf").perform(context)
     if urdf:  # an empty text would hide what the configuration names
         parameters.append({"robot.urdf": urdf})
-    return [node("predictor", *parameters, remap=remappings(context, *TOPICS))]
+    return [node("predictor", *parameters, remap=remappings(context, *TOPICS)), *rviz(context)]
 
 
 def generate_launch_description():
-    arguments = declare("config", "urdf", "namespace", "use_sim_time", *TOPICS, "remap", "log_level")
+    arguments = declare("config", "urdf", "namespace", "use_sim_time", *TOPICS, "remap", "rviz", "log_level")
     return LaunchDescription([*arguments, find_files("config", "urdf"), OpaqueFunction(function=predictor)])

@@ -2,13 +2,23 @@
 """The predictor on a recorded bag, in the time of the bag (/clock and use_sim_time)."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, Shutdown
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.substitutions import ExecutableInPackage
 
-from coman_reduced_model.ros.runtime.launching import PACKAGE, TOPICS, declare, include
+from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import described_urdf
+from coman_reduced_model.ros.runtime.launching import PACKAGE, TOPICS, declare, include, rviz
+from coman_reduced_model.topics import TopicNames
 
-SHARED = ("config", "urdf", *TOPICS, "remap", "log_level")
+SHARED = ("config", "urdf", *TOPICS, "remap", "rviz", "log_level")
+
+
+def robot_state(context):
+    """For RViz: the links of the robot that the bag describes, from its joint states."""
+    with Bag(LaunchConfiguration("bag").perform(context)) as bag:
+        return rviz(context, urdf=described_urdf(bag, TopicNames())[0])
 
 
 def generate_launch_description():
@@ -18,6 +28,7 @@ def generate_launch_description():
             DeclareLaunchArgument("rate", default_value="1.0", description="speed of the replay, 1.0: as recorded"),
             *declare(*SHARED),
             include("predict.launch.py", *SHARED, use_sim_time="true"),
+            OpaqueFunction(function=robot_state, condition=IfCondition(LaunchConfiguration("rviz"))),
             ExecuteProcess(
                 # What is played before the predictor listens is lost to it. (Displays, too, listen to joint_states.)
                 cmd=[ExecutableInPackage("coman", PACKAGE), "replay", LaunchConfiguration("bag")]

@@ -30,7 +30,9 @@ def _context(launching):
     context = LaunchContext()
     context.launch_configurations.update(launching.TOPICS)
     context.launch_configurations.update({"config": SHIPPED, "remap": "", "namespace": "", "log_level": "info"})
-    context.launch_configurations.update({"urdf": "", "gait": "", "repeat": "true", "use_sim_time": "True"})
+    context.launch_configurations.update(
+        {"urdf": "", "gait": "", "rviz": "false", "repeat": "true", "use_sim_time": "True"}
+    )
     return context
 
 
@@ -89,3 +91,13 @@ def test_use_sim_time_may_be_written_as_python_does(launching, context, file, fu
     (declared,) = launching.declare("use_sim_time")
     assert {"true", "True", "false", "False"} == set(declared.choices)
     assert launching.switch("use_sim_time").evaluate(context) is True and node.node_package == "coman_reduced_model"
+
+
+def test_rviz_comes_with_our_layout_and_the_links_of_the_bag(launching, context):
+    predictor = description(ROOT / "launch/predict.launch.py")[0].predictor
+    robot_state = description(ROOT / "launch/replay.launch.py")[0].robot_state
+    context.launch_configurations["bag"] = str(ROOT / "bags/stand")
+    assert len(predictor(context)) == 1 and not robot_state(context)
+    context.launch_configurations["rviz"] = "True"
+    assert [node.node_package for node in predictor(context)] == ["coman_reduced_model", "rviz2"]
+    assert [node.node_package for node in robot_state(context)] == ["robot_state_publisher"]

@@ -15,7 +15,8 @@ from launch_ros.substitutions import FindPackageShare
 
 from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.base.types import Foot
-from ...topics import INPUT_TOPICS
+from ...resources import share_path
+from ...topics import DESCRIPTION, INPUT_TOPICS
 
 PACKAGE = "coman_reduced_model"
 _SWITCH = ["true", "false", "True", "False"]
@@ -42,6 +43,7 @@ _ARGUMENTS = {
     "use_sim_time": ("false", "take the time from /clock (simulation, bag)", _SWITCH),
     "remap": ("", "other topics, as OLD:=NEW with commas between several", None),
     **{name: (topic, f"topic instead of {topic}", None) for name, topic in TOPICS.items()},
+    "rviz": ("false", "show robot, COM and predictions in RViz", _SWITCH),
     "log_level": ("info", "least severe messages that are logged", ["debug", "info", "warn", "error", "fatal"]),
 }
 
@@ -102,6 +104,19 @@ def node(executable: str, *parameters: dict, remap: list[tuple[str, str]] | None
         arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
         output="screen",
     )
+
+
+def rviz(context: LaunchContext, **urdf: str) -> list[Node]:
+    """If the argument of that name says so, RViz with our layout; with `urdf=` (text) robot_state_publisher instead."""
+    if LaunchConfiguration("rviz").perform(context).lower() != "true":
+        return []
+    parameters: list[dict] = [{"use_sim_time": switch("use_sim_time")}]
+    arguments = None if urdf else ["-d", str(share_path() / "rviz" / "coman.rviz")]
+    if urdf:
+        parameters.append({DESCRIPTION: ParameterValue(urdf["urdf"], value_type=str)})
+    name = "robot_state_publisher" if urdf else "rviz2"
+    namespace = LaunchConfiguration("namespace")
+    return [Node(package=name, executable=name, namespace=namespace, parameters=parameters, arguments=arguments)]
 
 
 def include(file: str, *handed_on: str, **fixed: str) -> IncludeLaunchDescription:
