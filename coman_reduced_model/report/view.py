@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from types import ModuleType
@@ -77,12 +78,13 @@ def open_view(path: Path) -> None:
         ComanError: the viewer cannot be started.
     """
     rerun()
+    viewer = [sys.executable, "-m", "rerun"]  # the command may not be on the path
     with tempfile.TemporaryDirectory(prefix="coman-view-") as settings:
         # Settings of its own, in which usage data are switched off: those of the user are left as they are.
         environment = {**os.environ, "XDG_CONFIG_HOME": settings}
         try:
-            subprocess.run(["rerun", "analytics", "disable"], env=environment, check=True, capture_output=True)
-            ended = subprocess.run(["rerun", str(path)], env=environment, check=False)
+            subprocess.run([*viewer, "analytics", "disable"], env=environment, check=True, capture_output=True)
+            ended = subprocess.run([*viewer, str(path)], env=environment, check=False)
         except (OSError, subprocess.CalledProcessError) as error:
             raise ComanError(f"the viewer cannot be started: {error}") from None
     if ended.returncode:
@@ -114,8 +116,6 @@ class _Scene:
             urdf.write_text(session.robot.urdf, encoding="utf-8")
             tree = rr.urdf.UrdfTree.from_file_path(urdf, entity_path_prefix="robot")
             tree.log_urdf_to_recording(self._recording)
-        for parent, child, pose in self._links.fixed:
-            self._place(parent, child, pose, **static)
         self._draw_skeleton(session)
         for foot, leg in ((Foot.LEFT, session.config.robot.left), (Foot.RIGHT, session.config.robot.right)):
             back, front, right, left = session.robot.soles[foot]

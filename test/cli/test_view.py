@@ -29,7 +29,7 @@ def test_robot_com_soles_predictions_ahead_and_residuals_are_in_the_file(bag, tm
 
     paths = {str(chunk.entity_path).lstrip("/") for chunk in RrdReader(out).stream()}
     assert {"com/measured", "com/predicted", "com/horizon", "trail/measured", "trail/predicted"} <= paths
-    assert {"soles/left", "soles/right", "residual", "rigid", "left_share", "tf/base_link", "tf/l_sole"} <= paths
+    assert {"soles/left", "soles/right", "residual", "rigid", "left_share", "tf/base_link", "tf/l_foot"} <= paths
     assert any(path.startswith("robot/") for path in paths)
     before = out.read_bytes()
     assert run(["view", str(bag), "--out", str(out)]) == 2
