@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .bag.encode import (
+    encode_deflection,
     encode_external_wrench,
     encode_odometry,
     encode_point,
@@ -40,6 +41,7 @@ from .progress import Progress
 from .resources import version
 from .schemas import VERSION as SCHEMA_VERSION
 from .topics import (
+    DEFLECTION,
     DESCRIPTION,
     EXTERNAL,
     FOOT_ODOMETRY,
@@ -112,6 +114,8 @@ class _Output:
         self._names = {topic: names(topic) for topic in OUTPUT_TYPES}
         self._points = Throttle(config.output.points_rate)
         self._every_odometry = Throttle(config.output.odometry_rate)
+        legs = (*config.robot.left.joints, *config.robot.right.joints)
+        self._joints = tuple(name.encode() + b"\0" for name in legs)
         self._support: SupportState | None = None
         self._root, self._links = session.robot.root, Links(session.robot)
         self._moving = [(ODOM, self._root), *self._links.moving] if config.output.publish_tf else []
@@ -124,6 +128,7 @@ class _Output:
     def write(self, sample: Sample, prediction: Prediction) -> None:
         stamp, names, write = prediction.stamp_ns, self._names, self._write
         write(names[PREDICTION], stamp, encode_prediction(prediction))
+        write(names[DEFLECTION], stamp, encode_deflection(prediction, self._joints))
         due = self._points.due(stamp)
         before, now = self._support, prediction.support
         if due or before is None or (before.phase, before.support_foot) != (now.phase, now.support_foot):

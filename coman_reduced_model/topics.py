@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from .core.base.stream_names import IMU
 from .errors import ConfigError
 from .messages import (
+    COM_DEFLECTION,
     COM_PREDICTION,
     EXTERNAL_WRENCH,
     INPUT_TYPES,
@@ -20,7 +21,7 @@ from .messages import (
 )
 
 DESCRIPTION = "robot_description"
-PREDICTION, SUPPORT, EXTERNAL = "com/prediction", "com/support", "com/external_wrench"
+PREDICTION, DEFLECTION, SUPPORT, EXTERNAL = "com/prediction", "com/deflection", "com/support", "com/external_wrench"
 MEASURED, PREDICTED, REFERENCE_POINT = "com/measured", "com/predicted", "com/reference_point"
 FOOT_ODOMETRY, TF, TF_STATIC = "foot_odometry", "/tf", "/tf_static"  # all nodes share the latter two
 
@@ -28,6 +29,7 @@ FOOT_ODOMETRY, TF, TF_STATIC = "foot_odometry", "/tf", "/tf_static"  # all nodes
 INPUT_TOPICS = {stream: "imu/data" if stream == IMU else stream for stream in INPUT_TYPES}
 OUTPUT_TYPES = {
     PREDICTION: COM_PREDICTION,
+    DEFLECTION: COM_DEFLECTION,
     SUPPORT: SUPPORT_STATE,
     EXTERNAL: EXTERNAL_WRENCH,
     MEASURED: POINT_STAMPED,

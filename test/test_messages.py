@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from coman_reduced_model import messages as m
 from coman_reduced_model.bag.decode import decoder
 from coman_reduced_model.bag.encode import (
+    encode_deflection,
     encode_external_wrench,
     encode_odometry,
     encode_point,
@@ -29,6 +30,7 @@ from coman_reduced_model.bag.encode import (
 from coman_reduced_model.bag.types import bag_types, typestore
 from coman_reduced_model.core.base.pose import quaternion
 from coman_reduced_model.core.base.types import (
+    DeflectionPrediction,
     Estimate,
     Flags,
     Foot,
@@ -310,6 +312,22 @@ def test_predictions_packed_at_once_are_the_messages_that_rosbags_serialises(fra
     ):
         assert raw == bytes(store.serialize_cdr(message, kind))
         assert repr(store.deserialize_cdr(raw, kind)) == repr(message)
+
+
+@pytest.mark.parametrize("frame", ["", "l_sole", "r_sole_"])
+@pytest.mark.parametrize("names", [["LHipSag"], ["a", "knee", "ankle_pitch"]])
+@pytest.mark.parametrize("moments", [0, 1, 4])
+def test_deflections_packed_at_once_are_the_messages_that_rosbags_serialises(frame, names, moments):
+    rng = np.random.default_rng(moments)
+    deflections = [
+        DeflectionPrediction(0.1 * k, *rng.standard_normal((2, 3)), *rng.standard_normal((2, len(names))))
+        for k in range(moments)
+    ]
+    sent = replace(a_prediction(), frame_id=frame, deflections=deflections, repeating=moments > 1)
+    raw = encode_deflection(sent, tuple(name.encode() + b"\0" for name in names))
+    message, store = m.deflection_to(BAG, sent, names), typestore()
+    assert raw == bytes(store.serialize_cdr(message, m.COM_DEFLECTION))
+    assert repr(store.deserialize_cdr(raw, m.COM_DEFLECTION)) == repr(message)
 
 
 @pytest.mark.parametrize("root", ["base_link", "trunk"])

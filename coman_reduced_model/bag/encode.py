@@ -119,6 +119,32 @@ def encode_external_wrench(prediction: Prediction) -> bytes:
 _NO_MOMENT = [float("nan")] * 3
 
 
+@lru_cache(maxsize=64)
+def _deflection_format(frame: bytes, names: tuple[bytes, ...], moments: int) -> struct.Struct:
+    layout = Layout().header(frame).add("B").add("I")
+    for name in names:
+        layout.add("I").add("s", len(name))
+    layout.add("I")
+    for _ in range(moments):
+        layout.add("d", 7).add("I").add("d", len(names)).add("I").add("d", len(names))
+    return struct.Struct(layout.format)
+
+
+def encode_deflection(prediction: Prediction, names: tuple[bytes, ...]) -> bytes:
+    """A ComDeflection; messages.deflection_to, serialised. `names` of the joints end with a zero byte."""
+    frame, count = cdr_string(prediction.frame_id), len(names)
+    values: list[float | bytes] = [prediction.repeating, count]
+    for name in names:
+        values += [len(name), name]
+    values.append(len(prediction.deflections))
+    for each in prediction.deflections:
+        values += [each.h, *each.com.tolist(), *each.com_sigma.tolist()]
+        values += [count, *each.joints.tolist(), count, *each.joint_sigma.tolist()]
+    return LITTLE_ENDIAN + _deflection_format(frame, names, len(prediction.deflections)).pack(
+        *header_values(prediction.stamp_ns, frame), *values
+    )
+
+
 def encode_prediction(prediction: Prediction) -> bytes:
     """A ComPrediction; messages.prediction_to, serialised."""
     p, s, T = prediction, prediction.support, prediction.T_odom_sole

@@ -10,12 +10,23 @@ import numpy as np
 
 from .base.limits import DIVERGED, TOPPLED
 from .base.nominal import load_nominal
-from .base.types import Array, Flags, Foot, HorizonPrediction, Phase, Prediction, Sample, SupportState
+from .base.types import (
+    Array,
+    DeflectionPrediction,
+    Flags,
+    Foot,
+    HorizonPrediction,
+    Phase,
+    Prediction,
+    Sample,
+    SupportState,
+)
 from .config.schema import Config
 from .effects.catalogue import Effect, build_effects
 from .effects.hooks import Now
 from .evaluation.baselines import BASELINES, predict_baselines
 from .evaluation.blend import MEMORY, NOW, covariance, remember
+from .evaluation.deflections import DeflectionJudge
 from .evaluation.horizons import HorizonJudge
 from .measured.odometry import FootOdometry
 from .measured.sensor_zeros import SensorZeros
@@ -96,6 +107,8 @@ class Predictor:
         chosen = config.prediction
         self.judge = HorizonJudge(tuple(sorted(chosen.horizons)), chosen.reference != "none", chosen.blend)
         self._horizons = np.array(self.judge.horizons)
+        self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
+        self.deflections = DeflectionJudge(self._horizons, 3 + len(self._legs))
         self._residuals = np.zeros((3, 3))  # [m^2] fading sums of products, and the share of the memory that is known
         self._residuals_known = 0.0
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
@@ -116,6 +129,7 @@ class Predictor:
         for effect in self.effects:
             effect.reset()
         self.judge.restart()
+        self.deflections.restart()
         self.dynamics.reset()
         self.observer.reset()
         self.zeros.restart()
@@ -203,6 +217,7 @@ class Predictor:
         prediction.estimate = estimate
         prediction.base_in_sole = self.link.base_in_sole
         prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
+        prediction.deflections, prediction.repeating = self._deflections(now, ready), ready and dynamics.repeating
         return prediction
 
     def _possible(self, com: Array, com_vel: Array) -> bool:
@@ -226,6 +241,22 @@ class Predictor:
         if not ready:
             return None, flags
         return published, flags
+
+    def _deflections(self, now: Now, ready: bool) -> list[DeflectionPrediction]:
+        """Of COM and joints, now and at the horizons; none, if the model has no input."""
+        sample, judge = now.sample, self.deflections
+        if not ready:
+            return []
+        measured = np.full(3 + len(self._legs), np.nan)
+        measured[:3] = now.com - self.dynamics.reference
+        if sample.motor_q is not None:
+            measured[3:] = (sample.q - sample.motor_q)[self._legs]
+        values = self.dynamics.deflections(now, len(self._horizons))
+        sigma = judge.update(sample.stamp_ns, measured, values, self.dynamics.repeating)
+        return [
+            DeflectionPrediction(h, value[:3], off[:3], value[3:], off[3:])
+            for h, value, off in zip(judge.after.tolist(), values, sigma, strict=True)
+        ]
 
     def _free_run(self, now: Now) -> Flags:
         """Bring the free run to this sample, or begin it again: at a touchdown, and where it has diverged."""

@@ -19,6 +19,7 @@ from .received import (
 )
 from .sent import (
     UNKNOWN,
+    deflection_to,
     external_covariance,
     external_wrench_to,
     header_to,
@@ -34,6 +35,7 @@ from .sent import (
     wrench_to,
 )
 from .types import (
+    COM_DEFLECTION,
     COM_PREDICTION,
     COM_REFERENCE,
     EXTERNAL_WRENCH,
@@ -54,6 +56,7 @@ from .types import (
 )
 
 __all__ = [
+    "COM_DEFLECTION",
     "COM_PREDICTION",
     "COM_REFERENCE",
     "EXTERNAL_WRENCH",
@@ -73,6 +76,7 @@ __all__ = [
     "TRANSFORMS",
     "UNKNOWN",
     "WRENCH_STAMPED",
+    "deflection_to",
     "foot_of",
     "header_to",
     "imu_from",

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -97,6 +97,25 @@ def prediction_to(types: MessageTypes, prediction: Prediction, into: Any = None)
     message.measured_covariance = estimate.measured_covariance.ravel()
     message.nis = float(estimate.nis)
     return message
+
+
+def deflection_to(types: MessageTypes, prediction: Prediction, joints: Sequence[str]) -> Any:
+    """A ComDeflection; `joints` are the names of the joints of both legs, the left leg's first."""
+    return types.ComDeflection(
+        header=header_to(types, prediction.stamp_ns, prediction.frame_id),
+        repeating=prediction.repeating,
+        joints=list(joints),
+        predictions=[
+            types.DeflectionPrediction(
+                h=each.h,
+                com=_vector(types.Vector3, each.com),
+                com_sigma=_vector(types.Vector3, each.com_sigma),
+                joints=types.doubles(each.joints),
+                joint_sigma=types.doubles(each.joint_sigma),
+            )
+            for each in prediction.deflections
+        ],
+    )
 
 
 def _blank_prediction(types: MessageTypes) -> Any:

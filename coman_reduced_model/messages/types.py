@@ -21,11 +21,12 @@ JOINT_STATE, WRENCH_STAMPED, IMU_TYPE = (
     "geometry_msgs/msg/WrenchStamped",
     "sensor_msgs/msg/Imu",
 )
-COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE, EXTERNAL_WRENCH = (
+COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE, EXTERNAL_WRENCH, COM_DEFLECTION = (
     f"{OWN}/msg/ComReference",
     f"{OWN}/msg/ComPrediction",
     f"{OWN}/msg/SupportState",
     f"{OWN}/msg/ExternalWrench",
+    f"{OWN}/msg/ComDeflection",
 )
 POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
 ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
@@ -58,6 +59,7 @@ class MessageTypes:
             f"{OWN}/msg/{name}"
             for name in ("SupportState", "HorizonPrediction", "ComPrediction", "ComReference", "ExternalWrench")
         ),
+        *(f"{OWN}/msg/{name}" for name in ("DeflectionPrediction", "ComDeflection")),
     )
 
     def __init__(self, find: Callable[[str], type], doubles: Callable[[Array], Any]) -> None:

@@ -178,6 +178,20 @@ class Estimate:
 
 
 @dataclass(slots=True)
+class DeflectionPrediction:
+    """Deflections at stamp + h: of the COM (measured minus reference) and of the joints (link minus motor).
+
+    With one standard deviation of what they have lately been off by; NaN: not known (yet).
+    """
+
+    h: float  # [s]; 0: at the stamp
+    com: Array  # (3,) [m] in the axes of the support sole at the stamp
+    com_sigma: Array  # (3,) [m]
+    joints: Array  # (m,) [rad] of the joints of both legs, hip to ankle, the left leg's first
+    joint_sigma: Array  # (m,) [rad]
+
+
+@dataclass(slots=True)
 class Prediction:
     """Predicted against measured COM at one joint state, in the frame of the support sole.
 
@@ -203,6 +217,9 @@ class Prediction:
     # (6, 3) root link: rotation and position [m] in the support sole, linear [m/s] and angular velocity [rad/s] in its
     # own axes; NaN without a support foot
     base_in_sole: Array = field(default_factory=lambda: _NAN63)
+    # Now and at the horizons; empty: no reference.
+    deflections: list[DeflectionPrediction] = field(default_factory=list)
+    repeating: bool = False  # deflections ahead follow from the last stride, which the robot repeats
 
     estimate: Estimate = field(default_factory=Estimate)
 

@@ -22,6 +22,7 @@ class Dynamics(ABC):
         state: (6,) COM and velocity of the free run in the support sole; None while there is none.
         tilt: (2,) roll and pitch of the trunk in the free run [rad]; NaN if the model knows none.
         flags: what else is to be said of the last sample.
+        repeating: the robot repeats its last stride, and what is said ahead follows from it.
     """
 
     def __init__(self) -> None:
@@ -29,6 +30,7 @@ class Dynamics(ABC):
         self.state: Array | None = None
         self.tilt = np.full(2, np.nan)
         self.flags = Flags.OK
+        self.repeating = False
 
     @abstractmethod
     def prepare(self, now: Now) -> bool:
@@ -52,6 +54,15 @@ class Dynamics(ABC):
     @abstractmethod
     def ahead(self, now: Now, horizons: Array) -> Array:
         """COM (k, 3) [m] at horizons (k,) ascending [s] from the measured state."""
+
+    def deflections(self, now: Now, horizons: int) -> Array:
+        """Deflections now and at the horizons of the last `ahead`, (1 + k, 3 + m); NaN: the model does not know.
+
+        Of the COM in the axes of the support sole [m] and of the m joints of the legs [rad], the left leg's first.
+        """
+        out = np.full((1 + horizons, 3 + sum(len(leg) for leg in now.link.robot.legs.values())), np.nan)
+        out[0, :3] = now.com - self.reference
+        return out
 
     def stop(self) -> None:
         """End the free run: an input is missing."""

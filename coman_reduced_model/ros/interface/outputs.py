@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from coman_reduced_model_msgs.msg import ComPrediction, ExternalWrench, SupportState
+from coman_reduced_model_msgs.msg import ComDeflection, ComPrediction, ExternalWrench, SupportState
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -14,8 +14,8 @@ from visualization_msgs.msg import MarkerArray
 from ...core.base.throttle import Throttle
 from ...core.base.types import Array, Prediction
 from ...core.config.schema import Config
-from ...messages import MessageTypes, external_wrench_to, point_to, prediction_to, support_to
-from ...topics import EXTERNAL, MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
+from ...messages import MessageTypes, deflection_to, external_wrench_to, point_to, prediction_to, support_to
+from ...topics import DEFLECTION, EXTERNAL, MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos
 from .markers import Markers
 from .odometry import OdometryOutput
@@ -30,6 +30,8 @@ class Outputs:
 
         self._types = types
         self._prediction = publisher(ComPrediction, PREDICTION, qos.prediction_output())
+        self._deflection = publisher(ComDeflection, DEFLECTION, qos.prediction_output())
+        self._joints = (*config.robot.left.joints, *config.robot.right.joints)
         self._support = publisher(SupportState, SUPPORT, qos.display_output())
         self._external = publisher(ExternalWrench, EXTERNAL, qos.display_output())
         self._points = [
@@ -55,6 +57,8 @@ class Outputs:
         """Publish one prediction."""
         self._message = prediction_to(self._types, prediction, self._message)
         self._prediction.publish(self._message)
+        if self._deflection.get_subscription_count():
+            self._deflection.publish(deflection_to(self._types, prediction, self._joints))
         support = prediction.support
         changed = self._last_support != (support.phase, support.support_foot)
         due = self._every_points.due(prediction.stamp_ns)

@@ -104,6 +104,7 @@ class TrunkModel(Dynamics):
         self._next: State | None = None  # the same at this sample
         self._filtered: State | None = None  # the measurement
         self._terms: TrunkTerms | None = None
+        self._repeated: Array | None = None  # deflections ahead, if the robot repeats its stride
         self._above_rate: Array | None = None  # (nj,) of joints outside the legs at the last sample [rad/s]
         self._above_twist = np.zeros(6)  # of the root link by them
         self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
@@ -179,16 +180,29 @@ class TrunkModel(Dynamics):
         Else as planned from here (without a plan as fast as now), while the horizontal deflection fades.
         """
         assert self._terms is not None and self._filtered is not None
-        self._stride.add(now, self._terms)
+        self._stride.add(now, self._terms, self.reference)
         repeated = self._stride.ahead(now, self._terms, self._filtered, horizons)
+        self._repeated, self.repeating = None if repeated is None else repeated[:, 3:], repeated is not None
         if repeated is not None:
-            return repeated
+            return repeated[:, :3]
         plan = plan_ahead(now.sample, now.foot)
         left = np.outer(np.exp(-horizons / _FADES), np.ones(3))  # of the deflection
         left[:, 2] = 1.0  # the sag stays
         left[:, self._following] = 0.0
         moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
         return self.reference + moved + left * (now.com - self.reference)
+
+    def deflections(self, now: Now, horizons: int) -> Array:
+        """As in `Dynamics`: now by the filter; ahead by the stride before, else as they are now."""
+        assert self._terms is not None and self._filtered is not None
+        m, order = len(self._terms.theta), self._order[self._foot]
+        out = np.empty((1 + horizons, 3 + m))
+        off = self._filtered.y[:m] - now.sample.q[order]
+        out[0, :3] = now.com - self.reference + self._terms.geometry.J[:3] @ off
+        bent = self._filtered.y[:m] - self._terms.theta
+        out[0, 3:] = bent if self._foot == Foot.LEFT else swapped(bent)
+        out[1:] = out[0] if self._repeated is None else self._repeated
+        return out
 
     def _publish(self) -> None:
         """The free run as COM and tilt."""

@@ -55,6 +55,7 @@ class Memory(NamedTuple):
     height: Array
     T_odom_sole: Array
     plan: Array
+    reference: Array  # (n, 3) COM by the motors, as `com`
 
 
 class Stride:
@@ -73,10 +74,11 @@ class Stride:
         self._phase = Phase.FLIGHT
         self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
         self._course_ns = 0
-        self._course: Array | None = None  # (k, 3) COM in odom [m] from _course_ns on, every _STEP
+        # From _course_ns on, every _STEP: COM and its deflection in odom, and those of the joints, left leg first.
+        self._course: Array | None = None  # (k, 6 + m) [m], [rad]
 
-    def add(self, now: Now, terms: TrunkTerms) -> None:
-        """Remember a sample; at a change of phase, find out how long the stride is."""
+    def add(self, now: Now, terms: TrunkTerms, reference: Array) -> None:
+        """Remember a sample, with the COM (3,) by its motors [m]; at a change of phase, find how long the stride is."""
         stamp, plan = now.sample.stamp_ns, now.sample.reference
         if not np.isfinite(terms.linear.f).all():  # of a free run that has diverged
             return
@@ -86,7 +88,7 @@ class Stride:
             row: dict[str, Any] = {
                 **linear._asdict(), **solver._asdict(), "stamp": stamp, "foot": terms.foot, "double": terms.double,
                 "theta": terms.theta, "com": g.com, "J": g.J, "T_odom_sole": now.T_odom_sole,
-                "plan": np.nan if plan is None else plan.com,
+                "plan": np.nan if plan is None else plan.com, "reference": reference,
             }  # fmt: skip
             memory = self._room(terms)
             for name, column in zip(Memory._fields, memory, strict=True):
@@ -100,13 +102,17 @@ class Stride:
                 self._lag_ns = find_lag(stamp, now.began_ns - before, self._past, self._n)
 
     def ahead(self, now: Now, terms: TrunkTerms, state: State, horizons: Array) -> Array | None:
-        """COM (k, 3) [m] in the support sole at horizons (k,) ascending [s]; None: the robot does not repeat itself.
+        """What comes at horizons (k,) ascending [s]; None: the robot does not repeat itself.
 
         Args:
             now: this sample.
             terms: the equations of motion at it.
             state: the filtered measurement.
             horizons: (k,) ascending [s].
+
+        Returns:
+            (k, 6 + m): COM [m] in the support sole, its deflection in the axes of that sole, and the deflections of the
+            joints [rad], the left leg's first.
         """
         if self._memory is None:
             return None
@@ -129,6 +135,7 @@ class Stride:
                 "theta": (m,), "y": (m + 6,), "com": (3,), "J": (6, m), "inverse": (m + 6, m + 6),
                 "by_impulse": (m + 6, r), "contact": (r, r), "K": (m, m), "D": (m, m), "f": (m + 6,),
                 "C": (r, m + 6), "height": (r,), "T_odom_sole": (4, 4), "plan": (3,),
+                "reference": (3,),
             }  # fmt: skip
             types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
             self._memory = Memory(
@@ -158,7 +165,10 @@ class Stride:
             sole = (plan.T_odom_left if now.foot == 1 else plan.T_odom_right)[:3, :3]
             moved = moved @ sole @ now.T_odom_sole[:3, :3].T  # the plan's odom is not ours
         course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
-        return course + moved if len(course) else None
+        if not len(course):
+            return None
+        course[:, :3] += moved
+        return course
 
     def _follow(self, stamp: int, then: int, points: int, terms: TrunkTerms, state: State, T_odom_sole: Array) -> Array:
         start = Start(stamp, terms.foot, terms.theta, terms.linear, state, T_odom_sole)
@@ -178,15 +188,18 @@ class Start(NamedTuple):
 
 @compiled
 def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> Array:
-    """Points (k, 3) of a course (n, 3) in odom, every `_STEP`, in the support sole: at since + horizons (k,) [s]."""
-    out = np.zeros((horizons.shape[0], 3))
+    """A course (n, 6 + m) of `Stride`, every `_STEP`, at since + horizons (k,) [s], its vectors in the support sole."""
+    out = np.zeros((horizons.shape[0], course.shape[1]))
     for k in range(horizons.shape[0]):
         at = (since + horizons[k]) / _STEP
         i = min(int(at), course.shape[0] - 2)
+        w = at - i
+        now = (1.0 - w) * course[i] + w * course[i + 1]
         for axis in range(3):
-            com = course[i, axis] + (at - i) * (course[i + 1, axis] - course[i, axis]) - T_odom_sole[axis, 3]
             for j in range(3):
-                out[k, j] += com * T_odom_sole[axis, j]
+                out[k, j] += (now[axis] - T_odom_sole[axis, 3]) * T_odom_sole[axis, j]
+                out[k, 3 + j] += now[3 + axis] * T_odom_sole[axis, j]
+        out[k, 6:] = now[6:]
     return out
 
 
@@ -291,9 +304,9 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
         friction: coefficient.
 
     Returns:
-        COM (points, 3) [m] in odom; empty where the last stride was another one.
+        (points, 6 + m) as in `Stride`; empty where the last stride was another one.
     """
-    nothing = np.empty((0, 3))
+    nothing = np.empty((0, 6 + start.theta.shape[0]))
     if n < 2:
         return nothing
     q, foot = nearest(then, past.stamp, n, n - 1), start.foot
@@ -310,7 +323,7 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
     m = start.theta.shape[0]
     off = start.theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
     state = State(start.state.y, start.state.w, np.zeros(2 * ROWS))
-    linear, out = start.linear, np.empty((points, 3))
+    linear, out = start.linear, np.empty((points, 6 + m))
     for k in range(points):
         t = then + int(k * _STEP * 1e9)
         if k > 0:
@@ -323,9 +336,14 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
             before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
             state = step_soles(state, linear, solver, before + off, after + off, 1, friction)
         q = nearest(t, past.stamp, n, q)
-        x = state.y[:m] if past.foot[q] == foot else swapped(state.y[:m])
+        x, motors = state.y[:m], motors_at(t, past, n, q, foot) + off
+        out[k, 6:] = x - motors if foot == 1 else swapped(x - motors)
+        if past.foot[q] != foot:
+            x, motors = swapped(x), swapped(motors)
         sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x - past.y[q, :m])
-        out[k] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
+        reference = past.reference[q] + apply(past.J[q, :3], motors - past.theta[q])
+        out[k, :3] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
+        out[k, 3:6] = apply(R, apply(sole[:3, :3], com - reference))
     return out
 
 
