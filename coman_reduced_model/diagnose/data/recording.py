@@ -25,6 +25,7 @@ from ...core.robot.robot import Robot
 from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames
+from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
 _REACH = 0.02  # [s] a grid point farther than this from any sample is not used
@@ -169,13 +170,8 @@ def _grid(
     away = np.minimum(np.abs(at[nearest] - t), np.abs(t - at[nearest - 1]))
 
     def array(field: str) -> Array | None:
-        rows = [getattr(s, field) for s in complete]
-        missing = sum(row is None for row in rows)
-        if missing > len(rows) // 2:
-            return None
-        size = next(len(row) for row in rows if row is not None)
-        values = np.array([np.full(size, np.nan) if row is None else row for row in rows])
-        return _resample(at, values, t)
+        values = _rows(complete, field)
+        return None if values is None else _resample(at, values, t)
 
     forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete]) - zeros  # type: ignore[index]
     phases, shares, supports = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
@@ -185,18 +181,34 @@ def _grid(
     later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it
     for wrench, other in ((left, Phase.RIGHT), (right, Phase.LEFT)):
         wrench -= _drift(wrench, phases[later] == other)
+    motor_q, tau = array("motor_q"), _efforts(array("tau"))
+    counts = _counts(np.array([s.q for s in complete]))
+    if tau is not None and from_deflection(
+        _rows(complete, "tau"), _rows(complete, "motor_q"), _rows(complete, "q"), counts
+    ):
+        tau = None
+        warnings = (*warnings, "torques are computed from the springs' deflection: no measurement, they are not used")
     every = np.array([s.stamp_ns for s in samples])
     restarts = every[1:][np.diff(every) > 1e9 * config.streams.restart_gap]  # as the predictor does
     begins = np.searchsorted(restarts, stamps[0] + 1e9 * t, side="right")
     return Recording(
-        name, t, q, _efforts(array("tau")), array("motor_q"),
+        name, t, q, tau, motor_q,
         {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame, q),
         *_plan(complete, phases, shares, robot, at, t),
         phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < _REACH, _counts(np.array([s.q for s in complete])), _yaws(robot, q, supports[later], begins),
+        away < _REACH, counts, _yaws(robot, q, supports[later], begins),
         warnings, float(np.median(np.diff(at))),
     )  # fmt: skip
+
+
+def _rows(samples: list[Sample], field: str) -> Array | None:
+    """(n, k) values of a field, NaN where a sample lacks it; None: most lack it."""
+    rows = [getattr(s, field) for s in samples]
+    if sum(row is None for row in rows) > len(rows) // 2:
+        return None
+    size = next(len(row) for row in rows if row is not None)
+    return np.array([np.full(size, np.nan) if row is None else row for row in rows])
 
 
 def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers]:
