@@ -50,7 +50,7 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
         robot={
             "name": session.config.robot.name,
             "mass_kg": robot.mass,
-            "leg_joints": [*robot.config.left.joints, *robot.config.right.joints],
+            "leg_joints": [*robot.config.leg_joints],
             "joints": len(robot.joint_names),
             "unlisted": sorted(unlisted),
             "unknown": sorted(status.extra_joints),

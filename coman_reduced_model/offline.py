@@ -114,8 +114,7 @@ class _Output:
         self._names = {topic: names(topic) for topic in OUTPUT_TYPES}
         self._points = Throttle(config.output.points_rate)
         self._every_odometry = Throttle(config.output.odometry_rate)
-        legs = (*config.robot.left.joints, *config.robot.right.joints)
-        self._joints = tuple(name.encode() + b"\0" for name in legs)
+        self._joints = tuple(name.encode() + b"\0" for name in session.robot.config.leg_joints)
         self._support: SupportState | None = None
         self._root, self._links = session.robot.root, Links(session.robot)
         self._moving = [(ODOM, self._root), *self._links.moving] if config.output.publish_tf else []

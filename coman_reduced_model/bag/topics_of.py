@@ -67,7 +67,7 @@ def find_topics(bag: Bag, robot: Robot) -> FoundTopics:
 def _fits(robot: Robot, stream: str, message: Any) -> bool:
     """Whether a message is of the legs, the foot or the trunk of the robot."""
     if stream in (JOINTS, MOTORS):
-        return bool({*robot.config.left.joints, *robot.config.right.joints} & {*message.name})
+        return bool({*robot.config.leg_joints} & {*message.name})
     for foot in (Foot.LEFT, Foot.RIGHT):
         if stream == WRENCHES[foot]:
             try:
@@ -78,5 +78,5 @@ def _fits(robot: Robot, stream: str, message: Any) -> bool:
 
 
 def _unlisted(robot: Robot, topic: str, message: Any) -> list[str]:
-    missing = [name for name in (*robot.config.left.joints, *robot.config.right.joints) if name not in message.name]
+    missing = [name for name in robot.config.leg_joints if name not in message.name]
     return [f"{topic}: lacks the leg joints {', '.join(missing)}"] if missing else []

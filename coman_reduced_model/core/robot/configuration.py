@@ -46,3 +46,8 @@ class RobotConfig:
     foot_length: float = par(0.2, "m", "length of the sole, for pictures and ZMP limits", 0.01, 1.0)
     foot_width: float = par(0.1, "m", "width of the sole", 0.01, 1.0)
     gravity: float = par(9.81, "m/s^2", "acceleration of gravity", 0.1, 30.0)
+
+    @property
+    def leg_joints(self) -> tuple[str, ...]:
+        """Names of the joints of the left leg, then of the right one; of `Robot.config`, also where the file has none."""
+        return (*self.left.joints, *self.right.joints)

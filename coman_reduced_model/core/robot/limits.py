@@ -53,7 +53,7 @@ def limits_of(robot: Robot, gravity: float, weight: float) -> Limits:
     """The limits of a robot, by its URDF, its weight [N] and the length of its legs."""
     length = leg_length(robot)
     lower, upper = joint_limits(robot)
-    legs = {*robot.config.left.joints, *robot.config.right.joints}
+    legs = {*robot.config.leg_joints}
     ours = np.array([name in legs for name in robot.joint_names])
     slides = _slides(robot)
     turns = np.isinf(upper - lower)

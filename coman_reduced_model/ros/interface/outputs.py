@@ -14,6 +14,7 @@ from visualization_msgs.msg import MarkerArray
 from ...core.base.throttle import Throttle
 from ...core.base.types import Array, Prediction
 from ...core.config.schema import Config
+from ...core.robot.robot import Robot
 from ...messages import MessageTypes, deflection_to, external_wrench_to, point_to, prediction_to, support_to
 from ...topics import DEFLECTION, EXTERNAL, MEASURED, PREDICTED, PREDICTION, REFERENCE_POINT, SUPPORT
 from . import qos
@@ -31,7 +32,7 @@ class Outputs:
         self._types = types
         self._prediction = publisher(ComPrediction, PREDICTION, qos.prediction_output())
         self._deflection = publisher(ComDeflection, DEFLECTION, qos.prediction_output())
-        self._joints = (*config.robot.left.joints, *config.robot.right.joints)
+        self._joints: tuple[str, ...] = ()
         self._support = publisher(SupportState, SUPPORT, qos.display_output())
         self._external = publisher(ExternalWrench, EXTERNAL, qos.display_output())
         self._points = [
@@ -43,6 +44,11 @@ class Outputs:
         self._set_rates(config)
         self._message: ComPrediction | None = None  # filled again for each one: that is cheaper
         self._last_support: tuple[int, int] | None = None
+
+    def begin(self, robot: Robot) -> None:
+        """Take over the names of a robot."""
+        self._joints = robot.config.leg_joints
+        self.odometry.root = robot.root
 
     def _set_rates(self, config: Config) -> None:
         self._every_points = Throttle(config.output.points_rate)

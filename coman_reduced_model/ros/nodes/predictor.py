@@ -69,7 +69,7 @@ class PredictorNode(PredictingNode):
         self.get_logger().info("warming up (the first time on a machine, compiling takes up to a minute)")
         warm_up(robot, self.config, self.types)
         self.pipeline = pipeline = Pipeline(robot, self.config)
-        self.outputs.odometry.root = robot.root
+        self.outputs.begin(robot)
         gc.collect()
         gc.freeze()  # what lives until the end need not be looked at again: no pauses of 10 ms
         for stream, type_name in INPUT_TYPES.items():
