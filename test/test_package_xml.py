@@ -16,6 +16,7 @@ from conftest import ROOT, child_environment
 PACKAGES = {folder: parse_package(str(ROOT / folder)) for folder in (".", "msg_defs")}
 # Where a package, or the one that brings it, has another name than the module. None: optional, and not asked for there.
 NAMES = {
+    "llvmlite": "python3-numba",  # which is built on it
     "lz4": "mcap-ros2-support",
     "mcap": "mcap-ros2-support",
     "zstandard": "mcap-ros2-support",

@@ -49,5 +49,5 @@ class RobotConfig:
 
     @property
     def leg_joints(self) -> tuple[str, ...]:
-        """Names of the joints of the left leg, then of the right one; of `Robot.config`, also where the file has none."""
+        """Names of the joints of the left leg, then of the right one."""
         return (*self.left.joints, *self.right.joints)
