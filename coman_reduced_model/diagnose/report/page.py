@@ -20,7 +20,7 @@ from ..inference.search import MOST
 from ..result import Diagnosis
 from .alike import groups, taken_for
 from .figures import Pair, com_error, law, pairs, residuals
-from .words import channel, channel_unit, effect_sentence, figure, place, shown, spaced
+from .words import channel, channel_unit, effect_sentence, figure, known, place, shown, spaced
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
@@ -90,8 +90,8 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         rows = [
             [
                 spaced(effect["name"]), effect["where"] or "–", key,
-                figure(parameter), f"{effect['evidence']:.0f}", _known(effect["select_evidence"]),
-                _known(effect["confirm_evidence"]), f"{effect['probability']:.0%}",
+                figure(parameter), f"{effect['evidence']:.0f}", known(effect["select_evidence"]),
+                known(effect["confirm_evidence"]), f"{effect['probability']:.0%}",
             ]
             for effect in effects
             for key, parameter in effect["parameters"].items()
@@ -320,7 +320,7 @@ def _ranking(diagnosis: Diagnosis) -> list[Part]:
     named = {(effect["name"], effect["where"]) for effect in result["effects"]}
     head = ["effect", "where", "evidence [nats]", "held-out [nats]"]
     rows = [
-        [spaced(entry["name"]), entry["where"] or "–", f"{entry['evidence']:.1f}", _known(entry["holdout_gain"])]
+        [spaced(entry["name"]), entry["where"] or "–", f"{entry['evidence']:.1f}", known(entry["holdout_gain"])]
         for entry in result["ranking"]
     ]
     strong = [i for i, entry in enumerate(result["ranking"]) if (entry["name"], entry["where"]) in named]
@@ -397,7 +397,3 @@ def _rivals(diagnosis: Diagnosis, effect: dict[str, Any]) -> list[str]:
         and (score.option.effect, score.option.where) != (effect["name"], mine[0].option.where)
     ]
     return list(dict.fromkeys(found))[:4]
-
-
-def _known(value: float | None) -> str:
-    return "–" if value is None or not np.isfinite(value) else f"{value:.0f}"

@@ -162,3 +162,8 @@ def channel_unit(name: str) -> tuple[str, float]:
 def spaced(name: str) -> str:
     """A name of the vocabulary in words."""
     return name.replace("_", " ")
+
+
+def known(value: float | None) -> str:
+    """A whole number, or a dash where it is not known."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.0f}"
