@@ -20,7 +20,7 @@ class Layout:
         self.format = "<"
 
     def add(self, kind: str, count: int = 1) -> Layout:
-        """So many numbers of a kind of `struct`, or a string of that length."""
+        """A number of values of a kind of `struct`, or a string of that length."""
         size = struct.calcsize(kind)
         padding = -struct.calcsize(self.format) % size
         self.format += f"{padding}x" * bool(padding) + f"{count}{kind}"

@@ -15,7 +15,7 @@ COMPILING = "compiling the model, once per installation"
 
 @contextmanager
 def compilation(say: Callable[[int, int], None]) -> Iterator[None]:
-    """Call say(number, of about so many) for each function that is compiled and not found compiled."""
+    """Call say(number, total) for each function that is compiled and not found compiled."""
     if "numba" not in sys.modules:  # the command has no use for the model, or has not loaded it yet
         yield
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`coman isolability`: which effects recordings can show, and which they cannot tell from each other."""
+"""`coman isolability`: which effects recordings can show, and which they cannot distinguish."""
 
 from __future__ import annotations
 

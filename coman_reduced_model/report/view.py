@@ -138,11 +138,11 @@ class _Scene:
             lines = self._rr.LineStrips3D(strips, radii=0.004, colors=[_FREE])
             self._log(f"skeleton/{parent}", self._rr.CoordinateFrame(parent), lines, static=True)
 
-    def _place(self, parent: str, child: str, pose: Any, **options: Any) -> None:
+    def _place(self, parent: str, child: str, pose: Any) -> None:
         transform = self._rr.Transform3D(
             translation=pose[:3], quaternion=pose[3:], parent_frame=parent, child_frame=child
         )
-        self._log(f"tf/{child}", transform, **options)
+        self._log(f"tf/{child}", transform)
 
     def add(self, sample: Sample, prediction: Prediction) -> None:
         """One sample."""

@@ -54,7 +54,7 @@ class Isolability:
 
     @cached_property
     def groups(self) -> list[list[int]]:
-        """Effects that show, and that these recordings cannot tell from each other; the larger groups first."""
+        """Effects that show, and that these recordings cannot distinguish; the larger groups first."""
         alike = (self.factors < APART) & (self.factors.T < APART)
         visible = self.shown >= APART
         _, labels = connected_components(alike & visible[:, None] & visible[None, :], directed=False)

@@ -15,7 +15,7 @@ _NAMES, _ROWS = 5, 14  # of effects in a sentence, of the table
 def taken_for(effect: Mapping[str, Any]) -> str:
     """A sentence on what an effect could be taken for; "" where nothing else looks like it."""
     alike = [spaced(each["name"]) + (f" of {each['where']}" if each["where"] else "") for each in effect["taken_for"]]
-    return f" Recordings like these cannot tell it from: {', '.join(alike[:_NAMES])}." if alike else ""
+    return f" Recordings like these cannot distinguish it from: {', '.join(alike[:_NAMES])}." if alike else ""
 
 
 def groups(result: Mapping[str, Any]) -> list[Table]:
@@ -24,7 +24,7 @@ def groups(result: Mapping[str, Any]) -> list[Table]:
     if not rows:
         return []
     caption = (
-        "Effects of half their usual reach that recordings like these show, and cannot tell from each other: their "
+        "Effects of half their usual reach that recordings like these show, and cannot distinguish: their "
         "expected log Bayes factor is below 3 nats."
     )
     title = "What these recordings cannot distinguish"

@@ -122,7 +122,7 @@ def could_be(
 
 
 def groups(evidence: Evidence, options: Sequence[Candidate]) -> list[list[str]]:
-    """Effects and places that recordings like these show, and cannot tell from each other."""
+    """Effects and places that recordings like these show, and cannot distinguish."""
     found = isolability(evidence, options)
     return [[found.options[i].name for i in group] for group in found.groups]
 
