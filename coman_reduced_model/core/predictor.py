@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import expm1, hypot, isfinite
+from math import dist, expm1, hypot, isfinite
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from .observer.observer import Observer
 from .robot.limits import limits_of
 from .robot.robot import Robot
 
-_NAN3 = np.full(3, np.nan)
+_NAN2, _NAN3 = np.full(2, np.nan), np.full(3, np.nan)
 _IDENTITY = np.eye(4)
 
 
@@ -109,6 +109,7 @@ class Predictor:
         self._horizons = np.array(self.judge.horizons)
         self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
         self.deflections = DeflectionJudge(self._horizons, 3 + len(self._legs))
+        self._after = self.deflections.after.tolist()
         self._residuals = np.zeros((3, 3))  # [m^2] fading sums of products, and the share of the memory that is known
         self._residuals_known = 0.0
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
@@ -188,30 +189,31 @@ class Predictor:
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
-        now = Now(sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed)
+        tilt = self.link.tilt(foot) if self.model.turning else _NAN2
+        now = Now(sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, tilt)
 
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
+        horizons, found = None, []
         if ready:
-            for flag in (self._free_run(now), dynamics.flags):
-                if flag:  # joining flags takes longer than this
-                    flags |= flag
+            found = [self._free_run(now), dynamics.flags]
         else:
             dynamics.stop()
-            flags |= Flags.NO_REFERENCE | Flags.NOT_INITIALISED
-        horizons = None
+            found = [Flags.NO_REFERENCE | Flags.NOT_INITIALISED]
         if len(self._horizons):
             horizons, ahead_flags = self._ahead(now, ready)
-            if ahead_flags:
-                flags |= ahead_flags
+            found.append(ahead_flags)
         estimate = self.observer.update(sample, self.link, foot, com, com_vel)
-        flags |= self.observer.flags
+        found.append(self.observer.flags)
+        for flag in found:
+            if flag:  # joining flags takes longer than this
+                flags |= flag
         prediction = self._finish(
             sample, support, T_odom_sole, flags, com, com_vel,
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
         if ready and self.model.turning:
-            prediction.measured_tilt, prediction.predicted_tilt = self.link.tilt(foot), dynamics.tilt
-        if not flags.diverged:
+            prediction.measured_tilt, prediction.predicted_tilt = now.tilt, dynamics.tilt
+        if not (flags and flags.diverged):
             fresh = -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
             self._residuals_known = remember(self._residuals, self._residuals_known, prediction.residual, fresh)
         prediction.estimate = estimate
@@ -222,10 +224,10 @@ class Predictor:
 
     def _possible(self, com: Array, com_vel: Array) -> bool:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""
-        return hypot(*com) <= self._limits.reach and hypot(*com_vel) <= self._limits.com_speed
+        return hypot(*com.tolist()) <= self._limits.reach and hypot(*com_vel.tolist()) <= self._limits.com_speed
 
     def _ahead(self, now: Now, ready: bool) -> tuple[Array | None, Flags]:
-        """What is published for the horizons, (k, 3) [m] in the support sole; None if the model has no input."""
+        """What is published for the horizons, as `HorizonJudge.update` returns it; None if the model has no input."""
         dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
         ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
         if ready:
@@ -247,15 +249,14 @@ class Predictor:
         sample, judge = now.sample, self.deflections
         if not ready:
             return []
-        measured = np.full(3 + len(self._legs), np.nan)
+        measured = np.empty(3 + len(self._legs))
         measured[:3] = now.com - self.dynamics.reference
-        if sample.motor_q is not None:
-            measured[3:] = (sample.q - sample.motor_q)[self._legs]
+        measured[3:] = np.nan if sample.motor_q is None else (sample.q - sample.motor_q)[self._legs]
         values = self.dynamics.deflections(now, len(self._horizons))
         sigma = judge.update(sample.stamp_ns, measured, values, self.dynamics.repeating)
         return [
-            DeflectionPrediction(h, value[:3], off[:3], value[3:], off[3:])
-            for h, value, off in zip(judge.after.tolist(), values, sigma, strict=True)
+            DeflectionPrediction(*each)
+            for each in zip(self._after, values[:, :3], sigma[:, :3], values[:, 3:], sigma[:, 3:], strict=True)
         ]
 
     def _free_run(self, now: Now) -> Flags:
@@ -279,13 +280,15 @@ class Predictor:
 
     def _near(self, now: Now) -> bool:
         """Whether the free run is where the robot can be by the measurement."""
-        state = self.dynamics.state
-        assert state is not None
-        if not hypot(*(state[:3] - now.com)) < self.DIVERGED:  # a sum of squares could overflow
+        assert self.dynamics.state is not None
+        x, y, z, *velocity = self.dynamics.state.tolist()
+        if not dist((x, y, z), now.com.tolist()) < self.DIVERGED:  # a sum of squares could overflow
             return False
-        if self.model.turning and not np.abs(self.dynamics.tilt - now.link.tilt(now.foot)).max() < self.TOPPLED:
-            return False
-        return isfinite(state[3] + state[4] + state[5])
+        if self.model.turning:
+            (roll, pitch), (measured_roll, measured_pitch) = self.dynamics.tilt.tolist(), now.tilt.tolist()
+            if not (abs(roll - measured_roll) < self.TOPPLED and abs(pitch - measured_pitch) < self.TOPPLED):
+                return False
+        return isfinite(sum(velocity))
 
     def _finish(
         self,
@@ -320,11 +323,9 @@ class Predictor:
         )
 
     def _published(self, horizons: Array) -> list[HorizonPrediction]:
-        judge = self.judge
-        return [
-            HorizonPrediction(h, com, judge.covariance(i), judge.model_share(i))
-            for i, (h, com) in enumerate(zip(judge.horizons, horizons, strict=True))
-        ]
+        """By what `HorizonJudge.update` returns."""
+        made = zip(self.judge.horizons, horizons[:, 0], horizons[:, 1:4], horizons[:, 4], strict=True)
+        return [HorizonPrediction(*each) for each in made]
 
     def _touchdown(self, support: SupportState) -> bool:
         """Whether a step ends at this sample: the swing foot lands, or stance changes without double support."""

@@ -177,6 +177,9 @@ class Estimate:
     nis: float = float("nan")  # [1] normalised innovation squared of the measured COM; 3 is expected
 
 
+_NO_ESTIMATE = Estimate()
+
+
 @dataclass(slots=True)
 class DeflectionPrediction:
     """Deflections at stamp + h: of the COM (measured minus reference) and of the joints (link minus motor).
@@ -221,7 +224,7 @@ class Prediction:
     deflections: list[DeflectionPrediction] = field(default_factory=list)
     repeating: bool = False  # deflections ahead follow from the last stride, which the robot repeats
 
-    estimate: Estimate = field(default_factory=Estimate)
+    estimate: Estimate = field(default_factory=lambda: _NO_ESTIMATE)
 
     @property
     def residual(self) -> Array:

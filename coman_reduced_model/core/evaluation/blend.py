@@ -23,6 +23,7 @@ WORSE = 1.2  # times the error of a simpler prediction, from which on the model 
 LONG = 0.3  # of the whole memory, before which that is not said: 3 s
 LEAST = 1e-5  # [m] that any prediction is taken to be off by
 SWEEPS = 60  # of the search for the weights
+_UNKNOWN = np.full((3, 3), np.nan)
 NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
 
 
@@ -138,4 +139,4 @@ def blend(experience: Experience, ahead: Array, out: Array) -> None:
 
 def covariance(errors: Array, known: float) -> Array:
     """(3, 3) [m^2] about zero, by fading sums; NaN while too little is known."""
-    return errors / known if known > KNOWN else np.full((3, 3), np.nan)
+    return errors / known if known > KNOWN else _UNKNOWN

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ _WAITING = 1024  # predictions of a horizon that wait for their time
 class Judged(NamedTuple):
     """Of k moments and n deflections; kinds of predictions are 0: as now, 1: by a stride that is repeated."""
 
+    after_ns: Integers  # (k,) moments after the stamp [ns]
     rows: Array  # (k, _WAITING, n) predictions that wait, in a ring
     dues: Integers  # (k, _WAITING) stamps when their time has come [ns]
     kinds: Integers  # (k, _WAITING)
@@ -34,9 +36,8 @@ class DeflectionJudge:
         k = len(self.after)
         dues, kinds = np.zeros((2, k, _WAITING), dtype=np.int64)
         square, known = np.zeros((2, 2, k, size))
-        self._judged = Judged(
-            np.zeros((k, _WAITING, size)), dues, kinds, np.zeros((k, 2), dtype=np.int64), square, known
-        )
+        after_ns, ends = np.rint(self.after * 1e9).astype(np.int64), np.zeros((k, 2), dtype=np.int64)
+        self._judged = Judged(after_ns, np.zeros((k, _WAITING, size)), dues, kinds, ends, square, known)
         self._last_ns = 0
 
     def restart(self) -> None:
@@ -52,20 +53,20 @@ class DeflectionJudge:
         """
         dt = min(max(stamp_ns - self._last_ns, 0) * 1e-9, NOW)
         self._last_ns = stamp_ns
-        due = stamp_ns + np.rint(self.after * 1e9).astype(np.int64)
-        fresh = 1.0 - float(np.exp(-dt / MEMORY))
-        return _update(self._judged, stamp_ns, fresh, measured, predicted, due, int(repeating))
+        return _update(self._judged, stamp_ns, 1.0 - exp(-dt / MEMORY), measured, predicted, int(repeating))
 
 
 @compiled
-def _update(
-    judged: Judged, stamp: int, fresh: float, measured: Array, predicted: Array, due: Integers, kind: int
-) -> Array:
+def _update(judged: Judged, stamp: int, fresh: float, measured: Array, predicted: Array, kind: int) -> Array:
     """`DeflectionJudge.update`; of several predictions whose time has come, the last one counts."""
     out, ends, room = np.empty(predicted.shape), judged.ends, judged.rows.shape[1]
     for k in range(predicted.shape[0]):
         place = ends[k, 1] % room
-        judged.rows[k, place], judged.dues[k, place], judged.kinds[k, place] = predicted[k], due[k], kind
+        judged.rows[k, place], judged.dues[k, place], judged.kinds[k, place] = (
+            predicted[k],
+            stamp + judged.after_ns[k],
+            kind,
+        )
         ends[k, 1] += 1
         ends[k, 0] = max(ends[k, 0], ends[k, 1] - room)
         latest = -1

@@ -95,23 +95,18 @@ class HorizonJudge:
             ahead: (6, n, 3) predictions [m] in the sole frame, of the model and by BASELINES; NaN where none.
 
         Returns:
-            What is published, (n, 3) [m] in the sole frame.
+            What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
         """
-        now = np.empty((2, 3))
-        _to_odom(T_odom_sole, measured, now[0])
-        _to_odom(T_odom_sole, reference, now[1])
-        _judge_due(self._pending, self._errors, self.experience, stamp_ns, self._last_ns, now)
-        published = ahead[0]
-        if self._blended:
-            if stamp_ns - self._weighed_ns >= _EVERY_NS:
-                weigh(self.experience)
-                self._weighed_ns = stamp_ns
-            published = np.empty(ahead.shape[1:])
-            blend(self.experience, ahead, published)
-        _add(self._pending, self.experience, stamp_ns, T_odom_sole, published, ahead)
-        self._errors.last[:] = now
+        reweigh = self._blended and stamp_ns - self._weighed_ns >= _EVERY_NS
+        made = np.empty((ahead.shape[1], 5, 3))
+        _update(
+            (self._pending, self._errors, self.experience), stamp_ns, self._last_ns, T_odom_sole, measured, reference,
+            ahead, made, self._blended, reweigh,
+        )  # fmt: skip
+        if reweigh:
+            self._weighed_ns = stamp_ns
         self._last_ns = stamp_ns
-        return published
+        return made
 
     def count_from_now(self) -> None:
         """Forget the errors that were counted; what the blend knows stays."""
@@ -162,6 +157,31 @@ class HorizonJudge:
 def _to_odom(T: Array, p: Array, out: Array) -> None:
     for i in range(3):
         out[i] = T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]
+
+
+@compiled
+def _update(
+    known: tuple[Pending, Errors, Experience], stamp_ns: int, last_ns: int, pose: Array, measured: Array,
+    reference: Array, ahead: Array, made: Array, blended: bool, reweigh: bool,
+) -> None:  # fmt: skip
+    """`HorizonJudge.update`, into `made`; `reweigh`: with new weights."""
+    pending, errors, experience = known
+    published = made[:, 0]
+    published[:] = ahead[0]
+    now = np.empty((2, 3))
+    _to_odom(pose, measured, now[0])
+    _to_odom(pose, reference, now[1])
+    _judge_due(pending, errors, experience, stamp_ns, last_ns, now)
+    if reweigh:
+        weigh(experience)
+    if blended:
+        blend(experience, ahead, published)
+    _add(pending, experience, stamp_ns, pose, published, ahead)
+    errors.last[:] = now
+    for h in range(made.shape[0]):
+        share = experience.known[h]
+        made[h, 1:4] = experience.errors[h] / share if share > KNOWN else np.full((3, 3), np.nan)
+        made[h, 4] = experience.weights[h, :, 0]
 
 
 @compiled

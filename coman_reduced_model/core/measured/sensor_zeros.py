@@ -13,6 +13,7 @@ changed: a good sensor is left alone, and costs nothing. Only the past is used, 
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,7 +56,7 @@ class SensorZeros:
         self.weight = weight
         self.active = False
         self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
-        self._alive = np.zeros(2, dtype=bool)
+        self._seen, self._alive = np.zeros(2, dtype=bool), False
         self._x = np.zeros(12)
         self._P = np.diag(self._variance(PRIOR, 2))
 
@@ -71,12 +72,14 @@ class SensorZeros:
     def corrected(self, sample: Sample, link: Posture) -> Sample:
         """A sample, whose joints `link` has, with the zeros taken off its wrenches: itself where there are none."""
         left, right = sample.left_wrench, sample.right_wrench
-        if left is None or right is None or not np.isfinite(left.sum() + right.sum()):
+        if left is None or right is None or not isfinite(sum(left.tolist()) + sum(right.tolist())):
             return sample
         dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
         if not self.active:
-            self._alive |= np.array([left.any(), right.any()])
-            if self._alive.all():  # a sensor that gives nothing but zeros is none
+            if not self._alive:  # a sensor that gives nothing but zeros is none
+                self._seen |= np.array([left.any(), right.any()])
+                self._alive = bool(self._seen.all())
+            if self._alive:
                 self._watch(float(left[2]) / self.weight, float(right[2]) / self.weight, dt)
             if not self.active:
                 return sample

@@ -250,7 +250,9 @@ class Posture:
 
     def tilt(self, foot: Foot) -> Array:
         """Roll and pitch (2,) [rad] of the trunk about x, y of a sole that lies flat."""
-        return np.array(tilt(self.R[foot], self.up))
+        out = np.empty(2)
+        out[0], out[1] = tilt(self.R[foot], self.up)
+        return out
 
     def orientation(self, frame: int) -> Array:
         """Rotation (3, 3) of any frame of the model; a view."""
@@ -309,7 +311,9 @@ def tilt(R: Array, up: Array) -> tuple[float, float]:
     Args:
         R, up: orientation (3, 3) of the sole and z (3,) of the trunk in the base frame.
     """
-    x, y, z = (R[:, 0] * up).sum(), (R[:, 1] * up).sum(), (R[:, 2] * up).sum()
+    x = R[0, 0] * up[0] + R[1, 0] * up[1] + R[2, 0] * up[2]
+    y = R[0, 1] * up[0] + R[1, 1] * up[1] + R[2, 1] * up[2]
+    z = R[0, 2] * up[0] + R[1, 2] * up[1] + R[2, 2] * up[2]
     return -np.arcsin(max(-1.0, min(1.0, y))), np.arctan2(x, z)
 
 

@@ -164,7 +164,7 @@ class TrunkModel(Dynamics):
         self._publish()
         if self.state is None or not np.isfinite(self.state).all():
             # The terms are those of a free run that has left all bounds.
-            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), now.link.tilt(now.foot)
+            self.state, self.tilt = np.concatenate((now.com, now.com_vel)), now.tilt
 
     def advance(self, now: Now) -> None:
         """To where `prepare` has already brought it."""
