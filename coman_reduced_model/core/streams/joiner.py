@@ -297,6 +297,10 @@ class Joiner:
         for stream in self._others:
             if stream.last is not None and stream.last > stamp + self._gap:
                 stream.start_afresh()
+                if stream is self._motors:  # its first message was known by its stamp alone
+                    first = tuple(stream.items)
+                    stream.items.clear()
+                    stream.items.extend(item for item in first if self._usable(MOTORS, *item))
         self.clock_lead_s.clear()
         return samples
 

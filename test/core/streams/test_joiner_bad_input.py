@@ -281,3 +281,11 @@ def test_the_first_sample_of_single_support_has_its_phase():
     out = [p for stream, message in walk(3.0) for p in pipeline.feed(stream, message, lambda message: message)]
     phases = {p.support.phase for p in out[50:]}
     assert phases == {Phase.LEFT, Phase.RIGHT, Phase.DOUBLE}
+
+
+def test_motor_states_without_velocities_begin_a_new_run():
+    """The first message after a jump back gives none yet: it is refused, and nothing else."""
+    run = [(s, replace(m, velocity=None) if s == MOTORS else m) for s, m in walk(0.2, 100.0)]
+    samples, joiner = joined([*run, *((s, replace(m, stamp_ns=m.stamp_ns - 10 * 10**9)) for s, m in run)], config())
+    assert len(samples) == 40 and samples[-1].motor_qd is not None
+    assert set(joiner.rejections.counts) == {f"{MOTORS}/no_velocity"}
