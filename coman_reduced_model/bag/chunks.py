@@ -4,20 +4,20 @@
 from __future__ import annotations
 
 import struct
-from bisect import bisect_right
 from collections.abc import Collection, Iterator
-from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO
 from zlib import crc32
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 
-Raw = tuple[str, int, bytes]  # topic, log time [ns], serialised message
+from .blocks import RawBlock, block_of, block_of_records
+
 CHUNK = struct.Struct("<QQQI")  # start and end time, size, checksum; then the compression and the records, as strings
 RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
@@ -26,11 +26,9 @@ GROWTH = 100  # times its size that a compressed file may grow to, beside that: 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _PART = 16 * 2**10  # bytes that are decompressed at once
 _TOO_LARGE = f"a chunk of more than {LARGEST >> 20} MB"
-_IS_MESSAGE = int(Opcode.MESSAGE)
-_log_time = itemgetter(1)
 
 
-def indexed_messages(path: Path, topics: Collection[str]) -> Iterator[Raw] | None:
+def indexed_blocks(path: Path, topics: Collection[str]) -> Iterator[RawBlock] | None:
     """Messages of some topics in the order of their log times, in memory of a few chunks; None without an index.
 
     Raises (while iterating):
@@ -73,17 +71,21 @@ def _has_compressed_chunks(file: BinaryIO) -> bool:
     return False
 
 
-def _in_order(path: Path, chunks: list[ChunkIndex], channels: dict[int, str]) -> Iterator[Raw]:
-    held: list[Raw] = []
+def _in_order(path: Path, chunks: list[ChunkIndex], channels: dict[int, str]) -> Iterator[RawBlock]:
+    held: RawBlock | None = None
     with path.open("rb") as file:
         for i, chunk in enumerate(chunks):
-            held += _messages(_read(file, chunk), channels)
-            held.sort(key=_log_time)
+            block = block_of_records(_read(file, chunk), channels)
+            if held is not None:
+                block = block_of([*held, *block])
+            block = block.take(np.argsort(block.log_time, kind="stable"))
             # Chunks may overlap in time: what the next one may come before has to wait for it.
             last = i + 1 == len(chunks)
-            ready = len(held) if last else bisect_right(held, chunks[i + 1].message_start_time, key=_log_time)
-            yield from held[:ready]
-            del held[:ready]
+            ready = len(block)
+            if not last:
+                ready = int(np.searchsorted(block.log_time, chunks[i + 1].message_start_time, side="right"))
+            held = block.take(slice(ready, None)) if ready < len(block) else None
+            yield block.take(slice(0, ready))
 
 
 def _read(file: BinaryIO, chunk: ChunkIndex) -> bytes:
@@ -99,21 +101,6 @@ def _read(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     if len(data) != size or (crc and crc32(data) != crc):
         raise ValueError("the checksum of a chunk is wrong")
     return data
-
-
-def _messages(data: bytes, channels: dict[int, str]) -> list[Raw]:
-    found = []
-    offset, end = 0, len(data)
-    while offset < end:
-        opcode, length = RECORD.unpack_from(data, offset)
-        offset += RECORD.size
-        if opcode == _IS_MESSAGE:
-            channel, _, log_time, _ = MESSAGE.unpack_from(data, offset)
-            topic = channels.get(channel)
-            if topic is not None:
-                found.append((topic, log_time, data[offset + MESSAGE.size : offset + length]))
-        offset += length
-    return found
 
 
 def decompressed(method: bytes, data: bytes) -> bytes:

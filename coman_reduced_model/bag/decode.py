@@ -30,22 +30,23 @@ from ..messages import (
 )
 from .types import typestore
 
-_LITTLE_ENDIAN = b"\x00\x01"
+LITTLE_ENDIAN = b"\x00\x01"
 _STAMP = struct.Struct("<iI")  # at 4: after the encapsulation header, to which alignments are relative
-_COUNT = struct.Struct("<I")
+COUNT = struct.Struct("<I")
 _POSE = struct.Struct("<7d")
 _PLAN = struct.Struct("<B3xidI")  # phase, step, preview_dt, number of preview positions
 _DOUBLE = np.dtype("<f8")
-_STRINGS = 12  # offset of the first string, the frame
+STRINGS = 12  # offset of the first string, the frame
 
 
-def _align(offset: int, size: int) -> int:
+def align(offset: int, size: int) -> int:
+    """The next offset in a message that is a multiple of a size, counted from after the encapsulation header."""
     return offset + (4 - offset) % size
 
 
-def _string(raw: bytes, offset: int) -> tuple[str, int]:
+def string(raw: bytes, offset: int) -> tuple[str, int]:
     """A string and the offset after it."""
-    (length,) = _COUNT.unpack_from(raw, offset)
+    (length,) = COUNT.unpack_from(raw, offset)
     end = offset + 4 + length
     if end > len(raw):
         raise ValueError("a string is longer than the message")
@@ -65,20 +66,20 @@ class _Header:
 
     def __init__(self) -> None:
         self._strings = b""
-        self._end = _STRINGS + 1  # a slice that no message matches
+        self._end = STRINGS + 1  # a slice that no message matches
 
     def _stamp(self, raw: bytes) -> int:
         """The stamp [ns]; learns the strings if they are not those of the last message."""
-        if raw[_STRINGS : self._end] != self._strings:
+        if raw[STRINGS : self._end] != self._strings:
             self._end = self._learn(raw)
-            self._strings = raw[_STRINGS : self._end]
+            self._strings = raw[STRINGS : self._end]
         sec, nanosec = _STAMP.unpack_from(raw, 4)
         stamp: int = sec * 1_000_000_000 + nanosec
         return stamp
 
     def _learn(self, raw: bytes) -> int:
         """Read the strings; the offset after them."""
-        self._frame_id, end = _string(raw, _STRINGS)
+        self._frame_id, end = string(raw, STRINGS)
         return end
 
 
@@ -90,10 +91,10 @@ class _Joints(_Header):
         arrays: list[Array | None] = []
         offset = self._end
         for _ in range(3):
-            (count,) = _COUNT.unpack_from(raw, offset)
+            (count,) = COUNT.unpack_from(raw, offset)
             offset += 4
             if count:
-                offset = _align(offset, 8)
+                offset = align(offset, 8)
                 arrays.append(_floats(raw, offset, count))
                 offset += 8 * count
             else:
@@ -102,16 +103,21 @@ class _Joints(_Header):
         return JointMessage(stamp, self._names, _EMPTY if position is None else position, velocity, effort)
 
     def _learn(self, raw: bytes) -> int:
-        _, offset = _string(raw, _STRINGS)
-        offset = _align(offset, 4)
-        (count,) = _COUNT.unpack_from(raw, offset)
-        offset += 4
-        names = []
-        for _ in range(count):
-            name, offset = _string(raw, _align(offset, 4))
-            names.append(name)
-        self._names = tuple(names)
-        return _align(offset, 4)
+        self._names, end = joint_names(raw)
+        return end
+
+
+def joint_names(raw: bytes) -> tuple[tuple[str, ...], int]:
+    """Joints of a sensor_msgs/JointState, and the offset of the count of its positions."""
+    _, offset = string(raw, STRINGS)
+    offset = align(offset, 4)
+    (count,) = COUNT.unpack_from(raw, offset)
+    offset += 4
+    names = []
+    for _ in range(count):
+        name, offset = string(raw, align(offset, 4))
+        names.append(name)
+    return tuple(names), align(offset, 4)
 
 
 _EMPTY = np.empty(0)
@@ -122,7 +128,7 @@ class _Wrench(_Header):
 
     def __call__(self, raw: bytes) -> WrenchMessage:
         stamp = self._stamp(raw)
-        values = _floats(raw, _align(self._end, 8), 6)
+        values = _floats(raw, align(self._end, 8), 6)
         return WrenchMessage(stamp, self._frame_id, values[:3], values[3:])
 
 
@@ -132,7 +138,7 @@ class _Imu(_Header):
     def __call__(self, raw: bytes) -> ImuMessage:
         stamp = self._stamp(raw)
         # Orientation 4, its covariance 9, angular velocity 3, covariance 9, linear acceleration 3, covariance 9.
-        values = _floats(raw, _align(self._end, 8), 37)
+        values = _floats(raw, align(self._end, 8), 37)
         return ImuMessage(stamp, self._frame_id, known_orientation(values[:4], values[4]), values[13:16], values[25:28])
 
 
@@ -145,11 +151,11 @@ class _Reference(_Header):
 
     def __call__(self, raw: bytes) -> Reference:
         stamp = self._stamp(raw)
-        start = _align(self._end, 8)
+        start = align(self._end, 8)
         point = _floats(raw, start, 12)
         phase, step, preview_dt, count = _PLAN.unpack_from(raw, start + 8 * 26)
         position, offset = self._preview(raw, start + 8 * 26 + _PLAN.size, count)
-        (count,) = _COUNT.unpack_from(raw, offset)
+        (count,) = COUNT.unpack_from(raw, offset)
         velocity, _ = self._preview(raw, offset + 4, count)
         return plan(
             stamp,
@@ -175,7 +181,7 @@ class _Reference(_Header):
     def _preview(raw: bytes, offset: int, count: int) -> tuple[Array, int]:
         if not count:
             return _EMPTY, offset
-        offset = _align(offset, 8)
+        offset = align(offset, 8)
         return _floats(raw, offset, count), offset + 8 * count
 
 
@@ -201,7 +207,7 @@ def decoder(stream: str, store: Typestore | None = None) -> Callable[[bytes], An
 
     def decode(raw: bytes) -> Any:
         try:
-            if fast is not None and raw[:2] == _LITTLE_ENDIAN:
+            if fast is not None and raw[:2] == LITTLE_ENDIAN:
                 return fast(raw)
             return convert(definitions.deserialize_cdr(raw, kind))
         except Refused:

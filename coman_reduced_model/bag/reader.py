@@ -7,6 +7,7 @@ import heapq
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,7 +20,8 @@ from rosbags.typesys.store import Typestore
 
 from ..errors import BagError
 from ..messages import OWN
-from .chunks import GROWTH, LARGEST, Raw, decompressed, grows_unchecked, indexed_messages
+from .blocks import Raw, RawBlock, grouped
+from .chunks import GROWTH, LARGEST, decompressed, grows_unchecked, indexed_blocks
 from .truncated import MAGIC, TruncatedMcap
 from .types import typestore
 
@@ -35,7 +37,7 @@ class _Part(Protocol):
     start_ns: int
     end_ns: int
 
-    def raw(self, topics: Collection[str]) -> Iterator[Raw]: ...
+    def blocks(self, topics: Collection[str]) -> Iterator[RawBlock]: ...
 
 
 class Bag:
@@ -99,14 +101,19 @@ class Bag:
 
     def raw(self, topics: Collection[str]) -> Iterator[Raw]:
         """Topic, log time [ns] and serialised message, in the order of the log times (damaged files: as written)."""
-        parts = [part.raw(topics) for part in self._parts if any(topic in part.topics for topic in topics)]
+        for block in self.blocks(topics):
+            yield from block
+
+    def blocks(self, topics: Collection[str]) -> Iterator[RawBlock]:
+        """The same messages, some thousand at a time."""
+        parts = [part.blocks(topics) for part in self._parts if any(topic in part.topics for topic in topics)]
         ends = [(part.start_ns, part.end_ns) for part in self._parts]
         apart = all(before[1] <= after[0] for before, after in zip(ends, ends[1:], strict=False))
         if apart:
             for part in parts:
                 yield from part
         else:
-            yield from heapq.merge(*parts, key=lambda item: item[1])
+            yield from grouped(heapq.merge(*map(chain.from_iterable, parts), key=lambda item: item[1]))
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
         """Topic, log time [ns] and message, with the fields that ROS gives it.
@@ -258,15 +265,16 @@ class _Whole:
         }
         self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
 
-    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
+    def blocks(self, topics: Collection[str]) -> Iterator[RawBlock]:
         wanted = {each.topic for each in self._reader.connections if each.topic in topics}
         if not wanted:
             return
         last = 0
         try:
-            for item in self._messages(wanted):
-                last = item[1]
-                yield item
+            for block in self._blocks(wanted):
+                if len(block):
+                    last = int(block.log_time[-1])
+                yield block
         except GeneratorExit:
             raise
         except Exception as error:  # a damaged chunk fails in any way; what came before is good
@@ -274,18 +282,22 @@ class _Whole:
             where = f"after the message at {_seconds(last)}" if last else "at the first message"
             self._bag.warnings.append(f"{self._reader.path}: damaged {where}, the rest is not read: {reason}")
 
-    def _messages(self, topics: Collection[str]) -> Iterator[Raw]:
+    def _blocks(self, topics: Collection[str]) -> Iterator[RawBlock]:
         files = getattr(self._reader.storage, "storages", [self._reader.storage])  # of a folder; or it is a file itself
         each_compressed = self._reader.compression_mode == "message"
-        direct = [indexed_messages(Path(str(file.path)), topics) for file in files if isinstance(file, McapReader)]
+        direct = [indexed_blocks(Path(str(file.path)), topics) for file in files if isinstance(file, McapReader)]
         if len(direct) == len(files) and None not in direct and not each_compressed:
-            for messages in direct:
-                yield from messages or ()
+            for blocks in direct:
+                yield from blocks or ()
             return
+        yield from grouped(self._messages(files, topics, each_compressed))
+
+    def _messages(self, files: Collection[Any], topics: Collection[str], each_compressed: bool) -> Iterator[Raw]:
+        """One by one, as rosbags reads them."""
         for file in files:
             connections = [each for each in file.connections if each.topic in topics]
             for connection, log_time, raw in file.messages(connections) if connections else ():
-                yield connection.topic, log_time, decompressed(b"zstd", raw) if each_compressed else raw
+                yield connection.topic, log_time, decompressed(b"zstd", raw) if each_compressed else bytes(raw)
 
 
 class _Cut:
@@ -296,8 +308,8 @@ class _Cut:
         self.topics, self.definitions, self.counts = part.topics, part.definitions, part.counts
         self.start_ns, self.end_ns = part.start_ns, part.end_ns
 
-    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
-        return (item for item in self._part.messages() if item[0] in topics)
+    def blocks(self, topics: Collection[str]) -> Iterator[RawBlock]:
+        return grouped(item for item in self._part.messages() if item[0] in topics)
 
 
 def _seconds(stamp_ns: int) -> str:

@@ -18,7 +18,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from .chunks import CHUNK, MESSAGE, RECORD, Raw, decompressed
+from .blocks import Raw
+from .chunks import CHUNK, MESSAGE, RECORD, decompressed
 
 MAGIC = b"\x89MCAP0\r\n"
 

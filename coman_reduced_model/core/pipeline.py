@@ -16,7 +16,7 @@ from .effects.catalogue import build_effects, stream_delays
 from .monitor.monitor import Mismatch, Monitor
 from .monitor.plausibility import Plausibility
 from .predictor import Predictor
-from .streams.joiner import Joiner
+from .streams.block_joiner import BlockJoiner
 from .streams.stream import Refused
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Pipeline:
     def __init__(self, robot: Robot, config: Config) -> None:
         self.config = config = config.with_joints_of(robot)
         effects, self.robot = build_effects(config.effects, robot)
-        self.joiner = Joiner(robot, config, stream_delays(effects))
+        self.joiner = BlockJoiner(robot, config, stream_delays(effects))
         self.predictor = Predictor(self.robot, config, effects)
         self.plausibility = Plausibility(self.robot, config)
         self.monitor = Monitor(self.robot, config) if config.monitor.enabled else None

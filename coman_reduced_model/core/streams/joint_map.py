@@ -54,11 +54,11 @@ class _Order:
         return out, _take(values, self.take, out)  # what compiled code fills costs less than what it returns
 
     def place(self, values: Array, fill: float, size: int) -> Array:
-        """Values taken from a message in the order of the robot; `fill` where it lists no such joint."""
+        """Values (..., m) taken from messages in the order of the robot; `fill` where they list no such joint."""
         if self.complete:
             return values
-        result = np.full(size, fill)
-        result[self.put] = values
+        result = np.full((*values.shape[:-1], size), fill)
+        result[..., self.put] = values
         return result
 
 
@@ -120,6 +120,27 @@ class JointMap:
             tau = order.place(effort, np.nan, size)
         return JointState(q, qd, tau)
 
+    def sort_rows(
+        self, names: tuple[str, ...], position: Array, velocity: Array | None, effort: Array | None
+    ) -> tuple[Array, Array | None, Array | None] | None:
+        """`sort` for rows (n, m) of messages that list the same joints; None where one of them needs a closer look."""
+        rows = [each for each in (position, velocity, effort) if each is not None]
+        if any(each.shape[1] != len(names) for each in rows) or (self._orders and names not in self._orders):
+            return None
+        order = self._orders.get(names) or self._learn(names)
+        if order.refused is not None:
+            return None
+        taken = [np.empty((len(each), len(order.take))) for each in rows]
+        good = [take_rows(each, order.take, out) for each, out in zip(rows, taken, strict=True)]
+        if effort is not None:  # NaN: that joint measures none
+            good[-1] = good[-1] or usable_where_known(taken[-1])
+        if not all(good):
+            return None
+        size, values = len(self._names), iter(taken)
+        q = order.place(next(values), self._fill, size)
+        qd = None if velocity is None else order.place(next(values), self._fill, size)
+        return q, qd, None if effort is None else order.place(next(values), np.nan, size)
+
     def _learn(self, names: tuple[str, ...]) -> _Order:
         if len(self._orders) >= 64:  # a broken driver may send other names every time
             self._orders.clear()
@@ -140,3 +161,27 @@ def _take(values: Array, take: NDArray[np.intp], out: Array) -> bool:
     for i in range(take.shape[0]):
         out[i] = values[take[i]]
     return usable(out)
+
+
+@compiled
+def take_rows(values: Array, take: NDArray[np.intp], out: Array) -> bool:
+    """Write the columns `take` of each row; whether all of it is usable."""
+    good = True
+    for k in range(values.shape[0]):
+        for i in range(take.shape[0]):
+            out[k, i] = values[k, take[i]]
+        good = good and usable(out[k])
+    return good
+
+
+@compiled
+def usable_where_known(values: Array) -> bool:
+    """Whether each row is usable without its NaN."""
+    for k in range(values.shape[0]):
+        total = 0.0
+        for i in range(values.shape[1]):
+            if not np.isnan(values[k, i]):
+                total += values[k, i] * values[k, i]
+        if not total < LIMIT * LIMIT:
+            return False
+    return True

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.compiled import compiled
-from ..base.types import Array, Reference
+from ..base.types import Array, Integers, Reference
 from .stream import usable
 
 
@@ -66,3 +66,41 @@ def mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Referenc
         stamp, now[0], now[1], now[2], now[3], nearer.T_odom_left, nearer.T_odom_right, nearer.phase, nearer.step,
         nearer.preview_dt, ahead[0], ahead[1],
     )  # fmt: skip
+
+
+@compiled
+def brackets(
+    stamps: Integers, available: Integers, at: Integers, max_age: int, reach: int, first: Integers, second: Integers
+) -> None:
+    """`Stream.bracket` for all stamps asked for: write the index to take, and that of the one to interpolate to.
+
+    Args:
+        stamps: (m,) of the stream, increasing.
+        available: (k,) how many of them have come when a stamp is asked for; does not decrease.
+        at: (k,) stamps asked for, increasing.
+        max_age, reach: as there [ns].
+        first, second: (k,) written; -1: none.
+    """
+    i = -1
+    for k in range(at.shape[0]):
+        while i + 1 < available[k] and stamps[i + 1] <= at[k]:
+            i += 1
+        before, after = i, i + 1 if i + 1 < available[k] else -1
+        if before >= 0 and at[k] - stamps[before] > max_age:
+            before = -1
+        if after >= 0 and stamps[after] - at[k] > min(reach, max_age):
+            after = -1
+        first[k], second[k] = (before, after) if before >= 0 else (after, -1)
+
+
+@compiled
+def mix_rows(values: Array, stamps: Integers, at: Integers, first: Integers, second: Integers, out: Array) -> None:
+    """Write a row for each stamp, between those that `brackets` found; where it found none, nothing is written."""
+    for k in range(at.shape[0]):
+        i, j = first[k], second[k]
+        if i < 0:
+            continue
+        if j < 0 or stamps[i] == at[k]:
+            out[k] = values[i]
+        else:
+            mix(values[i], values[j], (at[k] - stamps[i]) / (stamps[j] - stamps[i]), out[k])

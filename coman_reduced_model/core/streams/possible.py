@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from ..base.compiled import compiled
-from ..base.types import Array, ImuMessage, Reference
+from ..base.types import Array, ImuMessage, Integers, Reference
 from ..robot.limits import Limits
 from .joint_map import JointState
+from .mixing import to_sole
 from .stream import Refused
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 _SHAKE = 50.0  # times gravity: what an IMU on a trunk may measure at a landing
+_SURE = 1.0 - 1e-9  # of a limit: below it, rounding cannot matter
 _LIMIT, _STEP, _SPEED = range(3)
 
 
@@ -67,10 +69,10 @@ class Possible:
         before, dt = q, 0.0
         if last is not None and 0 < stamp_ns - last.stamp_ns <= self._gap:
             before, dt = last.q, (stamp_ns - last.stamp_ns) * 1e-9
-        found = _impossible(q, before, self._still if state.qd is None else state.qd, dt, self._table)
+        found = impossible(q, before, self._still if state.qd is None else state.qd, dt, self._table)
         if found >= 0:
             self._refuse(stream, *divmod(found, len(q)), state, dt)
-        self._last[stream] = _Last(stamp_ns, q.copy())  # effects correct samples in place
+        self.remember(stream, stamp_ns, q)
 
     def speeds(self, qd: Array) -> None:
         """Check velocities (nj,) that were differentiated [rad/s].
@@ -89,7 +91,7 @@ class Possible:
             Refused: many times the weight.
         """
         limits = self.limits
-        if _within(wrench, limits.force, limits.moment):
+        if within(wrench, limits.force, limits.moment):
             return
         force, moment = math.hypot(*wrench[:3]), math.hypot(*wrench[3:])
         if force > limits.force:
@@ -129,6 +131,44 @@ class Possible:
         if farthest > limits.reach + limits.com_speed * len(message.preview_com) * message.preview_dt:
             raise Refused("limit", f"its preview ends {farthest:.4g} m from its COM, out of reach")
 
+    def joint_rows(self, stream: str, stamps: Integers, q: Array, qd: Array | None) -> bool:
+        """Whether `joints` would take all these states (n, nj), which follow each other."""
+        last = self._last.get(stream)
+        before, before_ns = (self._still, 0) if last is None else (last.q, last.stamp_ns)
+        return all_possible(
+            q, np.zeros_like(q) if qd is None else qd, stamps, before, before_ns, self._gap, self._table
+        )
+
+    def remember(self, stream: str, stamp_ns: int, q: Array) -> None:
+        """The last state that was taken (nj,)."""
+        self._last[stream] = _Last(stamp_ns, q.copy())  # effects correct samples in place
+
+    def wrench_rows(self, matrix: Array, wrenches: Array, out: Array) -> bool:
+        """Write wrenches (n, 6) by the matrix (6, 6) to their sole; whether all are usable and `wrench` takes them."""
+        return sole_rows(matrix, wrenches, self.limits.force, self.limits.moment, out)
+
+    def surely_imu(self, angular_velocity: Array, acceleration: Array) -> bool:
+        """Whether `imu` would take all these rates and accelerations (n, 3), with a margin for rounding."""
+        turn, shake = _longest(angular_velocity), _longest(acceleration)
+        return turn < _SURE * self._turn_rate and shake < _SURE * _SHAKE * self.limits.gravity
+
+    def surely_reference(self, points: Array, soles: Array, previews: Array, preview_dt: float) -> bool:
+        """Whether `reference` would take all these plans, with a margin for rounding.
+
+        Args:
+            points: (n, 4, 3) COM, its velocity and acceleration, ZMP.
+            soles: (n, 2, 3) places of the left and the right sole.
+            previews: (n, 2, k, 3) positions, velocities.
+            preview_dt: [s].
+        """
+        limits, k = self.limits, previews.shape[2]
+        far = np.square(points[:, None, [0, 3]] - soles[:, :, None]).sum(axis=3).min(axis=1)
+        ahead = np.square(previews[:, 0] - points[:, None, 0]).sum(axis=2).max(initial=0.0)
+        fastest = max(_longest(points[:, 1]), _longest(previews[:, 1].reshape(-1, 3)))
+        if not math.sqrt(far.max()) < _SURE * limits.reach or not fastest < _SURE * limits.com_speed:
+            return False
+        return math.sqrt(ahead) < _SURE * (limits.reach + limits.com_speed * (k * preview_dt if k else 0.0))
+
     def _refuse(self, stream: str, kind: int, i: int, state: JointState, dt: float) -> NoReturn:
         name, limits, q = self._robot.joint_names[i], self.limits, state.q
         if kind == _LIMIT:
@@ -153,7 +193,7 @@ class Possible:
 
 
 @compiled
-def _impossible(q: Array, last: Array, qd: Array, dt: float, table: Array) -> int:
+def impossible(q: Array, last: Array, qd: Array, dt: float, table: Array) -> int:
     """Kind times the number of joints, plus the joint, of the first thing that no joint does; -1: all is possible.
 
     Where a motor does not exist its values are NaN, and possible. `table` (4, nj): `Limits` lower, upper, step, speed.
@@ -170,7 +210,8 @@ def _impossible(q: Array, last: Array, qd: Array, dt: float, table: Array) -> in
 
 
 @compiled
-def _within(wrench: Array, force: float, moment: float) -> bool:
+def within(wrench: Array, force: float, moment: float) -> bool:
+    """Whether force and moment of a wrench (6,) are within limits [N, Nm]."""
     f, m = wrench[:3], wrench[3:]
     return f.dot(f) <= force * force and m.dot(m) <= moment * moment
 
@@ -178,3 +219,27 @@ def _within(wrench: Array, force: float, moment: float) -> bool:
 def _longest(vectors: Array) -> float:
     """Of vectors (n, 3); 0 without any."""
     return float(np.sqrt(np.square(vectors).sum(axis=1)).max(initial=0.0))
+
+
+@compiled
+def all_possible(q: Array, qd: Array, stamps: Integers, last: Array, last_ns: int, gap: int, table: Array) -> bool:
+    """Whether no joint does what none can, from the state `last` (nj,) at `last_ns` on; 0: there was none."""
+    for k in range(q.shape[0]):
+        before, before_ns = (q[k - 1], stamps[k - 1]) if k else (last, last_ns)
+        since, dt = stamps[k] - before_ns, 0.0
+        if before_ns > 0 and 0 < since <= gap:
+            dt = since * 1e-9
+        else:
+            before = q[k]
+        if impossible(q[k], before, qd[k], dt, table) >= 0:
+            return False
+    return True
+
+
+@compiled
+def sole_rows(matrix: Array, wrenches: Array, force: float, moment: float, out: Array) -> bool:
+    """Write wrenches (n, 6) by the matrix (6, 6) to their sole; whether all are usable and possible."""
+    for k in range(wrenches.shape[0]):
+        if not to_sole(matrix, wrenches[k, :3], wrenches[k, 3:], out[k]) or not within(out[k], force, moment):
+            return False
+    return True

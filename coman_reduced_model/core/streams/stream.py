@@ -11,8 +11,10 @@ import math
 from collections import Counter, deque
 from typing import Any
 
+import numpy as np
+
 from ..base.compiled import compiled
-from ..base.types import Array
+from ..base.types import Array, Integers
 
 # No stream of a robot has this many messages in flight; it only bounds the memory of a stream that nobody joins.
 CAPACITY = 8192
@@ -110,6 +112,21 @@ class Stream:
             return ((stamp, value),)
         return self._accept_unusual(stamp, value)
 
+    def follows(self, stamps: Integers) -> bool:
+        """Whether `accept` would take messages with these stamps one after the other, and nothing else."""
+        if self._suspect is not None or self.jumped or not stamps[0] > 0:
+            return False
+        steps = np.diff(stamps) if self.last is None else np.diff(stamps, prepend=self.last)
+        return bool((steps > 0).all() and (steps <= self._jump).all())
+
+    def accept_all(self, stamps: Integers) -> None:
+        """`accept` for messages that follow: the stream counts them, its items are those of the caller to add."""
+        steps = np.diff(stamps) if self.last is None else np.diff(stamps, prepend=self.last)
+        self.period_s = smoothed(self.period_s, steps * 1e-9)
+        self.last = int(stamps[-1])
+        self.accepted += len(stamps)
+        self.received += len(stamps)
+
     def _accept_unusual(self, stamp: int, value: Any) -> tuple[Item, ...]:
         if stamp <= 0:
             self._reject("zero_stamp", f"stamp {stamp * 1e-9:.9g} s: the header is not filled in")
@@ -194,6 +211,23 @@ class Stream:
             found = before or after
             return None if found is None else found[1]
         return before[1] if stamp - before[0] <= after[0] - stamp else after[1]
+
+
+@compiled
+def smoothed(start: float, values: Array) -> float:
+    """Values taken into an average that follows them by a twentieth; NaN: there is none yet."""
+    for value in values:
+        start = value if np.isnan(start) else start + 0.05 * (value - start)
+    return start
+
+
+@compiled
+def all_usable_rows(values: Array) -> bool:
+    """Whether each row is usable."""
+    good = True
+    for k in range(values.shape[0]):
+        good = good and usable(values[k])
+    return good
 
 
 def _seconds(stamp: int) -> str:
