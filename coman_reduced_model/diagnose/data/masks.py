@@ -19,7 +19,7 @@ TICKS = 25.0  # [Hz] at which residuals are looked at
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
 SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
-TAKEN_UP = 0.4  # [Nm] beyond which a torque's sign is sure
+TAKEN_UP = 0.0024  # [m] of lever of the weight: the torque beyond which its sign is sure
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.8  # of the time
 EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
@@ -32,6 +32,7 @@ class Masks:
 
     ticks: Integers  # (m,) indices into the grid
     steady: Booleans  # (m,) no change of contact near, on the ground
+    complete: Booleans  # (m,) no gap in the recording near
     air: dict[Foot, Booleans]  # (m,) the foot is unloaded
     double: Booleans  # (m,) both feet stand
     touchdown: Integers  # (m,) index of the tick at which this double support was first steady
@@ -72,7 +73,14 @@ def masks(recording: Recording, world: World) -> Masks:
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
     blow, taken_up = blows(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
     slides = usual_slides(recording, ticks, world)
-    return Masks(ticks, steady[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
+    return Masks(ticks, steady[ticks], ~gap[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
+
+
+def parts(where: Masks, channel: str) -> tuple[tuple[str, Booleans], ...]:
+    """Ticks (m,) of the kinds of support in which the noise of a channel differs; springs bear torques in any."""
+    if channel.startswith("spring/"):
+        return (("any", np.ones_like(where.double)),)
+    return ("double", where.double), ("single", ~where.double)
 
 
 def part_of(where: Masks, begin: float, end: float) -> Masks:
@@ -83,6 +91,7 @@ def part_of(where: Masks, begin: float, end: float) -> Masks:
     return replace(
         where,
         steady=where.steady & inside,
+        complete=where.complete & inside,
         air={foot: air & inside for foot, air in where.air.items()},
         double=where.double & inside,
         slides=tuple(slide for slide in where.slides if first <= slide.tick < last),
@@ -106,11 +115,17 @@ def with_taken_up(where: Masks, before: Recording, recording: Recording, world: 
     return replace(where, taken_up=_taken_up(recording, world)[where.ticks])
 
 
+def sure_torque(world: World) -> float:
+    """Beyond it, the sign of a joint's torque is sure [Nm]."""
+    return TAKEN_UP * world.robot.mass * world.gravity
+
+
 def _taken_up(recording: Recording, world: World) -> Array:
     """(n, nj) A torque beyond the error of its sensor takes up the play; below that, play is where it is seen to be."""
     out = np.zeros_like(recording.q)
     if recording.motor_q is None or recording.tau is None:
         return out  # then the torque that the ground asks for decides, see balance.py
+    sure = sure_torque(world)
     for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
         torque = recording.tau[:, j]
         law = (
@@ -121,7 +136,7 @@ def _taken_up(recording: Recording, world: World) -> Array:
         law = gaussian_filter1d(law, SMOOTHING * RATE)
         low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
         seen = np.clip((law - 0.5 * (low + high)) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
-        loaded = np.clip((np.abs(smooth(torque[:, None])[:, 0]) - TAKEN_UP) / TAKEN_UP, 0.0, 1.0)
+        loaded = np.clip(np.abs(smooth(torque[:, None])[:, 0]) / sure - 1.0, 0.0, 1.0)
         out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen
     return smooth(out)
 

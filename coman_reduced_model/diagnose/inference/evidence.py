@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from ...core.base.types import Array, Integers
 from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.effects.unknown import Unknown, applied
-from ..data.masks import Masks, with_taken_up
+from ..data.masks import Masks, parts, with_taken_up
 from ..data.recording import Recording
 from ..data.signals import without_noise
 from ..data.world import World
@@ -125,7 +125,7 @@ def assemble(
         if name.startswith("unloaded/"):
             # What a sensor reads in the air is its zero: a gain that explained it would be without bounds.
             slope[gains] = 0.0
-        for part, chosen in (("double", where.double), ("single", ~where.double)):
+        for part, chosen in parts(where, name):
             ticks = np.flatnonzero(np.isfinite(value) & chosen)
             if len(ticks) < ONE_A_STEP.get(name, 8 * ORDER):
                 continue

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.base.types import Array
-from ..data.masks import Masks
+from ..data.masks import Masks, parts
 from ..data.signals import white, without_noise
 from ..physics.balance import State, evaluate
 
@@ -54,7 +54,7 @@ def floor(state: State, where: Masks) -> dict[str, float]:
         )
         moved = evaluate(noisy, state.world, where, state).residuals
         for name, value in state.residuals.items():
-            for part, chosen in (("double", where.double), ("single", ~where.double)):
+            for part, chosen in parts(where, name):
                 difference = (moved[name] - value)[chosen]
                 difference = difference[np.isfinite(difference)]
                 if len(difference):

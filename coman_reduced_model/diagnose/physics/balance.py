@@ -33,7 +33,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from ...core.base.types import Array, Foot, Integers
 from ..data.landings import slide_lengths
-from ..data.masks import TAKEN_UP, TICKS, Masks
+from ..data.masks import TICKS, Masks, sure_torque
 from ..data.recording import FEET, RATE, WRENCH, Recording
 from ..data.signals import SOFTEST, Smoothed, rate_of, slip, smooth, spring_stretch
 from ..data.world import World
@@ -135,7 +135,12 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     if recording.up is not None:
         leaning = np.einsum("nij,nj->ni", R, smoothed(recording.up)[ticks])
         out |= {"tilt/roll": leaning[:, 1], "tilt/pitch": -leaning[:, 0]}
-    out = {name: np.where(where.steady, value, np.nan) for name, value in out.items()}
+    # A spring whose torque is measured owes nothing to the ground.
+    anywhere = {name.replace("torque", "spring", 1) for name in out if name.startswith("torque/")}
+    out = {
+        name: np.where(where.complete if name in anywhere else where.steady, value, np.nan)
+        for name, value in out.items()
+    }
     feet = before.feet if before and up is before.up else _feet(motion, where, world, wrench)
     out |= feet
     if recording.plan is not None and recording.moved is not None:
@@ -185,7 +190,8 @@ def balanced(state: State, where: Masks) -> State:
         return out
     needed = out.rest[:, out.world.robot.idx_v]
     less = smooth(recording.tau)[where.ticks] - needed
-    less = np.column_stack([np.interp(grid, where.ticks[steady], column[steady]) for column in less.T])
+    less = np.where(steady[:, None], less, 0.0)
+    less = np.column_stack([np.interp(grid, where.ticks, column) for column in less.T])
     slow = np.asarray(gaussian_filter1d(less, SLOW * RATE, axis=0, mode="nearest"))
     tau = recording.tau - np.where(np.isfinite(less), less - slow, 0.0)
     return evaluate(out.recording.changed(tau=tau), out.world, where, out)
@@ -262,7 +268,7 @@ def _joints(
         if warmed is not None:
             elastic = elastic / np.maximum(1.0 + warmed[:, j], SOFTEST)
         if stretch is not None:
-            play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / TAKEN_UP)
+            play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / sure_torque(world))
             bent = elastic + 0.5 * world.play[j] * play
             if world.lost[j]:
                 if slipped is None:
