@@ -21,7 +21,7 @@ from .evidence import Evidence, pooled, prior_variance
 MEMBERS = 4  # of a width, from which on their median says how much a robot varies
 MEDIAN = 0.455  # of the square of a standard normal value
 LEAST = 0.4  # of the width of the population, that a robot varies at least
-OUTLIER = 3.0  # widths, as which a robot that varies more counts among others, where `adapted` makes room for it
+OUTLIER = 2.0  # widths, as which a robot that varies more counts: few whose sensors are off must not blind all others
 ROUNDS, POPULATION_ROUNDS = 4, 15
 ANCHOR = 4.0  # robots that the width of the data sheets is worth
 
@@ -82,21 +82,18 @@ def _alike(known: Sequence[Unknown]) -> dict[str, list[int]]:
 def learn_widths(robots: Sequence[Sequence[Evidence]], nominal: Nominal) -> dict[str, float]:
     """Widths of a population by the recordings of its robots, shrunk towards those of `nominal`.
 
-    Expectation maximisation; where `adapted` can make room, a robot that varies by more than OUTLIER widths counts as
-    one that varies by so much.
+    Expectation maximisation; a robot that varies by more than OUTLIER widths counts as one that varies by OUTLIER.
     """
     widths, anchor = dict(nominal.widths), dict(nominal.widths)
     for _ in range(POPULATION_ROUNDS):
         values: dict[str, list[float]] = {}
         for evidences in robots:
             known = with_widths(evidences[0].unknowns, widths)
-            robust = set().union(*_alike(known).values())
             square, variance = squares([replace(each, unknowns=known) for each in evidences])
             for name, members in widths_of(known).items():
                 scale = np.array([known[i].relative for i in members])
                 mean = float(np.mean((square[members] + variance[members]) / scale**2))
-                most = (OUTLIER * widths[name]) ** 2 if robust.issuperset(members) else np.inf
-                values.setdefault(name, []).append(min(mean, most))
+                values.setdefault(name, []).append(min(mean, (OUTLIER * widths[name]) ** 2))
         for name, each in values.items():
             found = (ANCHOR * anchor[name] ** 2 + float(np.sum(each))) / (ANCHOR + len(each))
             widths[name] = min(float(np.sqrt(found)), nominal.most.get(name, np.inf))
