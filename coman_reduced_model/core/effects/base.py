@@ -46,7 +46,7 @@ class Effect:
         experiment: what would decide between the effect and those that look like it.
         ambiguity: the class of effects that walking hardly distinguishes from it.
         exact: whether real robots have it in the form that it has here; else a small part of it stays unexplained.
-        clock: whether it shifts joints in time: such effects look alike until they are compared closely.
+        clock: whether it shifts a stream in time: such effects look alike until they are compared closely.
         law: the joint's residual that it bends ("spring", "torque"), and what that is drawn against.
         together: keys of parameters that may be fitted together; (): all, and each alone.
         feet: the legs that `where` names or that its joints belong to.

@@ -26,6 +26,7 @@ class WrenchDelay(Effect):
     sentence: ClassVar[str] = "the wrench of {at} is {delay} late"
     experiment: ClassVar[str] = "a tap on the foot while standing: joints, IMU and wrench must show it at the same time"
     exact: ClassVar[bool] = True
+    clock: ClassVar[bool] = True
 
     def late(self, stream: str) -> float:
         return self.values["delay"] if any(stream == WRENCHES[foot] for foot in self.feet) else 0.0

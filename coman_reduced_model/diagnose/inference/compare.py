@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -15,14 +16,14 @@ from ...core.effects.unknown import Unknown
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of, examine
 from .case_cache import CaseCache
-from .evidence import Evidence, Fit, pooled, prior_variance, weighed
+from .evidence import Evidence, Fit, pooled, prior_variance, scores, weighed
 from .explanation import Explanation
 from .finding import Finding, leftover
 from .gauss_newton import ROUNDS, settle
 from .noise import Noise, quieter
 from .variability import MEMBERS, widths_of
 
-CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # of joints: alike until linearised there
+CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # alike until linearised there
 LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
 STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
@@ -58,11 +59,25 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
 def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list[Case], list[Case]]:
     """Cases of training and selecting bags around the values with a rival."""
     released = [*finding.released, *rival.unknowns]
+    if rival.effect in CLOCKS:
+        finding = _nearer(finding, cache, rival)
     at, train, _ = settle(finding, cache, released, ROUNDS if rival.effect in CLOCKS else 1)
     select = [
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]
     return train, select
+
+
+def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:
+    """Where a shift in time begins to be looked for: a reach away, if it does not show from where the others are."""
+    (linear,) = scores(evidence_of(finding.train), [rival], finding.released)
+    if linear.physical and linear.gain > LEAST_SHOWN:
+        return finding
+    at = finding.at.copy()
+    for i, value in zip(rival.unknowns, linear.values, strict=True):
+        unknown = finding.known[i]
+        at[i] = unknown.reach if unknown.low == 0.0 else np.copysign(unknown.reach, value)
+    return replace(finding, at=at, train=cache.at(at, "train"))
 
 
 def shown(evidence: Evidence, option: Candidate) -> bool:

@@ -69,6 +69,9 @@ def search(
         assert best.option is not None
         names = tuple(dict.fromkeys(explanations[1 + k].option.name for k in found.group))  # type: ignore[union-attr]
         finding.chosen.append(ChosenEffect(best.option, best.gain, best.confirmed, found.named, names))
+        if best.option.effect in CLOCKS:  # far from nominal, it is found only from where it was found before
+            finding.at[list(best.option.unknowns)] = best.fit.x[list(best.option.unknowns)]
+            finding.train = cache.at(finding.at, "train")
         finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
         finding.hold = cache.at(finding.at, "hold")
         if progress:
@@ -100,18 +103,22 @@ def _left(options: Sequence[Candidate], finding: Finding) -> Iterator[Candidate]
 
 
 def _rivals(found: Sequence[Score]) -> list[Score]:
-    """The best way of each of the best effects, at its best PLACES; with one clock, all of them."""
+    """The best way of each of the best effects, at its best PLACES; with one clock, every way of all of them."""
     best: dict[tuple[str, str], Score] = {}
+    clocks: dict[tuple[str, str], Score] = {}
     for score in found:
+        effect, place = score.option.effect, score.option.place
         if score.physical and score.gain > WORTH_A_LOOK:
-            best.setdefault((score.option.effect, score.option.place), score)
-    several: list[Score] = []
+            best.setdefault((effect, place), score)
+        if effect in CLOCKS and not place:
+            clocks.setdefault((effect, score.option.where), score)
+    rivals: list[Score] = []
     for score in best.values():
-        if sum(each.option.effect == score.option.effect for each in several) < PLACES:
-            several.append(score)
-    rivals = several[:RIVALS]
+        if sum(each.option.effect == score.option.effect for each in rivals) < PLACES:
+            rivals.append(score)
+    del rivals[RIVALS:]
     if any(score.option.effect in CLOCKS for score in rivals):
-        rivals += [score for score in several[RIVALS:] if score.option.effect in CLOCKS]
+        rivals += [score for score in clocks.values() if score not in rivals]
     return rivals
 
 
