@@ -27,6 +27,10 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
     _show_kinds(result)
     _show_cases(result["confusion"], result["rows"])
     levels = ", ".join(f"{level} {share(value)}" for level, value in result["by_level"].items())
+    print(
+        "right, medium and strong, of those that are five deviations of what their own recordings leave open: "
+        f"{share(result['right_where_shown'])}"
+    )
     print(f"right by level: {levels}; right place: {share(result['right_place'])}")
     gap, time, redrawn = result["gap_reduction"], result["seconds"], result["redrawn"]
     print(

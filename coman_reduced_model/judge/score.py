@@ -27,6 +27,7 @@ from .seeds import commit, spent_among
 
 OTHER = ("none", "unknown", "not_excited")
 NOMINAL = {"scale": 1.0}  # of every other parameter: 0
+SHOWN = 5.0  # standard deviations that its own recordings leave, from which a hidden effect shows
 
 
 def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -102,6 +103,26 @@ def rank_of_truth(answer: Mapping[str, Any], ranking: Any) -> int | None:
     return next((place for place, name in enumerate(classes, 1) if name in true), None)
 
 
+def size_shown(answer: Mapping[str, Any], ranking: Any) -> float | None:
+    """Size of a single hidden effect, in standard deviations that its own recordings leave where all else varies.
+
+    By the oracle's posterior; of several parameters, the one that shows most. None: there is no ranking, or the
+    diagnosis does not know the effect at this place.
+    """
+    if not isinstance(ranking, list) or answer["kind"] != "single":
+        return None
+    (effect,) = answer["effects"]
+    sizes = []
+    for row in ranking:
+        if (row["name"], row["where"] or "") == (effect["name"], effect["where"] or ""):
+            for name, found in row["parameters"].items():
+                value = effect["parameters"].get(name)
+                if isinstance(value, float) and found["deviation"] > 0.0:
+                    distance = np.log(value) if name == "scale" and value > 0.0 else value
+                    sizes.append(abs(float(distance)) / float(found["deviation"]))
+    return max(sizes, default=None)
+
+
 def rate(hits: int, of: int) -> dict[str, Any]:
     """A share with its 95 % interval (Wilson); null where nothing was counted."""
     if of == 0:
@@ -136,6 +157,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "by_level": {
             level: rate(*_count(rows, partial(_of_level, level), "right")) for level in ("weak", "medium", "strong")
         },
+        "right_where_shown": rate(*_count(rows, _clearly_shown, "right")),
         "right_place": rate(sum(sum(row["place"]) for row in rows), sum(len(row["place"]) for row in rows)),
         "parameter_error": _medians(rows),
         "gap_reduction": {
@@ -168,6 +190,7 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
         "seconds": run.get("seconds"),
         "cpu_seconds": run.get("cpu_seconds"),
         "rank": rank_of_truth(answer, case.get("ranking")),
+        "size_shown": size_shown(answer, case.get("ranking")),
         "gap_share": gap_reduction(case["verdict"]) / best if best > 0.0 else None,
         "baselines": {
             method: outcome(answer, verdict)["result"]
@@ -212,6 +235,11 @@ def _by_baseline(method: str, row: Any) -> str:
 
 def _of_level(level: str, row: Any) -> bool:
     return bool(row["kind"] == "single" and row["levels"][0] == level)
+
+
+def _clearly_shown(row: Any) -> bool:
+    """A medium or strong single effect that its own recordings show."""
+    return bool(row["kind"] == "single" and row["levels"][0] != "weak" and (row["size_shown"] or 0.0) >= SHOWN)
 
 
 def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple[int, int]:

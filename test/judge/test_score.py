@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coman_reduced_model.judge.families import of_this_catalogue
-from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score
+from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, size_shown
 
 # --- the score, on verdicts that are known ---
 
@@ -120,6 +120,14 @@ def test_the_figures_of_known_verdicts():
     assert result["confusion"]["pair"] == {"right": 1, "partly": 1}
     assert result["redrawn"] == {"cases": 0, "lowered": 0}
     assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
+
+
+def test_how_clearly_its_own_recordings_show_an_effect():
+    row = {"name": "joint_stiffness", "where": "LKneeSag", "parameters": {"scale": {"value": 0.1, "deviation": 0.1}}}
+    answer = hidden("single", ("joint_stiffness", "LKneeSag"), scale=float(np.exp(-0.6)))
+    assert size_shown(answer, [row]) == pytest.approx(6.0)
+    assert size_shown(answer, [{**row, "where": "RKneeSag"}]) is None
+    assert size_shown(answer, {"failed": "no step"}) is None
 
 
 def test_a_gap_that_is_not_given_is_not_zero():
