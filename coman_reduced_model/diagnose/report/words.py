@@ -44,16 +44,17 @@ def sentence(result: Mapping[str, Any]) -> str:
 
 
 def _verdict(result: Mapping[str, Any]) -> str:
+    worst = next((channel(key.partition("|")[0]) for key in result["too_much"]), "")
     if result["verdict"] == "none":
-        return "nothing is missing that this data could show"
+        text = "nothing is missing that this data could show"
+        return f"{text}; but the {worst} leaves more than on nominal robots, unexplained" if worst else text
     if result["verdict"] == "not_excited":
         return "nothing was found, but this recording only stands: most effects could not show"
     if result["verdict"] == "unknown":
         if result.get("contradicted"):
             names = " and ".join(spaced(name).replace("@", " of ") for name in result["contradicted"])
             return f"something is missing; {names} would explain it, but the confirming recording speaks against it"
-        worst = next(iter(result["too_much"]), "")
-        where = f": most of it in the {channel(worst.split('|')[0])}" if worst else ""
+        where = f": most of it in the {worst}" if worst else ""
         return f"something is missing that no effect of the catalogue explains{where}"
     return "; ".join(effect_sentence(effect) for effect in result["effects"])
 
