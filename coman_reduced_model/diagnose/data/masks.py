@@ -76,11 +76,15 @@ def masks(recording: Recording, world: World) -> Masks:
     return Masks(ticks, steady[ticks], ~gap[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
 
 
+def supports(channel: str) -> tuple[str, ...]:
+    """Kinds of support in which the noise of a channel differs; springs bear torques in any."""
+    return ("any",) if channel.startswith("spring/") else ("double", "single")
+
+
 def parts(where: Masks, channel: str) -> tuple[tuple[str, Booleans], ...]:
-    """Ticks (m,) of the kinds of support in which the noise of a channel differs; springs bear torques in any."""
-    if channel.startswith("spring/"):
-        return (("any", np.ones_like(where.double)),)
-    return ("double", where.double), ("single", ~where.double)
+    """Ticks (m,) of each of the `supports` of a channel."""
+    ticks = {"any": np.ones_like(where.double), "double": where.double, "single": ~where.double}
+    return tuple((name, ticks[name]) for name in supports(channel))
 
 
 def part_of(where: Masks, begin: float, end: float) -> Masks:

@@ -16,7 +16,7 @@ from ...core.base.types import Array, Integers, Phase
 from ...core.effects.catalogue import CATALOGUE
 from ...report.draw import FAINT, GRID, INK, PHASE_NAMES, SERIES, SHADES, legend, new_figure, thin, title
 from ...report.figures import NoData
-from ..data.masks import parts
+from ..data.masks import supports
 from ..data.recording import RATE
 from ..inference.case import Case
 from ..inference.finding import Finding
@@ -62,7 +62,7 @@ class Pair:
 
     def floor(self, name: str) -> float:
         """Noise floor of a channel, the larger of single and double support."""
-        return max(self.after.floor.get(f"{name}|{part}", 0.0) for part, _ in parts(self.after.where, name))
+        return max(self.after.floor.get(f"{name}|{part}", 0.0) for part in supports(name))
 
 
 def pairs(finding: Finding) -> tuple[list[Pair], list[Pair]]:
@@ -76,7 +76,7 @@ def pairs(finding: Finding) -> tuple[list[Pair], list[Pair]]:
 
 def _joined(case: Case, left: dict[str, Array], name: str) -> Array:
     out = np.full(len(case.where.ticks), np.nan)
-    for part, _ in parts(case.where, name):
+    for part in supports(name):
         key = f"{name}|{part}"
         if key in left:
             out[case.problem.times[key]] = left[key]
