@@ -366,6 +366,12 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("phases", "{shared}/real/icub_walk", "--config", "config/icub.yaml"),
         needs="real/icub_walk",
     ),
+    "no_force_sensors": script(
+        "Without foot force sensors",
+        ("no_force_sensors", "--worlds", "7100", "7101", "7102", "7103"),
+        ("no_force_sensors", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
+        needs="other_robot/walk_003",
+    ),
     "offline": script("Speed and memory offline", ("offline",), ("offline", "--trunk", "without")),
     "node": script("The node under load", ("node",), ("node", "--reference", "motor")),
     "options": options,

@@ -177,6 +177,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "bag": str(bag.path),
         "version": version(),
         "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},
+        "wrench_source": config.streams.wrench_source,
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},
         "within_90": {h: by_axis(share) for h, share in judge.within().items()},

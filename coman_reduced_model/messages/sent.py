@@ -12,6 +12,7 @@ import numpy as np
 from ..core.base.pose import quaternion
 from ..core.base.types import (
     Array,
+    ContactMessage,
     ImuMessage,
     JointMessage,
     Prediction,
@@ -224,6 +225,11 @@ def wrench_to(types: MessageTypes, message: WrenchMessage) -> Any:
         header=header_to(types, message.stamp_ns, message.frame_id),
         wrench=types.Wrench(force=_vector(types.Vector3, message.force), torque=_vector(types.Vector3, message.torque)),
     )
+
+
+def contacts_to(types: MessageTypes, message: ContactMessage) -> Any:
+    """A FootContacts."""
+    return types.FootContacts(header=header_to(types, message.stamp_ns, ""), left=message.left, right=message.right)
 
 
 def imu_to(types: MessageTypes, message: ImuMessage) -> Any:

@@ -8,11 +8,19 @@ from typing import Any
 
 from ..base.parameter import par
 
+WRENCH_SOURCES = ("sensors", "torques", "contacts")
+
 
 @dataclass(frozen=True)
 class StreamsConfig:
     """How the streams are joined by stamp."""
 
+    wrench_source: str = par(
+        "sensors",
+        "",
+        "foot wrenches are measured, or computed from joint torques or from contact states",
+        choices=WRENCH_SOURCES,
+    )
     max_wait: float = par(0.05, "s", "longest that a joint state waits (in stamps) for the other streams", 0.0, 2.0)
     max_wrench_age: float = par(0.05, "s", "a wrench farther than this from the joint state is stale", 1e-4, 2.0)
     max_motor_age: float = par(0.05, "s", "the same for the motor states", 1e-4, 2.0)

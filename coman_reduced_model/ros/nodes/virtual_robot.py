@@ -11,20 +11,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from coman_reduced_model_msgs.msg import ComReference
+from coman_reduced_model_msgs.msg import ComReference, FootContacts
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
-from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.base.types import Foot, Reference
 from ...core.config.schema import Config
 from ...core.gait.walk import Walk, gait_of
 from ...core.streams.stream import Refused
 from ...errors import ConfigError
-from ...messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
+from ...messages import contacts_to, imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
 from ...sim.describe import urdf
 from ...sim.motion import LegKinematics
 from ...sim.robot_table import COMAN, ROBOTS
@@ -85,6 +85,7 @@ class VirtualRobotNode(ConfiguredNode):
 
         self._joints, self._motors = publisher(JointState, JOINTS), publisher(JointState, MOTORS)
         self._wrenches = {foot: publisher(WrenchStamped, topic) for foot, topic in WRENCHES.items()}
+        self._contacts = publisher(FootContacts, CONTACTS)
         self._imu = publisher(Imu, INPUT_TOPICS[IMU])
         self._description = self.create_publisher(String, DESCRIPTION, qos.latched())
         self._description.publish(String(data=urdf(self.table)))
@@ -172,6 +173,7 @@ class VirtualRobotNode(ConfiguredNode):
             (self._wrenches[Foot.LEFT], readings.left_wrench, wrench_to),
             (self._wrenches[Foot.RIGHT], readings.right_wrench, wrench_to),
             (self._imu, readings.imu, imu_to),
+            (self._contacts, readings.contacts, contacts_to),
             (self._motors, readings.motor_states, joint_to),
             (self._joints, readings.joint_states, joint_to),
         )
