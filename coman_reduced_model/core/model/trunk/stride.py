@@ -10,7 +10,7 @@ no course, and `Stride.ahead` says so.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ _CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept
 _WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
 _SEARCH = np.arange(-8, 9) * 0.005  # [s] about the lag between the phases
 _ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
+_NO_PLAN = np.full(3, np.nan)
 _PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
 
 
@@ -83,16 +84,8 @@ class Stride:
         if not np.isfinite(terms.linear.f).all():  # of a free run that has diverged
             return
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
-            linear, g = terms.linear, terms.geometry
-            solver = make_solver(terms.M, linear.K, linear.D, linear.C, _STEP)
-            row: dict[str, Any] = {
-                **linear._asdict(), **solver._asdict(), "stamp": stamp, "foot": terms.foot, "double": terms.double,
-                "theta": terms.theta, "com": g.com, "J": g.J, "T_odom_sole": now.T_odom_sole,
-                "plan": np.nan if plan is None else plan.com, "reference": reference,
-            }  # fmt: skip
-            memory = self._room(terms)
-            for name, column in zip(Memory._fields, memory, strict=True):
-                column[self._n] = row[name]
+            planned = _NO_PLAN if plan is None else plan.com
+            keep(self._room(terms), self._n, stamp, terms, now.T_odom_sole, planned, reference)
             self._n += 1
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
@@ -187,6 +180,21 @@ class Start(NamedTuple):
 
 
 @compiled
+def keep(
+    past: Memory, n: int, stamp: int, terms: TrunkTerms, T_odom_sole: Array, plan: Array, reference: Array
+) -> None:
+    """Remember a sample as number n."""
+    linear, g, rows = terms.linear, terms.geometry, 2 * ROWS if terms.double else ROWS
+    solver = make_solver(terms.M, linear.K, linear.D, linear.C, _STEP, rows)
+    past.stamp[n], past.foot[n], past.double[n], past.theta[n] = stamp, terms.foot, terms.double, terms.theta
+    past.y[n], past.K[n], past.D[n], past.f[n] = linear.y, linear.K, linear.D, linear.f
+    past.C[n], past.height[n], past.com[n], past.J[n] = linear.C, linear.height, g.com, g.J
+    past.inverse[n] = solver.inverse
+    past.by_impulse[n, :, :rows], past.contact[n, :rows, :rows] = solver.by_impulse, solver.contact
+    past.T_odom_sole[n], past.plan[n], past.reference[n] = T_odom_sole, plan, reference
+
+
+@compiled
 def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> Array:
     """A course (n, 6 + m) of `Stride`, every `_STEP`, at since + horizons (k,) [s], its vectors in the support sole."""
     out = np.zeros((horizons.shape[0], course.shape[1]))
@@ -253,26 +261,30 @@ def nearest(t: int, stamp: NDArray[np.int64], n: int, i: int) -> int:
 
 
 @compiled
-def motors_at(t: int, past: Memory, n: int, i: int, foot: int) -> Array:
-    """Motor positions (m,) at a stamp t near sample i, linear between samples, the leg of `foot` first."""
+def motors_at(out: Array, t: int, past: Memory, n: int, i: int, foot: int) -> None:
+    """Motor positions (m,) at a stamp t near sample i, linear between samples, the leg of `foot` first; into `out`."""
     if (past.stamp[i] > t and i > 0) or i + 1 >= n:
         i -= 1
     w = (t - past.stamp[i]) / (past.stamp[i + 1] - past.stamp[i])
-    a = past.theta[i] if past.foot[i] == foot else swapped(past.theta[i])
-    b = past.theta[i + 1] if past.foot[i + 1] == foot else swapped(past.theta[i + 1])
-    return (1.0 - w) * a + w * b
+    m = out.shape[0]
+    a, b = 0 if past.foot[i] == foot else m // 2, 0 if past.foot[i + 1] == foot else m // 2
+    for j in range(m):
+        out[j] = (1.0 - w) * past.theta[i, (j + a) % m] + w * past.theta[i + 1, (j + b) % m]
 
 
 @compiled
 def mismatch(stamp: int, lag: int, past: Memory, n: int) -> tuple[float, float]:
     """Largest and mean square difference of the motors [rad], [rad^2] over `_WINDOW` to what they did a lag before."""
     largest, square, count = 0.0, 0.0, 0
-    i = j = n - 1
+    m, i = past.theta.shape[1], n - 1
+    j, then = i, np.empty(m)
     while i >= 0 and past.stamp[i] >= stamp - _WINDOW * 1e9:
         j = nearest(past.stamp[i] - lag, past.stamp, n, j)
-        off = np.abs(past.theta[i] - motors_at(past.stamp[i] - lag, past, n, j, past.foot[i]))
-        largest = max(largest, off.max())
-        square += (off * off).mean()
+        motors_at(then, past.stamp[i] - lag, past, n, j, past.foot[i])
+        for k in range(m):
+            off = past.theta[i, k] - then[k]
+            largest = max(largest, abs(off))
+            square += off * off / m
         count += 1
         i -= 1
     return largest, square / max(1, count)
@@ -321,9 +333,11 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
     p = start.T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
 
     m = start.theta.shape[0]
-    off = start.theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
-    state = State(start.state.y, start.state.w, np.zeros(2 * ROWS))
-    linear, out = start.linear, np.empty((points, 6 + m))
+    off, before, after = np.empty(m), np.empty(m), np.empty(m)
+    motors_at(off, then, past, n, q, foot)
+    off[:] = start.theta - off  # of the motors from what they did; stays
+    state = State(start.state.y.copy(), start.state.w.copy(), np.zeros(2 * ROWS))
+    linear, out = start.linear, np.zeros((points, 6 + m))
     for k in range(points):
         t = then + int(k * _STEP * 1e9)
         if k > 0:
@@ -333,28 +347,54 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
                 state = switch_support(state, linear, soles[foot - 1])
                 off = swapped(off)
             linear, solver = remembered(past, q, start.linear.reach)
-            before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
-            state = step_soles(state, linear, solver, before + off, after + off, 1, friction)
+            for at, motors in ((t - int(_STEP * 1e9), before), (t, after)):
+                motors_at(motors, at, past, n, q, foot)
+                motors += off
+            step_soles(state, linear, solver, before, after, 1, friction)
         q = nearest(t, past.stamp, n, q)
-        x, motors = state.y[:m], motors_at(t, past, n, q, foot) + off
-        out[k, 6:] = x - motors if foot == 1 else swapped(x - motors)
-        if past.foot[q] != foot:
-            x, motors = swapped(x), swapped(motors)
-        sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x - past.y[q, :m])
-        reference = past.reference[q] + apply(past.J[q, :3], motors - past.theta[q])
-        out[k, :3] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
-        out[k, 3:6] = apply(R, apply(sole[:3, :3], com - reference))
+        motors_at(after, t, past, n, q, foot)
+        after += off
+        write_point(out[k], state.y, after, past, q, foot)
+        com, moved = apply(R, out[k, :3]), apply(R, out[k, 3:6])
+        out[k, :3], out[k, 3:6] = p + com, moved
     return out
+
+
+@compiled
+def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int) -> None:
+    """A point of a course (6 + m,), of zeros, at coordinates y and motors (m,), by the posture of sample q.
+
+    The leg of `foot` comes first in y and motors.
+    """
+    m = motors.shape[0]
+    own = 0 if foot == 1 else m // 2  # where the left leg begins
+    order = 0 if past.foot[q] == foot else m // 2  # and the support leg of sample q
+    com, bent = past.com[q].copy(), past.com[q] - past.reference[q]
+    for k in range(m):
+        i = (k + order) % m
+        for axis in range(3):
+            com[axis] += past.J[q, axis, k] * (y[i] - past.y[q, k])
+            bent[axis] += past.J[q, axis, k] * (y[i] - past.y[q, k] - motors[i] + past.theta[q, k])
+        point[6 + k] = y[(k + own) % m] - motors[(k + own) % m]
+    for axis in range(3):
+        point[axis] = past.T_odom_sole[q, axis, 3]
+        for j in range(3):
+            point[axis] += past.T_odom_sole[q, axis, j] * com[j]
+            point[3 + axis] += past.T_odom_sole[q, axis, j] * bent[j]
 
 
 @compiled
 def repeats(stamp: int, then: int, past: Memory, n: int, q: int) -> bool:
     """Whether the motors do now what they did then, at sample q, within a share of their range since."""
+    m, widest = past.theta.shape[1], 0.0
     low, high = past.theta[q].copy(), past.theta[q].copy()
     for i in range(q, n, 4):
-        there = past.theta[i] if past.foot[i] == past.foot[q] else swapped(past.theta[i])
-        low, high = np.minimum(low, there), np.maximum(high, there)
-    return mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * (high - low).max()
+        other = 0 if past.foot[i] == past.foot[q] else m // 2
+        for j in range(m):
+            there = past.theta[i, (j + other) % m]
+            low[j], high[j] = min(low[j], there), max(high[j], there)
+            widest = max(widest, high[j] - low[j])
+    return mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * widest
 
 
 @compiled
@@ -373,7 +413,4 @@ def remembered(past: Memory, q: int, reach: float) -> tuple[Linear, Solver]:
     """The equations of motion of a remembered sample, and their solver for steps of _STEP."""
     r = 2 * ROWS if past.double[q] else ROWS
     linear = Linear(past.y[q], past.K[q], past.D[q], past.f[q], past.C[q], past.height[q], reach)
-    solver = Solver(
-        _STEP, past.inverse[q], past.by_impulse[q, :, :r].copy(), past.contact[q, :r, :r].copy()
-    )  # fmt: skip
-    return linear, solver
+    return linear, Solver(_STEP, r, past.inverse[q], past.by_impulse[q], past.contact[q])
