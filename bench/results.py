@@ -377,6 +377,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
+    "feedforward": script("The plan's deflection as a feedforward", ("feedforward",)),
     "engines": script("Two physics engines", ("engines",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
     "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),

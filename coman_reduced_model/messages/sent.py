@@ -15,6 +15,7 @@ from ..core.base.types import (
     ContactMessage,
     ImuMessage,
     JointMessage,
+    PlannedDeflection,
     Prediction,
     Reference,
     SupportState,
@@ -116,6 +117,17 @@ def deflection_to(types: MessageTypes, prediction: Prediction, joints: Sequence[
             )
             for each in prediction.deflections
         ],
+    )
+
+
+def planned_deflection_to(types: MessageTypes, planned: PlannedDeflection, joints: Sequence[str]) -> Any:
+    """A sensor_msgs/JointState: deflections [rad] as positions, torques [Nm] as efforts, at the stamp of the plan."""
+    return types.JointState(
+        header=header_to(types, planned.stamp_ns, ""),
+        name=list(joints),
+        position=types.doubles(planned.deflection),
+        velocity=types.doubles(np.empty(0)),
+        effort=types.doubles(planned.torque),
     )
 
 

@@ -107,6 +107,15 @@ class Reference:
 
 
 @dataclass(slots=True)
+class PlannedDeflection:
+    """What a plan asks of the springs of both legs at a stamp; m joints, the left leg's first."""
+
+    stamp_ns: int
+    deflection: Array  # (m,) link minus motor position [rad]: motors lead the planned joints by its opposite
+    torque: Array  # (m,) [Nm] that the springs transmit
+
+
+@dataclass(slots=True)
 class Sample:
     """All streams at the stamp of one joint state; what is missing is None, never zero.
 

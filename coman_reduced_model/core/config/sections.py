@@ -230,4 +230,6 @@ class VirtualRobotConfig:
     rate: float = par(200.0, "Hz", "rate of its sensors", 50.0, 1000.0)
     seed: int = par(1, "", "of its sensor noise", 0, 2**31 - 1)
     noise: bool = par(True, "", "sensors with noise, bias, jitter and lost messages; false: perfect ones")
+    lead: float = par(0.8, "1", "share of the planned deflection of the springs by which its motors lead", 0.0, 1.0)
+    compensate: bool = par(False, "", "lead by `com/planned_deflection` instead, where that is known")
     world: str = par("", "", "file, kind or seed of a world (coman worlds), which then says robot and sensors")
