@@ -37,7 +37,12 @@ def policies() -> tuple[Policy, ...]:
     outputs = tuple(topic for topic in OUTPUT_TYPES if topic not in (DESCRIPTION, TF_STATIC))
     common = tuple(f"~/{name}" for name in _PARAMETERS)
     return (
-        Policy("predictor", (*sensors, plan, DESCRIPTION), (*outputs, PLANNED_DEFLECTION, "com/markers"), ("~/reset", *common)),
+        Policy(
+            "predictor",
+            (*sensors, plan, DESCRIPTION),
+            (*outputs, PLANNED_DEFLECTION, "com/markers"),
+            ("~/reset", *common),
+        ),
         Policy("trajectory", (), (plan, f"{plan}_path"), ("~/start", "~/stop", "~/reset", *common)),
         Policy("virtual_robot", (plan,), (*sensors, DESCRIPTION), common),
     )
