@@ -86,13 +86,28 @@ def predict_bag(
                 for prediction in predictions:
                     statistics.add(prediction)
                 output.write(samples, predictions)
-        elapsed = time.perf_counter() - began
-        summary = _summary(session, statistics, elapsed)
-        if not summary["judged_samples"]:
-            raise BagError(f"{bag.path}: nothing could be predicted: {first_cause(summary)}")
+        summary = _judged_summary(session, statistics, began)
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
         save_config(config, folder / CONFIG_FILE, f"used for {bag.path.name}")
     return summary
+
+
+def summarise_bag(session: Session) -> dict[str, Any]:
+    """Predict an open bag for its summary alone; writes nothing.
+
+    Returns:
+        What `summary.json` would hold, with NaN for what is not known.
+
+    Raises:
+        ComanError: the bag or the configuration cannot be used, or nothing could be predicted.
+    """
+    warm_up(session.robot, session.config, bag_types())
+    statistics = RunStatistics(session.config.streams.restart_gap)
+    began = time.perf_counter()
+    with _collecting_what_is_new():
+        for prediction in session.predictions():
+            statistics.add(prediction)
+    return _judged_summary(session, statistics, began)
 
 
 @contextmanager
@@ -165,6 +180,18 @@ class _Output:
 
 
 _ONES = np.ones(3)
+
+
+def _judged_summary(session: Session, statistics: RunStatistics, began: float) -> dict[str, Any]:
+    """The summary of a run that began at `began` [s of time.perf_counter].
+
+    Raises:
+        BagError: nothing could be predicted.
+    """
+    summary = _summary(session, statistics, time.perf_counter() - began)
+    if not summary["judged_samples"]:
+        raise BagError(f"{session.bag.path}: nothing could be predicted: {first_cause(summary)}")
+    return summary
 
 
 def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dict[str, Any]:
