@@ -20,6 +20,7 @@ ROOMS = """
     sim tuning report
     diagnose.data diagnose.physics diagnose.inference diagnose.result diagnose.report diagnose.workflow diagnose
     judge
+    archive
     ros.interface ros.runtime ros.nodes ros.tools ros
     cli
     api __init__
