@@ -319,6 +319,13 @@ def described(name: str) -> str:
     return "\n\n".join(part for part in text.split("\n\n") if not part.startswith("    "))
 
 
+def archive(shared: Path) -> tuple[str, str]:
+    """What `bench/archive.py` prints, which is Markdown already, and its picture; ARCHIVE_BAGS names bags it made."""
+    made = ["--made", os.environ["ARCHIVE_BAGS"]] if "ARCHIVE_BAGS" in os.environ else []
+    text = run([sys.executable, ROOT / "bench/archive.py", *made, "--picture", DOC / "results" / "archive.png"])
+    return "Archives", f"{described('archive')}\n\n{text}"
+
+
 # --- pages that hold the result of a run of the judge ---
 
 
@@ -380,6 +387,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "feedforward": script("The plan's deflection as a feedforward", ("feedforward",)),
     "engines": script("Two physics engines", ("engines",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
+    "archive": archive,
     "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),
     "baseline": judged("How good the diagnosis is with a baseline", "score.json", "show_diagnosis", "baseline"),
     "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),
