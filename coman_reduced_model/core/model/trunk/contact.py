@@ -46,7 +46,7 @@ class Linear(NamedTuple):
     f: Array  # (m + 6,) forces that depend on neither deflection nor ground [Nm], [N], [Nm]
     C: Array  # (14, m + 6) velocities of the constraints by those of the coordinates
     height: Array  # (14,) of the corners above the ground at y [m]; zero for the other constraints
-    reach: float  # lever at which friction resists yaw of a sole [m]
+    reach: Array  # (1,) lever at which friction resists yaw of a sole [m]
 
 
 class Solver(NamedTuple):
@@ -79,38 +79,32 @@ class Options(NamedTuple):
 
 
 @compiled
-def contacts(support: Sole, other: Sole, s: Array) -> tuple[Array, Array, Array]:
-    """Velocities of both soles against the ground, and where their corners are.
+def contacts(support: Sole, other: Sole, s: Array, A: Array, C: Array, height: Array) -> None:
+    """Velocities of both soles against the ground, and where their corners are, in place.
 
     Args:
         support, other: the soles.
         s: (6,) small displacement of the support sole from level ground, in its axes [m], [rad].
-
-    Returns:
-        A (6, 6) twist of the trunk, in base axes at the base origin, by that of the support sole in its own; C and
-        height as in `Linear`.
+        A: (6, 6) twist of the trunk, in base axes at the base origin, by that of the support sole in its own.
+        C, height: as in `Linear`.
     """
-    m = support.twist.shape[1] + other.twist.shape[1]
-    A = _by_sole(support.R, support.p)
-    C, height = np.zeros((2 * ROWS, m + 6)), np.zeros(2 * ROWS)
+    _by_sole(support.R, support.p, A)
+    C[:], height[:] = 0.0, 0.0
     _support_rows(C, height, support.edges, s)
     _other_rows(C, height, support, other, _relative_twist(support, other, A), s)
-    return A, C, height
 
 
 @compiled
-def _by_sole(R: Array, p: Array) -> Array:
-    """(6, 6) twist of the trunk, base axes, at the base origin, by that of a sole with pose R, p in its own axes."""
-    A = np.zeros((6, 6))
+def _by_sole(R: Array, p: Array, A: Array) -> None:
+    """Fill in A of `contacts`: the twist by that of a sole with pose R, p."""
+    A[:] = 0.0
     for j in range(3):
-        w = R[:, j]
         for i in range(3):
-            A[i, j] = w[i]
-            A[3 + i, 3 + j] = w[i]
-        A[0, 3 + j] = p[1] * w[2] - p[2] * w[1]
-        A[1, 3 + j] = p[2] * w[0] - p[0] * w[2]
-        A[2, 3 + j] = p[0] * w[1] - p[1] * w[0]
-    return A
+            A[i, j] = R[i, j]
+            A[3 + i, 3 + j] = R[i, j]
+        A[0, 3 + j] = p[1] * R[2, j] - p[2] * R[1, j]
+        A[1, 3 + j] = p[2] * R[0, j] - p[0] * R[2, j]
+        A[2, 3 + j] = p[0] * R[1, j] - p[1] * R[0, j]
 
 
 @compiled
@@ -295,7 +289,7 @@ def step_soles(
                 push[i] -= linear.K[i, k] * bent + linear.D[i, k] * turned
         add_product(faster, solver.inverse, push)
         _constraints(linear, y, faster, h, up, v)
-        impulses(solver.contact, v, up, P, friction, linear.reach)
+        impulses(solver.contact, v, up, P, friction, linear.reach[0])
         add_product(faster, solver.by_impulse[:, :rows], P)
         for i in range(y.shape[0]):
             y[i] += 0.5 * h * (w[i] + faster[i])
@@ -320,7 +314,7 @@ def _constraints(linear: Linear, y: Array, w: Array, h: float, up: Array, v: Arr
 
 @compiled
 def track(
-    filtered: State, free: State, linear: Linear, M: Array, double: bool, theta_0: Array, theta_1: Array,
+    states: tuple[State, State], linear: Linear, M: Array, double: bool, theta_0: Array, theta_1: Array,
     measured: Array, dt: float, options: Options,
 ) -> bool:  # fmt: skip
     """Bring the filter of the measurement and the free run, both in place, to the next sample.
@@ -328,7 +322,7 @@ def track(
     The free run takes nothing of the measurement.
 
     Args:
-        filtered, free: the states at the last sample.
+        states: filter and free run at the last sample.
         linear, M: the equations of motion at this sample, with inertia M (m + 6, m + 6).
         double: whether the other foot may touch the ground.
         theta_0, theta_1: (m,) motor positions at the last sample and at this one [rad].
@@ -341,9 +335,9 @@ def track(
     """
     parts = max(1, int(np.ceil(dt / options.longest - 1e-6)))
     solver = make_solver(M, linear.K, linear.D, linear.C, dt / parts, 2 * ROWS if double else ROWS)
-    for state in (filtered, free):
+    for state in states:
         step_soles(state, linear, solver, theta_0, theta_1, parts, options.friction)
-    return correct(filtered, measured, options.bandwidth, dt)
+    return correct(states[0], measured, options.bandwidth, dt)
 
 
 @compiled
