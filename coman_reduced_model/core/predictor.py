@@ -106,7 +106,7 @@ class Predictor:
         self.computed = None if measured else ComputedWrenches(robot, config)
         self._limits = limits_of(robot, config.robot.gravity, weight)
         self.sample: Sample | None = None
-        self.observer = Observer(robot, config.robot.gravity, load_nominal().widths)
+        self.observer = Observer(robot, config.robot.gravity, load_nominal())
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
         chosen = config.prediction
