@@ -24,12 +24,14 @@ from .bag.encode import (
 from .bag.encode_rows import alike, deflection_rows, prediction_rows, stamps
 from .bag.reader import Bag
 from .bag.session import Session
+from .bag.truth import true_motion
 from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.base.pose import quaternion
 from .core.base.throttle import Throttle
 from .core.base.types import Array, Prediction, Sample, SupportState
 from .core.config.files import save_config
+from .core.evaluation.consistency import Consistency
 from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
 from .core.robot.links import Links
@@ -75,7 +77,7 @@ def predict_bag(
         if progress is not None:
             progress(0.0, "getting ready")
         warm_up(robot, config, bag_types())  # a second of loading compiled code says nothing about the speed
-        statistics = RunStatistics(config.streams.restart_gap)
+        statistics = _Statistics(session)
         topics = {names(topic): kind for topic, kind in OUTPUT_TYPES.items()}
         began = time.perf_counter()
         writing = BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION), names(TF_STATIC)))
@@ -102,12 +104,24 @@ def summarise_bag(session: Session) -> dict[str, Any]:
         ComanError: the bag or the configuration cannot be used, or nothing could be predicted.
     """
     warm_up(session.robot, session.config, bag_types())
-    statistics = RunStatistics(session.config.streams.restart_gap)
+    statistics = _Statistics(session)
     began = time.perf_counter()
     with _collecting_what_is_new():
         for prediction in session.predictions():
             statistics.add(prediction)
     return _judged_summary(session, statistics, began)
+
+
+class _Statistics:
+    """What a summary says of predictions: errors of the free run, consistency of the estimate."""
+
+    def __init__(self, session: Session) -> None:
+        self.run = RunStatistics(session.config.streams.restart_gap)
+        self.estimate = Consistency(true_motion(session.bag.path))
+
+    def add(self, prediction: Prediction) -> None:
+        self.run.add(prediction)
+        self.estimate.add(prediction)
 
 
 @contextmanager
@@ -182,13 +196,14 @@ class _Output:
 _ONES = np.ones(3)
 
 
-def _judged_summary(session: Session, statistics: RunStatistics, began: float) -> dict[str, Any]:
+def _judged_summary(session: Session, statistics: _Statistics, began: float) -> dict[str, Any]:
     """The summary of a run that began at `began` [s of time.perf_counter].
 
     Raises:
         BagError: nothing could be predicted.
     """
-    summary = _summary(session, statistics, time.perf_counter() - began)
+    summary = _summary(session, statistics.run, time.perf_counter() - began)
+    summary["estimate"] = statistics.estimate.summary()
     if not summary["judged_samples"]:
         raise BagError(f"{session.bag.path}: nothing could be predicted: {first_cause(summary)}")
     return summary
