@@ -16,9 +16,9 @@ out.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +30,13 @@ from coman_reduced_model.bag.truth import true_motion
 from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
 from coman_reduced_model.sim.worlds.draw import world_of
+from coman_reduced_model.sim.worlds.run import record_world
 
 HEAD = [
     "recording", "kinds", "NIS", "steps", "NEES position", "NEES velocity", "95 % band of it",
     "RMS error of velocity [mm/s]", "of that by encoders alone",
 ]  # fmt: skip
+DURATION = 8.0  # [s] of a walk
 SHOWN = ("engine", "contact", "floor", "controller", "body", "gait", "sensors", "imperfections")
 
 
@@ -50,11 +52,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for seed in arguments.worlds:
             bag = f"{folder}/{seed}"
-            command = [sys.executable, "-m", "coman_reduced_model.cli.main", "record", "--world", seed]
-            done = subprocess.run(
-                [*command, "--duration", "8", "--out", bag], check=True, capture_output=True, text=True
-            )
-            if "fell" in done.stdout + done.stderr:
+            world = replace(world_of(seed), duration_s=DURATION)
+            if record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
                 rows.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
                 continue
             walks.append(judged(bag, arguments.config))
