@@ -6,7 +6,7 @@ from __future__ import annotations
 import gc
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from .bag.encode import (
+    encode_deflection,
     encode_external_wrench,
     encode_odometry,
     encode_point,
+    encode_prediction,
     encode_support,
     encode_transforms,
 )
-from .bag.encode_rows import alike, deflection_rows, prediction_rows, stamps
 from .bag.reader import Bag
 from .bag.session import Session
 from .bag.truth import true_motion
@@ -84,10 +85,9 @@ def predict_bag(
         with _collecting_what_is_new(), writing as writer:
             writer.write(names(DESCRIPTION), bag.start_ns, bag_types().String(data=robot.urdf))
             output = _Output(writer, names, session)
-            for samples, predictions in session.predicted_batches(progress):
-                for prediction in predictions:
-                    statistics.add(prediction)
-                output.write(samples, predictions)
+            for sample, prediction in session.predicted(progress):
+                statistics.add(prediction)
+                output.write(sample, prediction)
         summary = _judged_summary(session, statistics, began)
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
         save_config(config, folder / CONFIG_FILE, f"used for {bag.path.name}")
@@ -139,7 +139,7 @@ class _Output:
 
     def __init__(self, writer: BagWriter, names: TopicNames, session: Session) -> None:
         config = session.config
-        self._writer, self._write = writer, writer.write_raw
+        self._write = writer.write_raw
         self._names = {topic: names(topic) for topic in OUTPUT_TYPES}
         self._points = Throttle(config.output.points_rate)
         self._every_odometry = Throttle(config.output.odometry_rate)
@@ -153,17 +153,10 @@ class _Output:
             data = encode_transforms(session.bag.start_ns, [(parent, child) for parent, child, _ in fixed], poses)
             self._write(self._names[TF_STATIC], session.bag.start_ns, data)
 
-    def write(self, samples: Sequence[Sample], predictions: Sequence[Prediction]) -> None:
-        for run in alike(predictions):
-            times = stamps(run)
-            self._writer.write_rows(self._names[PREDICTION], times, prediction_rows(run))
-            self._writer.write_rows(self._names[DEFLECTION], times, deflection_rows(run, self._joints))
-        for sample, prediction in zip(samples, predictions, strict=True):
-            self._write_others(sample, prediction)
-
-    def _write_others(self, sample: Sample, prediction: Prediction) -> None:
-        """What people look at, at the rates at which they do."""
+    def write(self, sample: Sample, prediction: Prediction) -> None:
         stamp, names, write = prediction.stamp_ns, self._names, self._write
+        write(names[PREDICTION], stamp, encode_prediction(prediction))
+        write(names[DEFLECTION], stamp, encode_deflection(prediction, self._joints))
         due = self._points.due(stamp)
         before, now = self._support, prediction.support
         if due or before is None or (before.phase, before.support_foot) != (now.phase, now.support_foot):

@@ -19,13 +19,14 @@ from scipy.spatial.transform import Rotation
 from coman_reduced_model import messages as m
 from coman_reduced_model.bag.decode import decoder
 from coman_reduced_model.bag.encode import (
+    encode_deflection,
     encode_external_wrench,
     encode_odometry,
     encode_point,
+    encode_prediction,
     encode_support,
     encode_transforms,
 )
-from coman_reduced_model.bag.encode_rows import deflection_rows, prediction_rows
 from coman_reduced_model.bag.types import bag_types, typestore
 from coman_reduced_model.core.base.pose import quaternion
 from coman_reduced_model.core.base.types import (
@@ -300,7 +301,7 @@ def test_predictions_packed_at_once_are_the_messages_that_rosbags_serialises(fra
         sent = replace(sent, predicted_com=np.full(3, math.nan), T_odom_sole=np.full((4, 4), math.nan))
     store = typestore()
     for raw, message, kind in (
-        (prediction_rows([replace(sent, stamp_ns=1), sent])[1].tobytes(), m.prediction_to(BAG, sent), m.COM_PREDICTION),
+        (encode_prediction(sent), m.prediction_to(BAG, sent), m.COM_PREDICTION),
         (encode_support(sent), m.support_to(BAG, sent), m.SUPPORT_STATE),
         (encode_external_wrench(sent), m.external_wrench_to(BAG, sent), m.EXTERNAL_WRENCH),
         (
@@ -323,8 +324,7 @@ def test_deflections_packed_at_once_are_the_messages_that_rosbags_serialises(fra
         for k in range(moments)
     ]
     sent = replace(a_prediction(), frame_id=frame, deflections=deflections, repeating=moments > 1)
-    before = replace(sent, deflections=[replace(each, h=7.0, com=each.joints[:1].repeat(3)) for each in deflections])
-    raw = deflection_rows([before, sent], tuple(name.encode() + b"\0" for name in names))[1].tobytes()
+    raw = encode_deflection(sent, tuple(name.encode() + b"\0" for name in names))
     message, store = m.deflection_to(BAG, sent, names), typestore()
     assert raw == bytes(store.serialize_cdr(message, m.COM_DEFLECTION))
     assert repr(store.deserialize_cdr(raw, m.COM_DEFLECTION)) == repr(message)

@@ -139,13 +139,8 @@ class Session:
 
     def predicted(self, progress: Progress | None = None) -> Iterator[tuple[Sample, Prediction]]:
         """The samples, as effects have corrected them, with their predictions."""
-        for samples, predictions in self.predicted_batches(progress):
-            yield from zip(samples, predictions, strict=True)
-
-    def predicted_batches(self, progress: Progress | None = None) -> Iterator[tuple[list[Sample], list[Prediction]]]:
-        """The same, some hundred at a time."""
         for batch in self.batches(progress):
-            yield batch, self.pipeline.predict(batch)
+            yield from zip(batch, self.pipeline.predict(batch), strict=True)
 
     def close(self) -> None:
         """Close the bag."""

@@ -8,34 +8,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import zstandard
-from numpy.typing import NDArray
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from ..core.base.types import Integers
 from ..errors import OutputError
 from .types import typestore
 
 _FOREVER = QosTime(9223372036, 854775807)
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode and length of the record; channel, sequence, log and publish time
-_HEAD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)  # the same
 _CHUNK_SIZE = 2**20  # [bytes] after which a chunk is compressed and written
 
 
 class _Mcap(McapWriter):
-    """The writer of rosbags; messages are packed in one go, and statistics are counted a chunk at a time."""
+    """The writer of rosbags; a message is packed in one go, and statistics are counted a chunk at a time."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
@@ -48,23 +35,6 @@ class _Mcap(McapWriter):
         bio.write(_MESSAGE.pack(5, 22 + len(data), channel, 0, timestamp, timestamp) + data)
         if bio.tell() > _CHUNK_SIZE:
             self.close_chunk()
-
-    def write_rows(self, connection: Connection, stamps: Integers, rows: NDArray[np.uint8]) -> None:
-        """Messages (n, size) of one size, with their stamps (n,)."""
-        count, size = rows.shape
-        records = np.empty((count, _MESSAGE.size + size), dtype=np.uint8)
-        head = records[:, : _MESSAGE.size].view(_HEAD)[:, 0] if count else np.empty(0, dtype=_HEAD)
-        head["opcode"], head["length"], head["channel"], head["sequence"] = 5, 22 + size, connection.id, 0
-        head["log_time"] = head["publish_time"] = stamps
-        records[:, _MESSAGE.size :] = rows
-        some = max(1, _CHUNK_SIZE // records.shape[1])
-        for first in range(0, count, some):
-            part, start = records[first : first + some], self.chunk.bio.tell()
-            offsets = range(start, start + part.size, part.shape[1])
-            self.chunk.msgs[connection.id] += zip(stamps[first : first + some].tolist(), offsets, strict=True)
-            self.chunk.bio.write(part.data)
-            if self.chunk.bio.tell() > _CHUNK_SIZE:
-                self.close_chunk()
 
     def close_chunk(self) -> None:
         chunk = self.chunk
@@ -156,11 +126,6 @@ class BagWriter:
         """Append a message that is serialised already."""
         self._append(self._connections[topic], log_time_ns, data)
         self.counts[topic] += 1
-
-    def write_rows(self, topic: str, log_times_ns: Integers, rows: NDArray[np.uint8]) -> None:
-        """Append serialised messages (n, size) of one size."""
-        self._writer.mcap.write_rows(self._connections[topic], log_times_ns, rows)
-        self.counts[topic] += len(rows)
 
     def close(self) -> None:
         """Write the index; without it the bag counts as cut off."""
