@@ -62,6 +62,7 @@ RECORDINGS = (
 )
 PENDULUM = Recording("real iCub walking, no motor encoders", "real/icub_walk", "config/icub.yaml", shared=True)
 PICTURE_BAG = "bags/test2"
+GROWTH = "doc/results/offline_growth.png"
 
 
 def main() -> None:
@@ -307,6 +308,8 @@ def script(title: str, *runs: Sequence[str], needs: str = "") -> Callable[[Path]
             output = run([sys.executable, ROOT / "bench" / f"{name}.py", *filled], COLUMNS="150")
             for folder, name_of_it in ((shared, "../shared"), (ROOT, ".")):
                 output = output.replace(str(folder), name_of_it)
+            if "--picture" in arguments:
+                parts.append(f"![{title}]({Path(arguments[-1]).name})")
             parts += [f"`{shown}`:", f"```text\n{trimmed(output)}\n```"]
         return title, "\n\n".join(parts)
 
@@ -380,6 +383,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         needs="other_robot/walk_003",
     ),
     "offline": script("Speed and memory offline", ("offline",), ("offline", "--trunk", "without")),
+    "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
     "node": script("The node under load", ("node",), ("node", "--reference", "motor")),
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
