@@ -384,7 +384,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     ),
     "offline": script("Speed and memory offline", ("offline",), ("offline", "--trunk", "without")),
     "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
-    "node": script("The node under load", ("node", "--reference", "motor")),
+    "node": script("The node under load", ("node", "--reference", "motor", "--seconds", "30")),
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
