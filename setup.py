@@ -16,6 +16,7 @@ REQUIRED += ["jinja2", "matplotlib"]
 EXTRAS = {
     "sim": ["mujoco>=3.2"],  # the virtual robot, and coman export
     "drake": ["mujoco>=3.2", "drake"],  # its second physics engine
+    "archive": ["pyarrow", "fsspec", "duckdb", "ray"],  # coman archive; only --address needs ray
     "view": ["rerun-sdk>=0.41"],  # coman view
 }
 

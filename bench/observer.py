@@ -3,19 +3,22 @@
 
     python bench/observer.py BAG... --worlds SEED...
 
-NEES needs the truth: of worlds, which are recorded for it, and of bags with BAG.truth.npz beside them (coman record).
+NEES needs the truth: of worlds, which are recorded for it, 8 s each, and of bags with BAG.truth.npz beside them (coman
+record). Truth is the COM of all that the robot carries, in the frame of the true sole.
 
-NIS and NEES are 3 on average if all is as assumed. Errors are correlated in time, so one sample a step enters NEES: the
-middle of each single support. Motors and springs take no part in it,
-so `prediction.reference` is `none`. Truth is the COM of the links of the URDF at the true joint positions.
+NIS and NEES are 3 on average if all is as assumed. Errors are correlated in time, so one sample a step enters NEES:
+the middle of each single support. The error of the position is made by what is constant in a walk, zeros of encoders
+and masses of links: a walk counts once for it, however many steps it has, and its band is that of a single draw. Motors
+and springs take no part in the estimate, so `prediction.reference` is `none`. Walks in which the robot falls are left
+out.
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,76 +26,109 @@ from markdown import table
 from scipy.stats import chi2
 
 import coman_reduced_model as coman
-from coman_reduced_model.core.base.types import Array, Phase, Prediction
-from coman_reduced_model.sim.record import load_truth
-from coman_reduced_model.sim.virtual_robot import START_NS
+from coman_reduced_model.bag.truth import true_motion
+from coman_reduced_model.core.base.types import Array
+from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
+from coman_reduced_model.sim.worlds.draw import world_of
+from coman_reduced_model.sim.worlds.run import record_world
 
-SETTLED = 2.0  # [s] that are left out at the beginning
 HEAD = [
-    "recording", "NIS", "steps", "95 % band of NEES", "NEES position", "NEES velocity", "RMS error of velocity [mm/s]",
-    "of that by encoders alone",
+    "recording", "kinds", "NIS", "steps", "NEES position", "NEES velocity", "95 % band of it",
+    "RMS error of velocity [mm/s]", "of that by encoders alone",
 ]  # fmt: skip
+DURATION = 8.0  # [s] of a walk
+SHOWN = ("engine", "contact", "floor", "controller", "body", "gait", "sensors", "imperfections")
 
 
 def main() -> int:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("bags", nargs="+", metavar="BAG")
+    parser.add_argument("bags", nargs="*", metavar="BAG")
     parser.add_argument("--config", metavar="FILE")
-    parser.add_argument("--worlds", nargs="*", default=[], metavar="SEED", help="worlds to record, 8 s each")
+    parser.add_argument("--worlds", nargs="*", default=[], metavar="SEED")
     arguments = parser.parse_args()
-    rows = [row(bag, arguments.config) for bag in arguments.bags]
+    rows = [row(Path(bag).name, judged(bag, arguments.config)) for bag in arguments.bags]
+    walks: list[Consistency] = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in arguments.worlds:
-            bag = f"{folder}/world {seed}"
-            command = [sys.executable, "-m", "coman_reduced_model.cli.main", "record", "--world", seed]
-            subprocess.run([*command, "--duration", "8", "--out", bag], check=True, capture_output=True)
-            rows.append(row(bag, arguments.config))
+            bag = f"{folder}/{seed}"
+            world = replace(world_of(seed), duration_s=DURATION)
+            if record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
+                rows.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
+                continue
+            walks.append(judged(bag, arguments.config))
+            rows.append(row(f"world {seed}", walks[-1], kinds(seed)))
     print(table(HEAD, rows))
+    if walks:
+        print(f"\n{pooled(walks)}")
     return 0
 
 
-def row(bag: str, config: str | None) -> list[str]:
+def judged(bag: str, config: str | None) -> Consistency:
+    """A recording, predicted and judged."""
+    found = Consistency(true_motion(bag))
+    settings = coman.load_config(config).replaced({"prediction.reference": "none", "prediction.horizons": []})
+    with coman.Session(bag, settings) as session:
+        for prediction in session.predictions():
+            found.add(prediction)
+    return found
+
+
+def kinds(seed: str) -> str:
+    """What is not as in the plain world."""
+    drawn = world_of(seed).kinds
+    usual = ("mujoco", "firm", "level", "open_loop", "legs", "usual", "tolerances")
+    return ", ".join(drawn[axis] for axis in SHOWN if drawn[axis] not in usual)
+
+
+def row(name: str, found: Consistency, kinds: str = "") -> list[str]:
     """The figures of one recording."""
-    with coman.Session(bag, coman.load_config(config).replaced({"prediction.reference": "none"})) as session:
-        all_of_it = list(session.predictions())
-        first = all_of_it[0].stamp_ns
-        late = [p for p in all_of_it if (p.stamp_ns - first) * 1e-9 > SETTLED and np.isfinite(p.estimate.com[0])]
-        cells = [Path(bag).name, f"{np.nanmean([p.estimate.nis for p in late]):.1f}"]
-        truth_file = Path(f"{bag}.truth.npz")
-        if not truth_file.exists():
-            return cells + [""] * (len(HEAD) - len(cells))
-        truth, posture = load_truth(truth_file), session.robot.posture()
-
-        def true_motion(p: Prediction) -> tuple[Array, Array]:
-            t = (p.stamp_ns - START_NS) * 1e-9
-            q, qd = ([np.interp(t, truth["t"], column) for column in truth[name].T] for name in ("q", "qd"))
-            posture.update(np.array(q), np.array(qd))
-            return posture.com_in_sole(p.support.support_foot)
-
-        chosen = middles(late)
-        motions = [true_motion(p) for p in chosen]
-        true = np.array(motions)
-        off = np.array([[p.estimate.com, p.estimate.com_vel] for p in chosen]) - true
-        plain = np.array([p.measured_com_vel for p in chosen]) - true[:, 1]
-        parts = [p.estimate.covariance for p in chosen]
-        nees = [
-            np.mean([e @ np.linalg.solve(P[s, s], e) for e, P in zip(off[:, k], parts, strict=True)])
-            for k, s in enumerate((slice(0, 3), slice(3, 6)))
-        ]
-    n = len(chosen)
+    summary = found.summary()
+    cells = [name, kinds, f"{summary['nis']:.1f}"]
+    if "steps" not in summary:
+        return cells + [""] * (len(HEAD) - len(cells))
+    n = summary["steps"]
     low, high = chi2.ppf([0.025, 0.975], 3 * n) / n
-    rms = [", ".join(f"{1e3 * each:.0f}" for each in np.sqrt(np.mean(e**2, axis=0))) for e in (off[:, 1], plain)]
-    return [*cells, str(n), f"{low:.1f} to {high:.1f}", *(f"{each:.1f}" for each in nees), *rms]
+    rms = [
+        ", ".join(f"{1e3 * each:.0f}" for each in np.sqrt((e**2).mean(axis=0))) for e in found.errors.transpose(1, 0, 2)
+    ]
+    nees = [f"{summary[f'nees_{part}']:.1f}" for part in ("position", "velocity")]
+    return [*cells, str(n), *nees, f"{low:.1f} to {high:.1f}", *rms]
 
 
-def middles(predictions: list[Prediction]) -> list[Prediction]:
-    """The middle sample of each single support."""
-    phases = np.array([p.support.phase for p in predictions])
-    cuts = np.flatnonzero(np.diff(phases)) + 1
-    pieces = np.split(np.arange(len(phases)), cuts)
-    single = [piece for piece in pieces if phases[piece[0]] in (Phase.LEFT, Phase.RIGHT)]
-    return [predictions[piece[len(piece) // 2]] for piece in single]
+def pooled(walks: list[Consistency]) -> str:
+    """What all worlds show together."""
+    n = len(walks)
+    position = np.array([walk.nees[:, 0].mean() for walk in walks])
+    velocity = np.array([walk.nees[:, 1].mean() for walk in walks])
+    steps = np.array([len(walk.nees) for walk in walks])
+    single, together = chi2.ppf([0.025, 0.975], 3), chi2.ppf([0.025, 0.975], 3 * n) / n
+    low, high = (chi2.ppf(q, 3 * steps) / steps for q in (0.025, 0.975))
+    off: Array = np.concatenate([walk.off for walk in walks])
+    inside = within(off)
+    lines = [
+        f"{n} worlds, {steps.sum()} steps.",
+        f"NEES of position, a walk counting once: {position.mean():.1f} on average (95 % band {together[0]:.1f} to "
+        f"{together[1]:.1f}); {_in(position, *single)} of {n} within the band of one walk, {single[0]:.1f} to "
+        f"{single[1]:.1f}.",
+        f"NEES of velocity: median {np.median(velocity):.1f}; {_in(velocity, low, high)} of {n} within their band, "
+        f"{int((velocity < low).sum())} below (too cautious), {int((velocity > high).sum())} above (too sure).",
+        "Within their 90 % interval, all worlds together, x, y, z: position "
+        + ", ".join(f"{100 * each:.0f}" for each in inside[0])
+        + " %, velocity "
+        + ", ".join(f"{100 * each:.0f}" for each in inside[1])
+        + " %.",
+    ]
+    head = ["interval that should hold [%]", *(f"{100 * level:.0f}" for level in LEVELS)]
+    shares = [
+        [f"{name} within it [%]", *(f"{100 * each:.0f}" for each in reliability(off[:, k]))]
+        for k, name in enumerate(("position", "velocity"))
+    ]
+    return "\n".join(lines) + f"\n\n{table(head, shares)}"
+
+
+def _in(values: Array, low: Array, high: Array) -> int:
+    return int(((values >= low) & (values <= high)).sum())
 
 
 if __name__ == "__main__":

@@ -62,6 +62,7 @@ RECORDINGS = (
 )
 PENDULUM = Recording("real iCub walking, no motor encoders", "real/icub_walk", "config/icub.yaml", shared=True)
 PICTURE_BAG = "bags/test2"
+GROWTH = "doc/results/offline_growth.png"
 
 
 def main() -> None:
@@ -307,6 +308,8 @@ def script(title: str, *runs: Sequence[str], needs: str = "") -> Callable[[Path]
             output = run([sys.executable, ROOT / "bench" / f"{name}.py", *filled], COLUMNS="150")
             for folder, name_of_it in ((shared, "../shared"), (ROOT, ".")):
                 output = output.replace(str(folder), name_of_it)
+            if "--picture" in arguments:
+                parts.append(f"![{title}]({Path(arguments[-1]).name})")
             parts += [f"`{shown}`:", f"```text\n{trimmed(output)}\n```"]
         return title, "\n\n".join(parts)
 
@@ -317,6 +320,13 @@ def described(name: str) -> str:
     """What a bench script says of itself, without its usage."""
     text = ast.get_docstring(ast.parse((ROOT / "bench" / f"{name}.py").read_text(encoding="utf-8"))) or ""
     return "\n\n".join(part for part in text.split("\n\n") if not part.startswith("    "))
+
+
+def archive(shared: Path) -> tuple[str, str]:
+    """What `bench/archive.py` prints, which is Markdown already, and its picture; ARCHIVE_BAGS names bags it made."""
+    made = ["--made", os.environ["ARCHIVE_BAGS"]] if "ARCHIVE_BAGS" in os.environ else []
+    text = run([sys.executable, ROOT / "bench/archive.py", *made, "--picture", DOC / "results" / "archive.png"])
+    return "Archives", f"{described('archive')}\n\n{text}"
 
 
 # --- pages that hold the result of a run of the judge ---
@@ -358,7 +368,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     ),
     "observer": script(
         "Consistency of the estimate",
-        ("observer", "bags/test1", "bags/test2", "bags/stand", "--worlds", "6000", "6001", "6002"),
+        ("observer", "bags/test1", "bags/test2", "bags/stand", "--worlds", *(str(seed) for seed in range(7000, 7012))),
     ),
     "phases": script(
         "Support phases and odometry",
@@ -366,13 +376,22 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("phases", "{shared}/real/icub_walk", "--config", "config/icub.yaml"),
         needs="real/icub_walk",
     ),
-    "offline": script("Speed and memory offline", ("offline",), ("offline", "--trunk", "without")),
-    "node": script("The node under load", ("node",), ("node", "--reference", "motor")),
+    "no_force_sensors": script(
+        "Without foot force sensors",
+        ("no_force_sensors", "--worlds", "7100", "7101", "7102", "7103"),
+        ("no_force_sensors", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
+        needs="other_robot/walk_003",
+    ),
+    "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),
+    "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
+    "node": script("The node under load", ("node", "--reference", "motor", "--seconds", "30")),
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
+    "feedforward": script("The plan's deflection as a feedforward", ("feedforward",)),
     "engines": script("Two physics engines", ("engines",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
+    "archive": archive,
     "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),
     "baseline": judged("How good the diagnosis is with a baseline", "score.json", "show_diagnosis", "baseline"),
     "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),

@@ -88,7 +88,7 @@ def walk_of(world: World, bag: Path) -> Walk:
     com = 1e3 * (truth["com"] - plan.sample_many(truth["t"]).com)
     rows = read(bag)
     weight = world.table.mass * 9.81
-    force_t, force = rows["/right_foot/wrench"]
+    force_t, force = rows.get("/right_foot/wrench", np.full((2, 1), np.nan))
     joints = dict(zip(world.table.joint_names, range(99), strict=False))
     k = joints[KNEE]
     joint = world.table.joints()[k]

@@ -23,6 +23,7 @@ class Checked:
         phases: seconds in each support phase.
         seconds: of the recording that samples cover.
         rejected: messages by stream and reason, each with the last sentence.
+        wrench_source: whether wrenches are measured (sensors) or computed from torques or contacts.
         wrong: what looks wrong and what to look at, a sentence for each cause.
     """
 
@@ -33,6 +34,7 @@ class Checked:
     seconds: float
     rejected: dict[str, tuple[int, str]]
     wrong: tuple[str, ...]
+    wrench_source: str = "sensors"
 
 
 def check_bag(session: Session, progress: Progress | None = None) -> Checked:
@@ -68,4 +70,5 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
         seconds=run["duration_s"],
         rejected={reason: (count, status.last_rejection[reason]) for reason, count in status.rejected.items()},
         wrong=tuple(session.warnings),
+        wrench_source=session.config.streams.wrench_source,
     )

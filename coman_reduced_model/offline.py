@@ -25,12 +25,14 @@ from .bag.encode import (
 )
 from .bag.reader import Bag
 from .bag.session import Session
+from .bag.truth import true_motion
 from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.base.pose import quaternion
 from .core.base.throttle import Throttle
 from .core.base.types import Array, Prediction, Sample, SupportState
 from .core.config.files import save_config
+from .core.evaluation.consistency import Consistency
 from .core.evaluation.statistics import RunStatistics, by_axis
 from .core.pipeline import Pipeline
 from .core.robot.links import Links
@@ -76,7 +78,7 @@ def predict_bag(
         if progress is not None:
             progress(0.0, "getting ready")
         warm_up(robot, config, bag_types())  # a second of loading compiled code says nothing about the speed
-        statistics = RunStatistics(config.streams.restart_gap)
+        statistics = _Statistics(session)
         topics = {names(topic): kind for topic, kind in OUTPUT_TYPES.items()}
         began = time.perf_counter()
         writing = BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION), names(TF_STATIC)))
@@ -86,13 +88,40 @@ def predict_bag(
             for sample, prediction in session.predicted(progress):
                 statistics.add(prediction)
                 output.write(sample, prediction)
-        elapsed = time.perf_counter() - began
-        summary = _summary(session, statistics, elapsed)
-        if not summary["judged_samples"]:
-            raise BagError(f"{bag.path}: nothing could be predicted: {first_cause(summary)}")
+        summary = _judged_summary(session, statistics, began)
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
         save_config(config, folder / CONFIG_FILE, f"used for {bag.path.name}")
     return summary
+
+
+def summarise_bag(session: Session) -> dict[str, Any]:
+    """Predict an open bag for its summary alone; writes nothing.
+
+    Returns:
+        What `summary.json` would hold, with NaN for what is not known.
+
+    Raises:
+        ComanError: the bag or the configuration cannot be used, or nothing could be predicted.
+    """
+    warm_up(session.robot, session.config, bag_types())
+    statistics = _Statistics(session)
+    began = time.perf_counter()
+    with _collecting_what_is_new():
+        for prediction in session.predictions():
+            statistics.add(prediction)
+    return _judged_summary(session, statistics, began)
+
+
+class _Statistics:
+    """What a summary says of predictions: errors of the free run, consistency of the estimate."""
+
+    def __init__(self, session: Session) -> None:
+        self.run = RunStatistics(session.config.streams.restart_gap)
+        self.estimate = Consistency(true_motion(session.bag.path))
+
+    def add(self, prediction: Prediction) -> None:
+        self.run.add(prediction)
+        self.estimate.add(prediction)
 
 
 @contextmanager
@@ -160,6 +189,19 @@ class _Output:
 _ONES = np.ones(3)
 
 
+def _judged_summary(session: Session, statistics: _Statistics, began: float) -> dict[str, Any]:
+    """The summary of a run that began at `began` [s of time.perf_counter].
+
+    Raises:
+        BagError: nothing could be predicted.
+    """
+    summary = _summary(session, statistics.run, time.perf_counter() - began)
+    summary["estimate"] = statistics.estimate.summary()
+    if not summary["judged_samples"]:
+        raise BagError(f"{session.bag.path}: nothing could be predicted: {first_cause(summary)}")
+    return summary
+
+
 def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dict[str, Any]:
     bag, config, robot, pipeline = session.bag, session.config, session.robot, session.pipeline
     status, judge = pipeline.status(), pipeline.judge
@@ -177,6 +219,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "bag": str(bag.path),
         "version": version(),
         "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},
+        "wrench_source": config.streams.wrench_source,
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},
         "within_90": {h: by_axis(share) for h, share in judge.within().items()},

@@ -22,6 +22,7 @@ from .messages import (
 
 DESCRIPTION = "robot_description"
 PREDICTION, DEFLECTION, SUPPORT, EXTERNAL = "com/prediction", "com/deflection", "com/support", "com/external_wrench"
+PLANNED_DEFLECTION = "com/planned_deflection"
 MEASURED, PREDICTED, REFERENCE_POINT = "com/measured", "com/predicted", "com/reference_point"
 FOOT_ODOMETRY, TF, TF_STATIC = "foot_odometry", "/tf", "/tf_static"  # all nodes share the latter two
 

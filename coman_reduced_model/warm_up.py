@@ -17,7 +17,7 @@ from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
 from .core.config.schema import Config
 from .core.pipeline import Pipeline
 from .core.robot.robot import Robot
-from .messages import FROM, MessageTypes, joint_to, prediction_to, reference_to, wrench_to
+from .messages import FROM, MessageTypes, joint_to, reference_to, wrench_to
 
 _PERIOD_NS = 5_000_000
 _SAMPLES = 100
@@ -66,8 +66,7 @@ def _walk(robot: Robot, config: Config, types: MessageTypes) -> None:
         motor = joint_to(types, JointMessage(stamp, names, q + 0.01, zero, None))
         pipeline.feed(MOTORS, motor, FROM[MOTORS])
         joint = joint_to(types, JointMessage(stamp, names, q, zero, zero))
-        for prediction in pipeline.feed(JOINTS, joint, FROM[JOINTS]):
-            prediction_to(types, prediction)
+        pipeline.feed(JOINTS, joint, FROM[JOINTS])
 
 
 def _reference(stamp: int) -> Reference:

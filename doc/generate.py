@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write doc/configuration.md's tables of parameters and effects from the code.
+"""Write tables of doc/configuration.md (parameters, effects) and doc/archive.md from the code.
 
 python doc/generate.py             # after a parameter or an effect has changed
-python doc/generate.py --check     # exit code 1 if the page is not up to date; a test does this
+python doc/generate.py --check     # exit code 1 if a page is not up to date; a test does this
 """
 
 from __future__ import annotations
@@ -13,34 +13,37 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from coman_reduced_model.archive.tables import TABLES
 from coman_reduced_model.core.base.parameter import Parameter
 from coman_reduced_model.core.config.schema import parameter_table
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 
-PAGE = Path(__file__).parent / "configuration.md"
+HERE = Path(__file__).parent
 PLACES = {"robot": "", "axis": "axis", "side": "leg", "foot": "foot", "joint": "joint", "link": "link"}
 
 
 def main() -> None:
-    """Write the page, or check it."""
+    """Write the pages, or check them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="change nothing; exit code 1 if the page would change")
     check = parser.parse_args().check
-    before = PAGE.read_text(encoding="utf-8")
-    after = generated(before)
-    if check:
-        sys.exit(0 if after == before else f"{PAGE.name} is not up to date: run python doc/generate.py")
-    PAGE.write_text(after, encoding="utf-8")
+    for name, texts in PAGES.items():
+        page = HERE / name
+        before = page.read_text(encoding="utf-8")
+        after = generated(name, before, {key: make() for key, make in texts.items()})
+        if check and after != before:
+            sys.exit(f"{name} is not up to date: run python doc/generate.py")
+        page.write_text(after, encoding="utf-8")
 
 
-def generated(page: str) -> str:
+def generated(file: str, page: str, texts: dict[str, str]) -> str:
     """The page with its tables as the code has them."""
-    for name, text in (("parameters", parameters()), ("effects", effects())):
+    for name, text in texts.items():
         begin, end = f"<!-- begin: doc/generate.py {name} -->", f"<!-- end: {name} -->"
         before, mark, rest = page.partition(begin)
         _, closing, after = rest.partition(end)
         if not mark or not closing:
-            sys.exit(f"{PAGE.name}: the marks {begin} and {end} are missing")
+            sys.exit(f"{file}: the marks {begin} and {end} are missing")
         page = f"{before}{begin}\n\n{text}\n\n{end}{after}"
     return page
 
@@ -76,6 +79,21 @@ def effects() -> str:
     return "\n".join([*head, *rows])
 
 
+def tables() -> str:
+    """The columns of the tables of an archive."""
+    parts = []
+    for name, columns in TABLES.items():
+        rows = [f"| `{column}` | {kind} | {text} |" for column, kind, text in ((c, plain(k), t) for c, k, t in columns)]
+        parts += [f"### `{name}.parquet`", "\n".join(["| column | type | what |", "| --- | --- | --- |", *rows])]
+    return "\n\n".join(parts)
+
+
+def plain(kind: Any) -> str:
+    """A type of Arrow in words."""
+    text = re.sub(r"list<element: (.*)>$", r"list of \1", str(kind))
+    return re.sub(r"struct<(.*)>", lambda found: f"({found[1]})", text)
+
+
 def nominal(parameter: Parameter) -> str:
     """Value and unit."""
     value = parameter.nominal
@@ -101,6 +119,8 @@ def unit(parameter: Parameter) -> str:
     """Unit, empty for ratios and texts."""
     return "" if parameter.unit in ("", "1") else parameter.unit
 
+
+PAGES = {"configuration.md": {"parameters": parameters, "effects": effects}, "archive.md": {"tables": tables}}
 
 if __name__ == "__main__":
     main()

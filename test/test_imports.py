@@ -15,11 +15,12 @@ NAME = PACKAGE.name
 ROOMS = """
     errors resources progress output schemas
     core.base core.robot core.effects core.config core.streams core.measured core.model core.model.trunk core.gait
-    core.monitor core.observer core.evaluation core.predictor core.pipeline core
+    core.feedforward core.monitor core.observer core.evaluation core.predictor core.pipeline core
     messages topics policies bag warm_up offline check export
     sim tuning report
     diagnose.data diagnose.physics diagnose.inference diagnose.result diagnose.report diagnose.workflow diagnose
     judge
+    archive
     ros.interface ros.runtime ros.nodes ros.tools ros
     cli
     api __init__

@@ -356,15 +356,6 @@ def test_the_constants_of_the_messages_are_those_of_the_core():
     assert all(getattr(ROS.ComPrediction, f"FLAG_{flag.name}") == flag.value for flag in Flags)
 
 
-@KINDS
-def test_filling_a_message_again_leaves_nothing_of_the_old(types):
-    message = None
-    for seed, horizons in ((1, 3), (2, 3), (3, 0), (4, 2)):
-        sent = a_prediction(seed, horizons)
-        message = m.prediction_to(types, sent, message)
-        assert repr(message) == repr(m.prediction_to(types, sent))
-
-
 def test_unknown_is_nan_in_messages_never_zero():
     nan = np.full(3, math.nan)
     sent = replace(a_prediction(horizons=0), predicted_com=nan, T_odom_sole=np.full((4, 4), math.nan))

@@ -29,6 +29,9 @@ NAMES = {
     "pysindy": None,
     "rerun": None,
     "pyarrow": None,
+    "fsspec": None,
+    "duckdb": None,
+    "ray": None,
 }
 
 

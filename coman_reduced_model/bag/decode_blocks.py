@@ -157,7 +157,7 @@ def decode_block(block: RawBlock, streams: Mapping[str, str], store: Typestore) 
     """The messages of a block by stream; `streams` by topic, `store` with the definitions of the bag.
 
     Raises:
-        Irregular: the messages of a stream are not alike, or of another definition than ours.
+        Irregular: the messages of a stream are not alike, of another definition than ours, or seldom (FootContacts).
     """
     view, found = np.frombuffer(block.data, dtype=np.uint8), {}
     for index, topic in enumerate(block.topics):
@@ -165,7 +165,8 @@ def decode_block(block: RawBlock, streams: Mapping[str, str], store: Typestore) 
         if not len(which):
             continue
         kind = INPUT_TYPES[streams[topic]]
-        if store.fielddefs[kind][1] != typestore().fielddefs[kind][1]:  # of an older version
+        older = store.fielddefs[kind][1] != typestore().fielddefs[kind][1]
+        if older or kind not in _KINDS:
             raise Irregular
         try:
             found[streams[topic]] = _KINDS[kind](_Rows(block, which, view))

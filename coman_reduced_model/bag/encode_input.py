@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..core.base.pose import quaternion
-from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..core.base.types import ImuMessage, JointMessage, Reference, WrenchMessage
+from ..core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.types import ContactMessage, ImuMessage, JointMessage, Reference, WrenchMessage
 from ..messages import ODOM
 from .layout import LITTLE_ENDIAN, Layout, cdr_string, header_values
 
@@ -79,6 +79,15 @@ def encode_imu(message: ImuMessage) -> bytes:
     )
 
 
+_CONTACTS = Layout().header(cdr_string("")).add("B").add("B").packer()
+
+
+def encode_contacts(message: ContactMessage) -> bytes:
+    """A FootContacts; messages.contacts_to, serialised."""
+    values = header_values(message.stamp_ns, cdr_string(""))
+    return LITTLE_ENDIAN + _CONTACTS.pack(*values, message.left, message.right)
+
+
 @lru_cache(maxsize=8)
 def _reference_format(frame: bytes, preview: int) -> struct.Struct:
     # A phase, the step, the interval of the preview; then its positions and velocities.
@@ -120,5 +129,6 @@ ENCODE: dict[str, Callable[[Any], bytes]] = {  # by stream
     MOTORS: encode_joints,
     **dict.fromkeys(WRENCHES.values(), encode_wrench),
     IMU: encode_imu,
+    CONTACTS: encode_contacts,
     REFERENCE: encode_reference,
 }

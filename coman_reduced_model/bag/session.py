@@ -8,12 +8,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.stream_names import JOINTS
 from ..core.base.types import Prediction, Sample
 from ..core.config.schema import Config
 from ..core.pipeline import Pipeline
 from ..core.robot.robot import Robot
 from ..core.streams.blocks import Irregular
+from ..core.streams.expected import expected_streams, why_expected
 from ..errors import BagError, ConfigError
 from ..messages import INPUT_TYPES, STRING
 from ..progress import Progress
@@ -204,8 +205,7 @@ def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]
         BagError: one that is needed is missing, or has another type.
         ConfigError: two streams have one topic.
     """
-    source = config.prediction.reference
-    needed = [JOINTS, *WRENCHES.values(), *{"motor": [MOTORS], "topic": [REFERENCE]}.get(source, [])]
+    needed = [JOINTS, *expected_streams(config)]
     topics: dict[str, str] = {}
     for stream, topic in INPUT_TOPICS.items():
         twin = topics.setdefault(names(topic), stream)
@@ -213,10 +213,21 @@ def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]
             raise ConfigError(f"--remap: {INPUT_TOPICS[twin]} and {topic} would both be {names(topic)}")
     missing = [topic for topic, stream in topics.items() if stream in needed and not bag.counts.get(topic)]
     if missing:
-        by_choice = any(topics[topic] in (MOTORS, REFERENCE) for topic in missing)
-        hint = f" (prediction.reference: {source}; `none` does without)" if by_choice else ""
-        raise BagError(missing_topics(bag, missing) + hint)
+        why = dict.fromkeys(why_expected(topics[topic], config) for topic in missing)
+        hints = "; ".join(each for each in why if each)
+        raise BagError(missing_topics(bag, missing) + (f" ({hints})" if hints else ""))
     for topic, stream in topics.items():
         if topic in bag.topics and bag.topics[topic] != INPUT_TYPES[stream]:
             raise BagError(f"{bag.path}: {topic}: of type {bag.topics[topic]}, wanted {INPUT_TYPES[stream]}")
+    if config.streams.wrench_source == "torques":
+        _refuse_without_torques(bag, next(topic for topic, stream in topics.items() if stream == JOINTS))
     return {topic: stream for topic, stream in topics.items() if topic in bag.topics}
+
+
+def _refuse_without_torques(bag: Bag, topic: str) -> None:
+    message = bag.first(topic)
+    if message is None or not len(message.effort):
+        raise BagError(
+            f"{bag.path}: {topic}: gives no torques (effort), which streams.wrench_source: torques needs; "
+            "`contacts` and `sensors` do without"
+        )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import Foot
 from ..core.robot.robot import Robot
 from ..errors import RobotError
@@ -59,8 +59,9 @@ def find_topics(bag: Bag, robot: Robot) -> FoundTopics:
                 found.notes += _unlisted(robot, topic, message)
         elif named:
             found.notes.append(f"{INPUT_TOPICS[stream]}: not clear which topic: {', '.join(named)} (--remap)")
-        elif stream not in (MOTORS, REFERENCE, IMU):
-            found.notes.append(f"{INPUT_TOPICS[stream]}: no topic of type {kind} fits")
+        elif stream not in (MOTORS, REFERENCE, IMU, CONTACTS):
+            without = " (without foot sensors: streams.wrench_source)" if stream in WRENCHES.values() else ""
+            found.notes.append(f"{INPUT_TOPICS[stream]}: no topic of type {kind} fits{without}")
     return found
 
 

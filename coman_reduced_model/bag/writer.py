@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import zstandard
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -22,6 +23,11 @@ _CHUNK_SIZE = 2**20  # [bytes] after which a chunk is compressed and written
 
 class _Mcap(McapWriter):
     """The writer of rosbags; a message is packed in one go, and statistics are counted a chunk at a time."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        if self.compression:  # twice as fast as at the usual level, and no larger: numbers hardly compress
+            self.compressor = zstandard.ZstdCompressor(level=1).compress
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         bio, channel = self.chunk.bio, connection.id

@@ -48,13 +48,17 @@ def check(
 
 
 def _lines(found: Checked) -> list[str]:
+    from ..core.base.stream_names import CONTACTS
+
     robot = found.robot
     lines = [f"robot: {robot['name']}, {robot['mass_kg']:.1f} kg, {robot['joints']} joints, {_joints(found)}"]
     for name, stream in found.streams.items():
         if stream["received"]:
             lines.append(f"{name}: {stream['received']} messages, {stream['rate_hz']:.0f} Hz")
-        else:
+        elif stream["needed"] or name != CONTACTS:  # few robots have these, and only some need them
             lines.append(f"{name}: none{', but needed' if stream['needed'] else ''}")
+    if found.wrench_source != "sensors":
+        lines.append(f"foot wrenches: computed from {found.wrench_source}, no force sensor is looked at")
     if found.weight is not None:
         lines.append(f"weight: both feet read {100.0 * found.weight:.0f} % of it on average")
     if found.seconds:

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..resources import PACKAGE
 
-COMPILING = "compiling the model, once per installation"
+COMPILING = "compiling the model, once per installation: half a minute to a minute"
 
 
 @contextmanager

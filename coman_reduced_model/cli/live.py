@@ -13,6 +13,7 @@ from . import complete
 from .common import ConfigOption, read_config, say_domain
 
 _START_S = 150.0
+_LOWERED = 0.5  # own lead of the robot where it is compensated: what is left if the predictor fails
 
 
 def live(
@@ -34,6 +35,13 @@ def live(
             autocompletion=complete.worlds,
         ),
     ] = "",
+    compensate: Annotated[
+        bool,
+        typer.Option(
+            "--compensate",
+            help="Motors lead by the planned deflection that the predictor publishes, instead of the robot's own lead.",
+        ),
+    ] = False,
     config: ConfigOption = None,
 ) -> None:
     """Virtual robot, trajectory and predictor, running live until Ctrl-C, with a view of the prediction."""
@@ -64,7 +72,10 @@ def live(
     plan_walk(gait_of(settings.replaced(walk)))  # says what is wrong with it before anything is started
     try:
         with Nodes(config or config_path()) as nodes:
-            nodes.start("virtual_robot", {**walk, **({"virtual_robot.world": world} if world else {})})
+            own: dict[str, Any] = {"virtual_robot.world": world} if world else {}
+            if compensate:
+                own |= {"virtual_robot.compensate": True, "virtual_robot.lead": _LOWERED}
+            nodes.start("virtual_robot", {**walk, **own})
             nodes.start("predictor")
             nodes.start("trajectory", {**walk, "gait.repeat": True, "gait.autostart": False})
             stop.at_once = False
@@ -78,17 +89,24 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
     from rich.console import Console
     from rich.live import Live
 
+    from ..bag.decode import decoder
     from ..bag.types import typestore
+    from ..core.base.stream_names import REFERENCE
     from ..messages import COM_PREDICTION, prediction_from
     from ..ros.runtime.processes import NodeFailed
     from ..ros.tools.listener import Listener
     from ..ros.tools.live_view import LiveView
+    from ..ros.tools.tracking import Tracking
 
-    view, store = LiveView(), typestore()
+    view, store, tracking, decode = LiveView(), typestore(), Tracking(), decoder(REFERENCE)
+
+    def on_prediction(raw: bytes) -> None:
+        prediction = prediction_from(store.deserialize_cdr(raw, COM_PREDICTION))
+        view.add(prediction)
+        tracking.add(prediction)
+
     console = Console()
-    with Listener(
-        "live", lambda raw: view.add(prediction_from(store.deserialize_cdr(raw, COM_PREDICTION)))
-    ) as listener:
+    with Listener("live", on_prediction, lambda raw: tracking.add_plan(decode(raw))) as listener:
         starter = _Starter(listener.node)
         ends = None if duration is None else time.monotonic() + duration
         deadline, shown = time.monotonic() + _START_S, 0.0
@@ -120,6 +138,7 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
         return
     print(f"{view.count} predictions; RMS error of the last seconds, x, y, z [mm]:")
     print("  model", *(f"{value:.2f}" for value in model), "  rigid", *(f"{value:.2f}" for value in rigid))
+    print("COM off its plan while that moves [mm]:", *(f"{value:.2f}" for value in tracking.rms_mm()))
 
 
 class _Starter:

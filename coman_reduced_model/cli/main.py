@@ -19,6 +19,7 @@ import typer
 
 from ..errors import ComanError
 from ..resources import version
+from .archive import archive
 from .baseline import baseline
 from .check import check
 from .config import config
@@ -81,6 +82,13 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
 for group, commands in _COMMANDS.items():
     for command, example in commands.items():
         app.command(rich_help_panel=group, epilog=f"Example: `{example}`")(command)
+
+app.add_typer(
+    archive,
+    name="archive",
+    rich_help_panel="Predictions and diagnosis of recorded bags",
+    epilog="Example: `coman archive walks --predict --diagnose --out results`",
+)
 
 # typer brings its own click; its exceptions are found by way of one that it makes public.
 _CLICK_ERROR: Any = typer.BadParameter.__mro__[2]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 _EXTRAS = {"mujoco": "sim", "pydrake": "drake", "rerun": "view"}
+_EXTRAS |= dict.fromkeys(("pyarrow", "fsspec", "duckdb", "ray"), "archive")
 
 
 def remedy(error: ModuleNotFoundError) -> str | None:

@@ -77,10 +77,21 @@ def _show(summary: dict[str, Any], out: Path) -> None:
                 for h, skill in summary["skill"].items()
             ],
         )
+    print(_estimate(summary["estimate"]))
     rejected = ", ".join(f"{reason}: {count}" for reason, count in summary["rejected"].items()) or "none"
     print(f"{summary['samples']} samples, {summary['duration_s']:.1f} s, {summary['realtime_factor']:.0f} x real time")
     print(f"messages rejected: {rejected}; restarts: {summary['restarts']}")
     print(f"written: {out}")
+
+
+def _estimate(found: dict[str, Any]) -> str:
+    """How consistent the estimate was."""
+    if found["nis"] != found["nis"]:  # NaN
+        return "estimate: none"
+    text = f"estimate: NIS {found['nis']:.1f}"
+    if "steps" in found:
+        text += f", NEES of position {found['nees_position']:.1f}, of velocity {found['nees_velocity']:.1f}"
+    return f"{text} (3 is expected)"
 
 
 def _errors(errors: dict[str, Any]) -> list[str]:

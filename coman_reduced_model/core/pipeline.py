@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from .base.input_warning import InputWarning, WarningKind
-from .base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config
 from .effects.catalogue import build_effects, stream_delays
@@ -95,6 +95,7 @@ class Pipeline:
             MOTORS: self.joiner.add_motor,
             REFERENCE: self.joiner.add_reference,
             IMU: self.joiner.add_imu,
+            CONTACTS: self.joiner.add_contacts,
             WRENCHES[Foot.LEFT]: partial(self.joiner.add_wrench, Foot.LEFT),
             WRENCHES[Foot.RIGHT]: partial(self.joiner.add_wrench, Foot.RIGHT),
         }
@@ -230,6 +231,7 @@ class Pipeline:
         else:
             others = [self._stream_warning(each) for each in streams.values() if each.expected and each.name != JOINTS]
             found = [each for each in others if each is not None]
+            found += [] if self.predictor.computed is None else self.predictor.computed.warnings()
         given = self.config.model.of_the_point_mass
         if given and self.predictor.model.turning:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"

@@ -13,6 +13,7 @@ from .base.nominal import load_nominal
 from .base.types import (
     Array,
     DeflectionPrediction,
+    Estimate,
     Flags,
     Foot,
     HorizonPrediction,
@@ -28,6 +29,7 @@ from .evaluation.baselines import BASELINES, predict_baselines
 from .evaluation.blend import MEMORY, NOW, covariance, remember
 from .evaluation.deflections import DeflectionJudge
 from .evaluation.horizons import HorizonJudge
+from .measured.computed_wrenches import ComputedWrenches
 from .measured.odometry import FootOdometry
 from .measured.sensor_zeros import SensorZeros
 from .measured.support import SupportDetector
@@ -59,7 +61,8 @@ class Predictor:
         dynamics: the equation of motion that does both.
         observer: the filter that estimates COM and external force, beside the free run.
         zeros: what the foot sensors read without load, where that is much: it is taken off.
-        sample: the last one, without these zeros; None: there was none.
+        computed: what computes the wrenches, where no sensor measures them; None: they are measured.
+        sample: the last one, without these zeros, and without computed wrenches; None: there was none.
         judge: the errors of the horizons so far.
 
     Example:
@@ -99,9 +102,11 @@ class Predictor:
         self.link = robot.posture()
         weight = config.support.weight or robot.mass * config.robot.gravity
         self.zeros = SensorZeros(weight)
+        measured = config.streams.wrench_source == "sensors"
+        self.computed = None if measured else ComputedWrenches(robot, config)
         self._limits = limits_of(robot, config.robot.gravity, weight)
         self.sample: Sample | None = None
-        self.observer = Observer(robot, config.robot.gravity, load_nominal().widths)
+        self.observer = Observer(robot, config.robot.gravity, load_nominal())
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
         chosen = config.prediction
@@ -163,9 +168,8 @@ class Predictor:
         for effect in self.effects:
             effect.correct(sample)
         self.link.update(sample.q, sample.qd)
-        sample = self.sample = self.zeros.corrected(sample, self.link)
+        sample, flags = self._with_wrenches(sample)
         left, right = sample.left_wrench, sample.right_wrench
-        flags = Flags.STALE_WRENCH if left is None or right is None else Flags.OK
         support = self.support.update(
             sample.stamp_ns, None if left is None else float(left[2]), None if right is None else float(right[2])
         )
@@ -202,7 +206,7 @@ class Predictor:
         if len(self._horizons):
             horizons, ahead_flags = self._ahead(now, ready)
             found.append(ahead_flags)
-        estimate = self.observer.update(sample, self.link, foot, com, com_vel)
+        estimate = self._estimate(sample, foot, com, com_vel)
         found.append(self.observer.flags)
         for flag in found:
             if flag:  # joining flags takes longer than this
@@ -221,6 +225,21 @@ class Predictor:
         prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
         prediction.deflections, prediction.repeating = self._deflections(now, ready), ready and dynamics.repeating
         return prediction
+
+    def _with_wrenches(self, sample: Sample) -> tuple[Sample, Flags]:
+        """A sample with the wrenches by which phases are found, `link` having its joints."""
+        if self.computed is None:
+            sample, flags = self.zeros.corrected(sample, self.link), Flags.OK
+            self.sample = sample
+        else:
+            self.sample, flags = sample, Flags.COMPUTED_WRENCH
+            sample = self.computed.filled(sample, self.link, self._foot)
+        stale = sample.left_wrench is None or sample.right_wrench is None
+        return sample, flags | Flags.STALE_WRENCH if stale else flags
+
+    def _estimate(self, sample: Sample, foot: Foot, com: Array, com_vel: Array) -> Estimate:
+        """By the observer; nothing by computed wrenches, which hold the balance by construction."""
+        return Estimate() if self.computed else self.observer.update(sample, self.link, foot, com, com_vel)
 
     def _possible(self, com: Array, com_vel: Array) -> bool:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""

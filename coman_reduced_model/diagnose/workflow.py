@@ -14,7 +14,7 @@ from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
 from .inference.check import check_recordings, parse_assumed
 from .inference.effects import with_structure
-from .inference.predicted_com import free_runs_in_helper
+from .inference.predicted_com import free_runs_here, free_runs_in_helper
 from .inference.prediction import predict_com
 from .inference.verdict import find_effects
 from .report.contents import build_diagnosis
@@ -32,6 +32,7 @@ def diagnose(
     names: TopicNames | None = None,
     assume: Sequence[str] = (),
     baseline: str | Path = "",
+    second_process: bool = True,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Find the missing effects.
@@ -44,6 +45,7 @@ def diagnose(
         config: nominal robot and model.
         urdf, names: the robot, if not as configured or recorded; the topics.
         baseline: file of nominal variability (`coman baseline`); default: the shipped population.
+        second_process: whether to predict in another process beside this one, which halves the time of the last step.
         assume: effects (`NAME` or `NAME:where=PLACE`) whose parameters are fitted instead of a search.
         progress: called with the fraction done and the current work.
 
@@ -55,7 +57,8 @@ def diagnose(
     report = progress or (lambda fraction, what: None)
     config, assumed, paths = with_structure(config), [parse_assumed(text) for text in assume], [*train, *hold]
     refuse_repeated(paths)
-    with free_runs_in_helper(urdf, names) as free_runs:
+    free_runs_of = free_runs_in_helper if second_process else free_runs_here
+    with free_runs_of(urdf, names) as free_runs:
         free_runs.start(paths, config)  # the nominal prediction, in another process
 
         readings = read_bags(paths, config, urdf, names, between(report, 0.0, READ))

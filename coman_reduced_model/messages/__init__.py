@@ -7,6 +7,7 @@ messages takes a `MessageTypes`: `ros_types()` for rclpy, `bag.types.bag_types()
 
 from .received import (
     FROM,
+    contacts_from,
     imu_from,
     joint_from,
     known_orientation,
@@ -19,6 +20,7 @@ from .received import (
 )
 from .sent import (
     UNKNOWN,
+    contacts_to,
     deflection_to,
     external_covariance,
     external_wrench_to,
@@ -26,6 +28,7 @@ from .sent import (
     imu_to,
     joint_to,
     odometry_to,
+    planned_deflection_to,
     point_to,
     pose_to,
     prediction_to,
@@ -39,6 +42,7 @@ from .types import (
     COM_PREDICTION,
     COM_REFERENCE,
     EXTERNAL_WRENCH,
+    FOOT_CONTACTS,
     IMU_TYPE,
     INPUT_TYPES,
     JOINT_STATE,
@@ -62,6 +66,7 @@ __all__ = [
     "EXTERNAL_WRENCH",
     "external_covariance",
     "external_wrench_to",
+    "FOOT_CONTACTS",
     "FROM",
     "IMU_TYPE",
     "INPUT_TYPES",
@@ -76,6 +81,8 @@ __all__ = [
     "TRANSFORMS",
     "UNKNOWN",
     "WRENCH_STAMPED",
+    "contacts_from",
+    "contacts_to",
     "deflection_to",
     "foot_of",
     "header_to",
@@ -88,6 +95,7 @@ __all__ = [
     "odometry_to",
     "plan",
     "point_to",
+    "planned_deflection_to",
     "pose_to",
     "prediction_from",
     "prediction_to",

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..core.base.pose import matrix
-from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import (
     Array,
+    ContactMessage,
     Estimate,
     Flags,
     Foot,
@@ -62,6 +63,11 @@ def imu_from(message: Any) -> ImuMessage:
         _xyz(message.angular_velocity),
         _xyz(message.linear_acceleration),
     )
+
+
+def contacts_from(message: Any) -> ContactMessage:
+    """A FootContacts."""
+    return ContactMessage(stamp_of(message.header), bool(message.left), bool(message.right))
 
 
 def known_orientation(quaternion: Array, covariance: float) -> Array | None:
@@ -183,6 +189,7 @@ FROM = {
     **dict.fromkeys(WRENCHES.values(), wrench_from),
     REFERENCE: reference_from,
     IMU: imu_from,
+    CONTACTS: contacts_from,
 }
 
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,11 +11,12 @@ import numpy as np
 from ..core.base.pose import quaternion
 from ..core.base.types import (
     Array,
+    ContactMessage,
     ImuMessage,
     JointMessage,
+    PlannedDeflection,
     Prediction,
     Reference,
-    SupportState,
     WrenchMessage,
 )
 from .types import ODOM, MessageTypes
@@ -35,68 +35,48 @@ def point_to(types: MessageTypes, stamp_ns: int, point: Array) -> Any:
 
 def support_to(types: MessageTypes, prediction: Prediction) -> Any:
     """The SupportState of a prediction, as a message of its own."""
-    header = header_to(types, prediction.stamp_ns, prediction.frame_id)
-    message = types.SupportState(
-        header=header, phase=0, support_foot=0, left_share=math.nan, phase_time=0.0, total_force=math.nan
+    support = prediction.support
+    return types.SupportState(
+        header=header_to(types, prediction.stamp_ns, prediction.frame_id),
+        phase=int(support.phase),
+        support_foot=int(support.support_foot),
+        left_share=float(support.left_share),
+        phase_time=float(support.phase_time),
+        total_force=float(support.total_force),
     )
-    _fill_support(message, prediction.support)
-    return message
 
 
-def _fill_support(message: Any, support: SupportState) -> None:
-    message.phase = int(support.phase)
-    message.support_foot = int(support.support_foot)
-    message.left_share = float(support.left_share)
-    message.phase_time = float(support.phase_time)
-    message.total_force = float(support.total_force)
-
-
-def prediction_to(types: MessageTypes, prediction: Prediction, into: Any = None) -> Any:
-    """A ComPrediction.
-
-    Args:
-        types: classes to make it of.
-        prediction: what the message is to hold.
-        into: a message from an earlier call to fill again: rclpy takes a third of the time for it.
-    """
-    message = _blank_prediction(types) if into is None else into
-    header = message.header
-    header.stamp.sec, header.stamp.nanosec = divmod(prediction.stamp_ns, 1_000_000_000)
-    header.frame_id = prediction.frame_id
-    _fill_support(message.support, prediction.support)  # its header is the same object
-    _fill(message.measured_position, prediction.measured_com)
-    _fill(message.measured_velocity, prediction.measured_com_vel)
-    _fill(message.reference_position, prediction.reference_com)
-    _fill(message.reference_velocity, prediction.reference_com_vel)
-    _fill(message.predicted_position, prediction.predicted_com)
-    _fill(message.predicted_velocity, prediction.predicted_com_vel)
-    _fill(message.residual, prediction.residual)
-    _fill_pose(message.sole_pose, prediction.T_odom_sole)
-    if len(message.horizons) != len(prediction.horizons):
-        zero = np.zeros(3)
-        message.horizons = [
+def prediction_to(types: MessageTypes, prediction: Prediction) -> Any:
+    """A ComPrediction; bag.encode packs the same four times as fast."""
+    p, estimate = prediction, prediction.estimate
+    return types.ComPrediction(
+        header=header_to(types, p.stamp_ns, p.frame_id),
+        support=support_to(types, p),
+        measured_position=_vector(types.Point, p.measured_com),
+        measured_velocity=_vector(types.Vector3, p.measured_com_vel),
+        reference_position=_vector(types.Point, p.reference_com),
+        reference_velocity=_vector(types.Vector3, p.reference_com_vel),
+        predicted_position=_vector(types.Point, p.predicted_com),
+        predicted_velocity=_vector(types.Vector3, p.predicted_com_vel),
+        residual=_vector(types.Vector3, p.residual),
+        sole_pose=pose_to(types, p.T_odom_sole),
+        horizons=[
             types.HorizonPrediction(
-                h=0.0,
-                position=_vector(types.Point, zero),
-                covariance=np.zeros(9),
-                model_share=_vector(types.Vector3, zero),
+                h=float(each.h),
+                position=_vector(types.Point, each.com),
+                covariance=each.covariance.ravel(),
+                model_share=_vector(types.Vector3, each.model_share),
             )
-            for _ in prediction.horizons
-        ]
-    for target, horizon in zip(message.horizons, prediction.horizons, strict=True):
-        target.h = float(horizon.h)
-        _fill(target.position, horizon.com)
-        target.covariance = horizon.covariance.ravel()
-        _fill(target.model_share, horizon.model_share)
-    message.flags = int(prediction.flags)
-    message.predicted_covariance = prediction.predicted_covariance.ravel()
-    estimate = prediction.estimate
-    _fill(message.estimated_position, estimate.com)
-    _fill(message.estimated_velocity, estimate.com_vel)
-    message.estimated_covariance = estimate.covariance.ravel()
-    message.measured_covariance = estimate.measured_covariance.ravel()
-    message.nis = float(estimate.nis)
-    return message
+            for each in p.horizons
+        ],
+        flags=int(p.flags),
+        predicted_covariance=p.predicted_covariance.ravel(),
+        estimated_position=_vector(types.Point, estimate.com),
+        estimated_velocity=_vector(types.Vector3, estimate.com_vel),
+        estimated_covariance=estimate.covariance.ravel(),
+        measured_covariance=estimate.measured_covariance.ravel(),
+        nis=float(estimate.nis),
+    )
 
 
 def deflection_to(types: MessageTypes, prediction: Prediction, joints: Sequence[str]) -> Any:
@@ -118,30 +98,14 @@ def deflection_to(types: MessageTypes, prediction: Prediction, joints: Sequence[
     )
 
 
-def _blank_prediction(types: MessageTypes) -> Any:
-    zero, identity = np.zeros(3), np.eye(4)
-    header = header_to(types, 0, "")
-    return types.ComPrediction(
-        header=header,
-        support=types.SupportState(
-            header=header, phase=0, support_foot=0, left_share=math.nan, phase_time=0.0, total_force=math.nan
-        ),
-        measured_position=_vector(types.Point, zero),
-        measured_velocity=_vector(types.Vector3, zero),
-        reference_position=_vector(types.Point, zero),
-        reference_velocity=_vector(types.Vector3, zero),
-        predicted_position=_vector(types.Point, zero),
-        predicted_velocity=_vector(types.Vector3, zero),
-        residual=_vector(types.Vector3, zero),
-        sole_pose=pose_to(types, identity),
-        horizons=[],
-        flags=0,
-        predicted_covariance=np.zeros(9),
-        estimated_position=_vector(types.Point, zero),
-        estimated_velocity=_vector(types.Vector3, zero),
-        estimated_covariance=np.zeros(36),
-        measured_covariance=np.zeros(9),
-        nis=math.nan,
+def planned_deflection_to(types: MessageTypes, planned: PlannedDeflection, joints: Sequence[str]) -> Any:
+    """A sensor_msgs/JointState: deflections [rad] as positions, torques [Nm] as efforts, at the stamp of the plan."""
+    return types.JointState(
+        header=header_to(types, planned.stamp_ns, ""),
+        name=list(joints),
+        position=types.doubles(planned.deflection),
+        velocity=types.doubles(np.empty(0)),
+        effort=types.doubles(planned.torque),
     )
 
 
@@ -226,6 +190,11 @@ def wrench_to(types: MessageTypes, message: WrenchMessage) -> Any:
     )
 
 
+def contacts_to(types: MessageTypes, message: ContactMessage) -> Any:
+    """A FootContacts."""
+    return types.FootContacts(header=header_to(types, message.stamp_ns, ""), left=message.left, right=message.right)
+
+
 def imu_to(types: MessageTypes, message: ImuMessage) -> Any:
     """A sensor_msgs/Imu; an unknown orientation is marked with -1, as the message defines."""
     known = message.orientation is not None
@@ -246,20 +215,7 @@ def _vector(kind: Callable[..., Any], value: Array) -> Any:
     return kind(x=x, y=y, z=z)
 
 
-def _fill(target: Any, value: Array) -> None:
-    target.x, target.y, target.z = value.tolist()
-
-
 def pose_to(types: MessageTypes, T: Array) -> Any:
     """A geometry_msgs/Pose; NaN throughout where the pose is not known."""
-    message = types.Pose(
-        position=_vector(types.Point, T[:3, 3]), orientation=types.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    )
-    _fill_pose(message, T)
-    return message
-
-
-def _fill_pose(target: Any, T: Array) -> None:
-    _fill(target.position, T[:3, 3])
-    o = target.orientation
-    o.x, o.y, o.z, o.w = quaternion(T[:3, :3])
+    x, y, z, w = quaternion(T[:3, :3])
+    return types.Pose(position=_vector(types.Point, T[:3, 3]), orientation=types.Quaternion(x=x, y=y, z=z, w=w))

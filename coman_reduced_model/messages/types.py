@@ -8,7 +8,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import (
     Array,
     Foot,
@@ -21,12 +21,13 @@ JOINT_STATE, WRENCH_STAMPED, IMU_TYPE = (
     "geometry_msgs/msg/WrenchStamped",
     "sensor_msgs/msg/Imu",
 )
-COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE, EXTERNAL_WRENCH, COM_DEFLECTION = (
+COM_REFERENCE, COM_PREDICTION, SUPPORT_STATE, EXTERNAL_WRENCH, COM_DEFLECTION, FOOT_CONTACTS = (
     f"{OWN}/msg/ComReference",
     f"{OWN}/msg/ComPrediction",
     f"{OWN}/msg/SupportState",
     f"{OWN}/msg/ExternalWrench",
     f"{OWN}/msg/ComDeflection",
+    f"{OWN}/msg/FootContacts",
 )
 POINT_STAMPED, STRING = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
 ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
@@ -38,6 +39,7 @@ INPUT_TYPES = {
     **dict.fromkeys(WRENCHES.values(), WRENCH_STAMPED),
     REFERENCE: COM_REFERENCE,
     IMU: IMU_TYPE,
+    CONTACTS: FOOT_CONTACTS,
 }
 
 
@@ -59,7 +61,7 @@ class MessageTypes:
             f"{OWN}/msg/{name}"
             for name in ("SupportState", "HorizonPrediction", "ComPrediction", "ComReference", "ExternalWrench")
         ),
-        *(f"{OWN}/msg/{name}" for name in ("DeflectionPrediction", "ComDeflection")),
+        *(f"{OWN}/msg/{name}" for name in ("DeflectionPrediction", "ComDeflection", "FootContacts")),
     )
 
     def __init__(self, find: Callable[[str], type], doubles: Callable[[Array], Any]) -> None:

@@ -22,6 +22,7 @@ from ..schemas import read_result
 from . import figures
 from .configuration import configuration_section
 from .draw import PHASE_NAMES
+from .estimate import estimate_section
 from .page import Notice, Part, Section, Table, Text, page, picture
 from .run import load_run
 from .verdict import millimetres, percent, sentence
@@ -36,6 +37,7 @@ _FLAGS = {
     "NO_SUPPORT": "in the air, or the phase is not known yet",
     "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
     "RESET": "the free run was initialised from the measurement",
+    "COMPUTED_WRENCH": "the foot wrenches are computed (streams.wrench_source), not measured",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
 }
 
@@ -104,7 +106,7 @@ def prediction_page(
     robot = (summary.get("robot") or {}).get("name") or "robot"
     recording = Path(summary.get("bag") or "?").name
     sections: list[Section] = []
-    parts = _walk, _errors, _deflection, _horizons, _left, _support, _inputs, configuration_section
+    parts = _walk, _errors, _deflection, _horizons, estimate_section, _left, _support, _inputs, configuration_section
     for number, make in enumerate(parts):
         report(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
         sections.append(make(summary, shown, plots))

@@ -20,7 +20,7 @@ import numpy as np
 from ..bag.encode_input import ENCODE
 from ..bag.types import bag_types
 from ..bag.writer import BagWriter
-from ..core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..core.base.types import Foot, Reference
 from ..core.gait.gait import WalkPlan, plan_walk
 from ..core.gait.parameters import GaitParameters, gait
@@ -265,6 +265,7 @@ class _Stream:
             (WRENCHES[Foot.LEFT], readings.left_wrench),
             (WRENCHES[Foot.RIGHT], readings.right_wrench),
             (IMU, readings.imu),
+            (CONTACTS, readings.contacts),
         ):
             if message is not None:
                 self._push(stream, message.stamp_ns + self._latency, message)

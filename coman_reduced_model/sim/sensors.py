@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from ..core.base.compiled import compiled
-from ..core.base.types import Array, ImuMessage, JointMessage, WrenchMessage
+from ..core.base.types import Array, ContactMessage, ImuMessage, JointMessage, WrenchMessage
 from ..errors import ConfigError
 from .robot_table import RobotTable
 
+SWITCH = 8.0  # [N] that closes a switch under a foot
 STREAMS = ("joints", "left_wrench", "right_wrench", "imu")
 
 
@@ -47,6 +48,8 @@ class SensorOptions:
     joints_every: int = 1  # periods between two messages of joint and motor states
     wrench_every: int = 1  # of both wrenches
     imu_every: int = 1  # of the IMU
+    wrenches: bool = True  # False: a robot without foot force sensors
+    contact_switches: bool = False  # True: foot_contacts, by a switch under each foot
     wrench_frame: str = "sole"  # frame that wrenches are expressed in: sole or sensor
     wrench_zero: float = 0.0  # [N] largest zero of a force, drawn evenly; of a moment 0.05 m times that
     wrench_gain: float = 0.0  # relative error of the gain of each component
@@ -135,6 +138,7 @@ class Readings:
     left_wrench: WrenchMessage | None
     right_wrench: WrenchMessage | None
     imu: ImuMessage | None
+    contacts: ContactMessage | None = None
 
 
 def cross(a: Sequence[float] | Array, b: Array) -> Array:
@@ -213,15 +217,19 @@ class Sensors:
         left = self._wrench("left_wrench", f"l_{self._frame}", stamps, s.left_wrench)
         right = self._wrench("right_wrench", f"r_{self._frame}", stamps, s.right_wrench)
         imu = self._imu(stamps["imu"], s)
+        contacts = ContactMessage(
+            stamps["left_wrench"], bool(s.left_wrench[2] > SWITCH), bool(s.right_wrench[2] > SWITCH)
+        )
         due = {name: self._period % getattr(o, f"{name}_every") == 0 for name in ("joints", "wrench", "imu")}
         self._period += 1
         return Readings(
             t,
             joints if due["joints"] and not drop[0] else None,
             motors if due["joints"] and not drop[1] and o.motor_states else None,
-            left if due["wrench"] and not drop[2] else None,
-            right if due["wrench"] and not drop[3] else None,
+            left if due["wrench"] and not drop[2] and o.wrenches else None,
+            right if due["wrench"] and not drop[3] and o.wrenches else None,
             imu if due["imu"] and not drop[4] else None,
+            contacts if due["wrench"] and o.contact_switches else None,
         )
 
     def _effort(self, s: Signals, deflection: Array, motor_qd: Array, qd: Array | None) -> Array:

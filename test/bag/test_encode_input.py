@@ -10,11 +10,11 @@ import pytest
 
 from coman_reduced_model.bag.encode_input import ENCODE
 from coman_reduced_model.bag.types import bag_types, typestore
-from coman_reduced_model.core.base.stream_names import IMU, JOINTS, REFERENCE, WRENCHES
-from coman_reduced_model.core.base.types import Foot, ImuMessage, JointMessage, WrenchMessage
+from coman_reduced_model.core.base.stream_names import CONTACTS, IMU, JOINTS, REFERENCE, WRENCHES
+from coman_reduced_model.core.base.types import ContactMessage, Foot, ImuMessage, JointMessage, WrenchMessage
 from coman_reduced_model.core.gait.gait import plan_walk
 from coman_reduced_model.core.gait.parameters import gait
-from coman_reduced_model.messages import INPUT_TYPES, imu_to, joint_to, reference_to, wrench_to
+from coman_reduced_model.messages import INPUT_TYPES, contacts_to, imu_to, joint_to, reference_to, wrench_to
 
 STAMP = 1_700_000_000_123_456_789
 RNG = np.random.default_rng(1)
@@ -35,6 +35,7 @@ POINT = plan_walk(gait("test2")).reference(2.2, STAMP, 0.02, 25)
         (WRENCHES[Foot.RIGHT], replace(WRENCH, frame_id="r_ft"), wrench_to),
         (IMU, TURNED, imu_to),
         (IMU, replace(TURNED, orientation=None), imu_to),
+        (CONTACTS, ContactMessage(STAMP, True, False), contacts_to),
         (REFERENCE, POINT, reference_to),
         (REFERENCE, plan_walk(gait("test2")).reference(0.0, STAMP), reference_to),
     ],

@@ -12,17 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coman_reduced_model_msgs.msg import SupportState
+from coman_reduced_model_msgs.msg import ComPrediction, ComReference, SupportState
 from conftest import PATIENCE, Process, child_environment
 from ros_testing import vector
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
-from coman_reduced_model.core.base.stream_names import IMU, JOINTS
-from coman_reduced_model.messages import stamp_of
+from coman_reduced_model.core.base.stream_names import IMU, JOINTS, REFERENCE
+from coman_reduced_model.messages import prediction_from, reference_from, stamp_of
 from coman_reduced_model.ros.interface import qos
+from coman_reduced_model.ros.tools.tracking import Tracking
 from coman_reduced_model.sim.robot_table import COMAN, with_upper_body
-from coman_reduced_model.topics import INPUT_TOPICS
+from coman_reduced_model.topics import INPUT_TOPICS, PREDICTION
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
 
@@ -52,10 +53,17 @@ class PacedClock:
 
 
 @pytest.mark.slow
-def test_virtual_robot_walks_its_plan_and_the_prediction_follows(start, peer):
-    """Robot, trajectory and predictor together, in simulated time."""
-    clock = PacedClock(peer)
-    robot = start.node("virtual_robot", use_sim_time=True, output__diagnostics_rate=5.0)
+@pytest.mark.parametrize("compensate", [False, True])
+def test_virtual_robot_walks_its_plan_and_the_prediction_follows(compensate, start, peer):
+    """Robot, trajectory and predictor together, in simulated time; the motors lead by the robot's own lead or not."""
+    clock, tracking = PacedClock(peer), Tracking()
+    for kind, topic, take in (
+        (ComReference, REFERENCE, lambda message: tracking.add_plan(reference_from(message))),
+        (ComPrediction, PREDICTION, lambda message: tracking.add(prediction_from(message))),
+    ):
+        peer.node.create_subscription(kind, topic, take, qos.sensor_input())
+    own = {"virtual_robot__compensate": True, "virtual_robot__lead": 0.5} if compensate else {}
+    robot = start.node("virtual_robot", use_sim_time=True, output__diagnostics_rate=5.0, **own)
     predictor = start.node("predictor", use_sim_time=True)
     robot.wait_for("ready: coman")
     predictor.wait_for("ready: coman")
@@ -70,6 +78,8 @@ def test_virtual_robot_walks_its_plan_and_the_prediction_follows(start, peer):
     residual = np.array([vector(m.residual) for m in peer.predictions])
     rigid = np.array([vector(m.measured_position) - vector(m.reference_position) for m in peer.predictions])
     assert np.nanmean(residual[:, 2] ** 2) < np.nanmean(rigid[:, 2] ** 2)
+    if compensate:
+        assert values["share of the lead that is compensated"] == "1.00" and tracking.rms_mm()[0] < 2.5
     for node in (robot, predictor, trajectory):
         assert node.stop() == 0
 

@@ -152,7 +152,7 @@ def test_missing_inputs_are_said_in_the_console(start, peer):
         standing.joints.publish(standing.joint())
         for foot, publisher in standing.wrenches.items():
             publisher.publish(standing.wrench(foot, 85.0, frame="nowhere" if foot == 1 else None))
-    node.wait_for("/motor_states (1 publisher; wanted by prediction.reference: motor)")
+    node.wait_for("/motor_states (1 publisher; wanted by prediction.reference: motor; `none` does without)")
     node.wait_for("/left_foot/wrench (left_foot/wrench: ")
     assert "nowhere" in node.output
     standing.samples(10)

@@ -5,5 +5,5 @@ from __future__ import annotations
 
 from .types import Foot
 
-JOINTS, MOTORS, REFERENCE, IMU = "joint_states", "motor_states", "com/reference", "imu"
+JOINTS, MOTORS, REFERENCE, IMU, CONTACTS = "joint_states", "motor_states", "com/reference", "imu", "foot_contacts"
 WRENCHES = {Foot.LEFT: "left_foot/wrench", Foot.RIGHT: "right_foot/wrench"}

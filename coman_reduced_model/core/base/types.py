@@ -69,6 +69,15 @@ class WrenchMessage:
 
 
 @dataclass(slots=True)
+class ContactMessage:
+    """Which feet are on the ground, by switches or by a controller."""
+
+    stamp_ns: int
+    left: bool
+    right: bool
+
+
+@dataclass(slots=True)
 class ImuMessage:
     """Orientation and rates of the body that carries the IMU."""
 
@@ -98,6 +107,15 @@ class Reference:
 
 
 @dataclass(slots=True)
+class PlannedDeflection:
+    """What a plan asks of the springs of both legs at a stamp; m joints, the left leg's first."""
+
+    stamp_ns: int
+    deflection: Array  # (m,) link minus motor position [rad]: motors lead the planned joints by its opposite
+    torque: Array  # (m,) [Nm] that the springs transmit
+
+
+@dataclass(slots=True)
 class Sample:
     """All streams at the stamp of one joint state; what is missing is None, never zero.
 
@@ -115,6 +133,7 @@ class Sample:
     right_wrench: Array | None = None  # (6,) the same for the right foot
     reference: Reference | None = None
     imu: ImuMessage | None = None
+    contacts: ContactMessage | None = None  # where wrenches are computed from contact states
 
 
 class Flags(IntFlag):
@@ -129,6 +148,7 @@ class Flags(IntFlag):
     RESET = 32  # the free run was initialised from the measurement at this sample
     REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or the model's prediction ahead lost
     INCONSISTENT = 128  # the estimate's innovations have been far larger than its covariance says
+    COMPUTED_WRENCH = 256  # the wrenches are computed (streams.wrench_source), not measured
 
     @property
     def diverged(self) -> bool:

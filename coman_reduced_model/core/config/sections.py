@@ -8,11 +8,19 @@ from typing import Any
 
 from ..base.parameter import par
 
+WRENCH_SOURCES = ("sensors", "torques", "contacts")
+
 
 @dataclass(frozen=True)
 class StreamsConfig:
     """How the streams are joined by stamp."""
 
+    wrench_source: str = par(
+        "sensors",
+        "",
+        "foot wrenches are measured, or computed from joint torques or from contact states",
+        choices=WRENCH_SOURCES,
+    )
     max_wait: float = par(0.05, "s", "longest that a joint state waits (in stamps) for the other streams", 0.0, 2.0)
     max_wrench_age: float = par(0.05, "s", "a wrench farther than this from the joint state is stale", 1e-4, 2.0)
     max_motor_age: float = par(0.05, "s", "the same for the motor states", 1e-4, 2.0)
@@ -222,4 +230,6 @@ class VirtualRobotConfig:
     rate: float = par(200.0, "Hz", "rate of its sensors", 50.0, 1000.0)
     seed: int = par(1, "", "of its sensor noise", 0, 2**31 - 1)
     noise: bool = par(True, "", "sensors with noise, bias, jitter and lost messages; false: perfect ones")
+    lead: float = par(0.8, "1", "share of the planned deflection of the springs by which its motors lead", 0.0, 1.0)
+    compensate: bool = par(False, "", "lead by `com/planned_deflection` instead, where that is known")
     world: str = par("", "", "file, kind or seed of a world (coman worlds), which then says robot and sensors")

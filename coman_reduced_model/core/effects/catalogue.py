@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ...errors import ConfigError
-from ..base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from .backlash import Backlash
 from .base import Effect
 from .body_mass import BodyMass
@@ -101,7 +101,7 @@ def build_effects(configured: Sequence[EffectConfig], robot: Robot) -> tuple[lis
 
 def stream_delays(effects: Sequence[Effect]) -> dict[str, float]:
     """By input stream, by how much its stamps are later than the truth by these effects [s]."""
-    streams = (JOINTS, MOTORS, REFERENCE, IMU, *WRENCHES.values())
+    streams = (JOINTS, MOTORS, REFERENCE, IMU, CONTACTS, *WRENCHES.values())
     return {stream: sum(effect.late(stream) for effect in effects) for stream in streams}
 
 

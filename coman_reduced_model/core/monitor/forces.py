@@ -28,7 +28,6 @@ _MIN_TOTAL = 0.05  # of the weight: with less on both feet, the robot is in the 
 # Time that an IMU must be there at every look before it is used, and be missing before it is dropped [ns].
 _ACCEPT_NS, _DROP_NS = 1_000_000_000, 10_000_000_000
 _UPRIGHT = 0.9  # cosine of the sole's inclination by the IMU: below it, mounting is wrong or the robot falls
-_NOT_KNOWN = np.full((3, 3), np.nan)
 
 
 class Feet(NamedTuple):
@@ -63,28 +62,62 @@ FOOT = np.dtype(
 )
 
 
+BALANCE = np.dtype(
+    [
+        ("count", np.int64),  # of the looks in a row
+        ("last_ns", np.int64),  # of the last look
+        ("imu_since_ns", np.int64),  # first look of those in a row with an IMU
+        ("imu_last_ns", np.int64),  # last look with it
+        ("heading", np.float64),  # of the x axis of the stored vectors, in the support sole frame [rad]
+        ("force", np.float64, 3),  # foot forces + weight at the last look [N]
+        ("on_left", np.bool_),  # the support foot at the last look
+        ("uses_imu", np.bool_),
+    ],
+    align=True,
+)
+
+
+class BalanceMemory(NamedTuple):
+    """What the balance of forces remembers."""
+
+    state: Records  # (1,) of BALANCE
+    steps: Records  # of STEP, a ring
+    feet: Records  # (2,) of FOOT at the last look
+    soles: Array  # (2, 4) edges of the left and the right sole [m]
+    weight: float  # of the robot [N]
+
+
 class ForceBalance:
     """Residual force of a robot over the last seconds.
 
     Attributes:
-        uses_imu: the inclination of the base comes from an IMU.
-        heading: direction of the x axis of the stored vectors, in the support sole frame [rad].
+        memory: for `take_forces`, which compiled code may call in place of `look`.
     """
 
     def __init__(self, mass: float, gravity: float, soles: Array) -> None:
         """Mass [kg], gravity [m/s^2], and edges (2, 4) of the left and the right sole [m]."""
-        self._mass, self._weight, self._soles = mass, mass * gravity, soles
-        self._steps = np.zeros(_CAPACITY, dtype=STEP)
-        self._feet = np.zeros(2, dtype=FOOT)  # at the last look
-        self._force = np.zeros(3)  # foot forces + weight at the last look [N]
+        self._mass = mass
+        state, steps, feet = np.zeros(1, dtype=BALANCE), np.zeros(_CAPACITY, dtype=STEP), np.zeros(2, dtype=FOOT)
+        self.memory = BalanceMemory(state, steps, feet, soles, mass * gravity)
+        self._state = state[0]
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
-        self._count = 0
-        self._last_ns = 0  # of the last look
-        self._imu_since_ns = self._imu_last_ns = 0  # first look of those in a row with an IMU, last look with it
-        self._foot, self.heading, self.uses_imu = Foot.LEFT, 0.0, False
+        state = self._state
+        for field in ("count", "last_ns", "imu_since_ns", "imu_last_ns", "heading"):
+            state[field] = 0
+        state["on_left"], state["uses_imu"] = True, False
+
+    @property
+    def uses_imu(self) -> bool:
+        """Whether the inclination of the base comes from an IMU."""
+        return bool(self._state["uses_imu"])
+
+    @property
+    def heading(self) -> float:
+        """Direction of the x axis of the stored vectors, in the support sole frame [rad]."""
+        return float(self._state["heading"])
 
     def look(self, stamp_ns: int, foot: Foot, feet: Feet, R_ground_base: Array) -> None:
         """Take one sample.
@@ -95,50 +128,65 @@ class ForceBalance:
             feet: posture and wrenches.
             R_ground_base: (3, 3) rotation of the base against the ground by an IMU, or NaN.
         """
-        dt, self._last_ns = (stamp_ns - self._last_ns) * 1e-9, stamp_ns
-        continuous = 0.0 < dt < _GAP_S
-        R = feet.R_left if foot == Foot.LEFT else feet.R_right
-        usable = bool(R_ground_base[2] @ R[:, 2] > _UPRIGHT)
-        uses_imu = self._choose_imu(stamp_ns, usable, continuous)
-        if not continuous or uses_imu != self.uses_imu:
-            self._count, self.heading, self._foot, self.uses_imu = 0, 0.0, foot, uses_imu
-        if foot is not self._foot:
-            R_before = feet.R_left if self._foot == Foot.LEFT else feet.R_right
-            self.heading, self._foot = _heading_in(self.heading, R_before, R), foot
-        at = self._count % _CAPACITY
-        step = self._steps[at : at + 1]
-        self.heading = _add_step(
-            step, self._feet, self._force, self.heading, R, feet, R_ground_base if usable else _NOT_KNOWN, uses_imu,
-            self._soles, self._weight,
-        )  # fmt: skip
-        step["middle"], step["dt"] = stamp_ns * 1e-9 - 0.5 * dt, dt
-        if not self._count:  # no look before it
-            step[:] = np.nan
-        self._count += 1
-
-    def _choose_imu(self, stamp_ns: int, usable: bool, continuous: bool) -> bool:
-        """Whether to use the IMU from now on."""
-        if not (usable and continuous and self._imu_since_ns):
-            self._imu_since_ns = stamp_ns * usable
-        if usable:
-            self._imu_last_ns = stamp_ns
-        if self.uses_imu:
-            return stamp_ns - self._imu_last_ns < _DROP_NS
-        return usable and stamp_ns - self._imu_since_ns >= _ACCEPT_NS
+        take_forces(self.memory, stamp_ns, foot == Foot.LEFT, feet, R_ground_base)
 
     def residual(self, start_ns: int, end_ns: int) -> Array:
         """Residual force (3,) [N] between two stamps: z up, x along that of the support sole.
 
         An external force is its negative. NaN where the looks do not cover the window.
         """
-        count = min(self._count, _CAPACITY)
-        return _weighted_residual(self._steps, count, start_ns * 1e-9, end_ns * 1e-9, self._mass, self.heading)
+        count = min(int(self._state["count"]), _CAPACITY)
+        steps, start, end = self.memory.steps, start_ns * 1e-9, end_ns * 1e-9
+        return _weighted_residual(steps, count, start, end, self._mass, self.heading)
 
 
+@compiled
+def take_forces(memory: BalanceMemory, stamp: int, on_left: bool, feet: Feet, R_ground_base: Array) -> None:
+    """`ForceBalance.look`; stamp in ns."""
+    state = memory.state[0]
+    dt = (stamp - state.last_ns) * 1e-9
+    state.last_ns = stamp
+    continuous = 0.0 < dt < _GAP_S
+    R = feet.R_left if on_left else feet.R_right
+    usable = bool((R_ground_base[2] * R[:, 2]).sum() > _UPRIGHT)
+    uses_imu = _choose_imu(state, stamp, usable, continuous)
+    if not continuous or uses_imu != state.uses_imu:
+        state.count, state.heading, state.on_left, state.uses_imu = 0, 0.0, on_left, uses_imu
+    if on_left != state.on_left:
+        state.heading = _heading_in(state.heading, feet.R_left if state.on_left else feet.R_right, R)
+        state.on_left = on_left
+    level = np.full((3, 3), np.nan)
+    if usable:
+        level[:] = R_ground_base
+    at = state.count % _CAPACITY
+    step = memory.steps[at : at + 1]
+    state.heading = _add_step(
+        step, memory.feet, state.force, state.heading, R, feet, level, uses_imu,
+        memory.soles, memory.weight,
+    )  # fmt: skip
+    step[0].middle, step[0].dt = stamp * 1e-9 - 0.5 * dt, dt
+    if state.count == 0:  # no look before it
+        step[0].middle = step[0].dt = np.nan
+    state.count += 1
+
+
+@compiled
+def _choose_imu(state: Record, stamp: int, usable: bool, continuous: bool) -> bool:
+    """Whether to use the IMU from now on."""
+    if not (usable and continuous and state.imu_since_ns != 0):
+        state.imu_since_ns = stamp if usable else 0
+    if usable:
+        state.imu_last_ns = stamp
+    if state.uses_imu:
+        return bool(stamp - state.imu_last_ns < _DROP_NS)
+    return bool(usable and stamp - state.imu_since_ns >= _ACCEPT_NS)
+
+
+@compiled
 def _heading_in(heading: float, R_before: Array, R: Array) -> float:
     """A heading in the frame of one sole, expressed in that of another."""
-    x = R_before @ [np.cos(heading), np.sin(heading), 0.0]
-    return float(np.arctan2(R[:, 1] @ x, R[:, 0] @ x))
+    x = np.cos(heading) * R_before[:, 0] + np.sin(heading) * R_before[:, 1]
+    return float(np.arctan2((R[:, 1] * x).sum(), (R[:, 0] * x).sum()))
 
 
 @compiled

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..base.compiled import Records
@@ -31,7 +30,7 @@ from .channels import (
     shown,
 )
 from .forces import WINDOW_NS, Feet, ForceBalance
-from .residuals import JOINT, JOINT_SUMS, RESIDUAL, Look, add_look
+from .residuals import JOINT, JOINT_SUMS, RESIDUAL, Look, Sums, take_look
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot
@@ -50,8 +49,8 @@ _DEFLECTION, _DEFLECTION_RATE = 0.004, 0.05
 _GAP_S = 0.05  # longest time between two looks over which a spring is integrated
 _MAX_WINDOW_NS = 2_000_000_000  # longest window of the force balance
 _NAN3 = np.full(3, np.nan)
-_NAN33 = np.full((3, 3), np.nan)
 _IDENTITY = np.eye(4)
+_NOT_KNOWN = np.full(4, np.nan), np.asfortranarray(np.eye(3))  # laid out as Pinocchio's
 
 
 class PhaseMean(NamedTuple):
@@ -81,9 +80,8 @@ class Laws:
     def __init__(self, robot: Robot, config: Config) -> None:
         self._robot = robot
         self._has_motor_plan = config.prediction.reference == "motor"  # else the reference COM is the plan itself
-        self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
-        self._weight = robot.mass * config.robot.gravity
-        self.forces = ForceBalance(robot.mass, config.robot.gravity, self._soles)
+        soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
+        self.forces = ForceBalance(robot.mass, config.robot.gravity, soles)
         self._joints = _joint_records(robot, config)
         self._left: NDArray[np.bool_] = self._joints["left"]
         self.names = channel_names([robot.joint_names[j] for j in self._joints["index"]])
@@ -92,6 +90,7 @@ class Laws:
         self._set_nominal(robot, config)
         self._sums = np.zeros(len(self._joints), dtype=JOINT_SUMS)
         self._residuals = np.zeros(len(self.names), dtype=RESIDUAL)
+        self._memory = Sums(self._joints, self._sums, self._residuals)
         self._no_joints = np.full(len(robot.joint_names), np.nan)
         self._imu_frame: tuple[str, int | None] = ("", robot.base_id)  # name and index
         self._first_ns = self._last_ns = 0  # first look of the phase, last look
@@ -116,8 +115,8 @@ class Laws:
     def _set_nominal(self, robot: Robot, config: Config) -> None:
         """Nominal variability, in units of the channels."""
         scale = {
-            "N": self._weight,
-            "Nm": self._weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
+            "N": self.forces.memory.weight,
+            "Nm": self.forces.memory.weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
             "Ns": robot.mass,
         }
         table = load_nominal(config.monitor.baseline).monitor
@@ -147,54 +146,47 @@ class Laws:
         left, right, foot = sample.left_wrench, sample.right_wrench, prediction.support.support_foot
         assert left is not None and right is not None
         R, p, on_left = link.R, link.p, foot == Foot.LEFT
-        feet = Feet(R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT], link.com, left, right)
-        R_ground_base = self._base_rotation(sample, link)
-        self.forces.look(sample.stamp_ns, foot, feet, R_ground_base)
         plan, T_odom_sole = _NAN3, _IDENTITY
         if self._has_motor_plan and sample.reference is not None and sample.motor_q is not None:
             plan = sample.reference.com
             T_odom_sole = sample.reference.T_odom_left if on_left else sample.reference.T_odom_right
-        look = Look(
-            on_left,
-            sample.q,
-            self._no_joints if sample.motor_q is None else sample.motor_q,
-            self._no_joints if sample.tau is None else sample.tau,
-            link.J,
-            link.J_com,
-            R_ground_base[2],
-            prediction.reference_com,
-            plan,
-            T_odom_sole,
-        )
         dt, dt_before, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, self._dt, sample.stamp_ns
         if not self.looks:
             self._first_ns = sample.stamp_ns
         self._dt = dt if 0.0 < dt < _GAP_S else 0.0
-        self._edge_looks += add_look(
-            self._joints,
-            self._sums,
-            self._residuals,
-            self._soles,
-            self._weight,
-            feet,
-            look,
+        self._edge_looks += take_look(
+            self.forces.memory,
+            self._memory,
+            Feet(R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT], link.com, left, right),
+            Look(
+                on_left,
+                sample.q,
+                self._no_joints if sample.motor_q is None else sample.motor_q,
+                self._no_joints if sample.tau is None else sample.tau,
+                link.J,
+                link.J_com,
+                prediction.reference_com,
+                plan,
+                T_odom_sole,
+            ),
+            *self._imu(sample, link),
+            sample.stamp_ns,
             self.looks,
             self._dt,
             dt_before,
         )
         self.looks += 1
 
-    def _base_rotation(self, sample: Sample, link: Posture) -> Array:
-        """(3, 3) rotation of the base against the ground by the IMU, or NaN."""
+    def _imu(self, sample: Sample, link: Posture) -> tuple[Array, Array]:
+        """Orientation (4,) of the IMU against the ground, or NaN, and its rotation (3, 3) in the base frame."""
         if sample.imu is None or sample.imu.orientation is None:
-            return _NAN33
+            return _NOT_KNOWN
         name = sample.imu.frame_id
         if name != self._imu_frame[0]:
             self._imu_frame = name, self._robot.sensor_frame(name.lstrip("/"))
         if self._imu_frame[1] is None:
-            return _NAN33
-        R_ground_imu = pin.Quaternion(sample.imu.orientation).toRotationMatrix()
-        return np.asarray(R_ground_imu @ link.orientation(self._imu_frame[1]).T)
+            return _NOT_KNOWN
+        return sample.imu.orientation, link.orientation(self._imu_frame[1])
 
     def land(self, since: float, dt: float, force: float) -> None:
         """Take the vertical force [N] on a foot that landed `since` [s] ago (< LANDED_S), dt [s] after the last one."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..base.compiled import Record, Records, apply, compiled
 from ..base.types import Array
 from .channels import COMMON
-from .forces import Feet
+from .forces import BalanceMemory, Feet, take_forces
 
 _EDGE = 0.004  # [m] from the edge of a sole: nearer, the sole stands on its edge
 _MOMENT, _FEET, _SLIDE, _TILT, _UNLOADED_LEFT, _UNLOADED_RIGHT, _PLAN = (
@@ -79,40 +79,86 @@ class Look(NamedTuple):
     torque: Array  # (n,) measured, or NaN [Nm]
     J: Array  # of the soles, as in `Posture`
     J_com: Array  # of the COM, as in `Posture`
-    up: Array  # (3,) vertical in the base frame by the IMU, or NaN
     com: Array  # (3,) by the motor positions, in the support sole frame [m]
     plan: Array  # (3,) COM of com/reference in odom, or NaN [m]
     T_odom_sole: Array  # (4, 4) support sole in com/reference
 
 
+class Sums(NamedTuple):
+    """What is updated at a look."""
+
+    joints: Records  # `JOINT` (nl,)
+    sums: Records  # `JOINT_SUMS` (nl,)
+    residuals: Records  # `RESIDUAL` (n,)
+
+
 @compiled
-def add_look(
-    joints: Records,
-    sums: Records,
-    residuals: Records,
-    soles: Array,
-    weight: float,
+def take_look(
+    memory: BalanceMemory,
+    sums: Sums,
     feet: Feet,
     look: Look,
+    orientation: Array,
+    R_imu: Array,
+    stamp: int,
     looks: int,
     dt: float,
     dt_before: float,
 ) -> bool:
-    """Add one look to the sums of the phase.
+    """Add one look to the balance of forces and to the sums of the phase: one call, for calls cost as much as the work.
 
     Args:
-        joints: `JOINT` (nl,), updated.
-        sums: `JOINT_SUMS` (nl,), updated.
-        residuals: `RESIDUAL` (n,), updated.
-        soles: (2, 4) edges of the left and the right sole [m].
-        weight: of the robot [N].
+        memory, sums: updated.
         feet, look: what is known.
+        orientation: (4,) of the IMU against the ground, quaternion x y z w; NaN: not known.
+        R_imu: (3, 3) of the IMU in the base frame.
+        stamp: [ns].
         looks: before this one in the phase.
         dt, dt_before: time since the last look, and of that one since the one before it; 0: not known [s].
 
     Returns:
         Whether the support foot stands on its edge.
     """
+    R_ground_base = _mul_transposed(_rotation(orientation), R_imu)
+    take_forces(memory, stamp, look.on_left, feet, R_ground_base)
+    return _add_look(sums, memory.soles, memory.weight, feet, look, R_ground_base[2], looks, dt, dt_before)
+
+
+@compiled
+def _rotation(q: Array) -> Array:
+    """(3, 3) of a unit quaternion x y z w."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
+    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
+    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+    return R
+
+
+@compiled
+def _mul_transposed(A: Array, B: Array) -> Array:
+    """A (3, 3) by the transpose of B (3, 3)."""
+    C = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
+    return C
+
+
+@compiled
+def _add_look(
+    memory: Sums,
+    soles: Array,
+    weight: float,
+    feet: Feet,
+    look: Look,
+    up: Array,
+    looks: int,
+    dt: float,
+    dt_before: float,
+) -> bool:
+    """The sums of the phase; `up` (3,): vertical in the base frame by the IMU, or NaN."""
+    joints, sums, residuals = memory.joints, memory.sums, memory.residuals
     left, right = _about_base(feet.R_left, feet.p_left, feet.left), _about_base(feet.R_right, feet.p_right, feet.right)
     R = feet.R_left if look.on_left else feet.R_right
     nl = joints.shape[0]
@@ -140,7 +186,7 @@ def add_look(
         total.posture += total.posture_last
         if looks == 0:
             total.posture_first = total.posture_last
-    _common_residuals(residuals[2 * nl :], feet, look, R, left, right)
+    _common_residuals(residuals[2 * nl :], feet, look, up, R, left, right)
     for i in range(residuals.shape[0]):
         residuals[i].sum += residuals[i].now
         if looks == 0:
@@ -214,7 +260,9 @@ def _add_spring(joint: Record, total: Record, static: float, measured: float, dt
 
 
 @compiled
-def _common_residuals(out: Records, feet: Feet, look: Look, R: Array, left: Array, right: Array) -> None:
+def _common_residuals(
+    out: Records, feet: Feet, look: Look, vertical: Array, R: Array, left: Array, right: Array
+) -> None:
     """Residuals of the channels `COMMON`; left and right wrenches (6,) in base axes about the base origin."""
     force, moment = left[:3] + right[:3], left[3:] + right[3:]
     for k in range(3):
@@ -227,7 +275,7 @@ def _common_residuals(out: Records, feet: Feet, look: Look, R: Array, left: Arra
     out[_FEET].now, out[_FEET + 1].now = gap[2], np.arctan2(up[1], up[2])
     out[_FEET + 2].now = -np.arcsin(min(1.0, max(-1.0, up[0])))
     out[_SLIDE].last, out[_SLIDE + 1].last = gap[0], gap[1]
-    out[_TILT].now, out[_TILT + 1].now = (R[:, 1] * look.up).sum(), -(R[:, 0] * look.up).sum()
+    out[_TILT].now, out[_TILT + 1].now = (R[:, 1] * vertical).sum(), -(R[:, 0] * vertical).sum()
     for k in range(6):
         out[_UNLOADED_LEFT + k].now, out[_UNLOADED_RIGHT + k].now = feet.left[k], feet.right[k]
     for k in range(2):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import IMU, JOINTS, MOTORS
@@ -88,7 +87,8 @@ class Signs:
             return
         up = imu.linear_acceleration / size
         for k, order in enumerate(((0, 1, 2, 3), (1, 2, 3, 0))):
-            self._upright[k] += Rotation.from_quat(imu.orientation[list(order)]).as_matrix()[2] @ up
+            turned = pin.Quaternion(imu.orientation[list(order)]).normalized().toRotationMatrix()
+            self._upright[k] += turned[2] @ up
 
     def _torques(self, sample: Sample, tau: np.ndarray) -> None:
         """Of a loaded leg, against what bears the force under its foot: -J' w; weight of the leg left out."""

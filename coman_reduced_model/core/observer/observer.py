@@ -4,16 +4,15 @@
 Beside the free run, which it does not touch. The filter is `kalman.py`; here is what its noise is:
 
 - Steps of the encoders, found in their data, and the white noise of the measured COM, by its third differences.
-- Nominal variability (config/nominal.yaml): zeros of encoders and wrenches, gains and delays of wrenches, slope of the
-  ground, mass. What is constant cannot be seen in innovations, so it enters the published covariances beside those of
-  the filter (as a Schmidt-Kalman filter considers it), not the filter.
-
-Covariances are of the COM of the links of the URDF: that the masses are others is not in them.
+- How far the apparent external force wanders, axis by axis, by its own corrections of the last seconds: soles that roll
+  or slide, and forces that come and go, make the motion by the encoders another one than that by the forces.
+- Nominal variability (config/nominal.yaml): masses of the links and where they are, zeros of encoders and wrenches,
+  gains and delays of wrenches, slope of the ground. What is constant cannot be seen in innovations, so it enters the
+  published covariances beside those of the filter (as a Schmidt-Kalman filter considers it), not the filter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import exp
 from typing import TYPE_CHECKING
 
@@ -21,14 +20,18 @@ import numpy as np
 
 from ..base.types import Array, Estimate, Flags, Foot, Sample
 from .kalman import SIZE, C, F, N, V, advance, com_covariance, correct, net_force, turned
+from .masses import masses_covariance
 
 if TYPE_CHECKING:
+    from ..base.nominal import Nominal
     from ..robot.robot import Posture, Robot
 
 GAP = 0.1  # [s] without a sample or a wrench after which it begins again
 LASTS = 0.1  # [s] for which an error by a step of an encoder lasts
-WALK = 0.1  # of the weight: how far an external force wanders in the root of a second
-FORCE = 0.0015  # of the weight times the root of a second: force that neither sensors nor gains explain
+WALK = 0.1  # of the weight: how far an external force wanders in the root of a second, before it is known
+WALKS = (0.01, 0.3)  # the same, least and most
+WANDERED, LEARNT = 0.05, 1.5  # [s] over which corrections of the force add up, and memory of what they add up to
+FORCE = 0.001  # of the weight times the root of a second: force that neither sensors nor gains explain
 FASTEST = 2.0  # [s] memory of the white noise
 LEAST = 1e-5  # [m] of white noise at least
 JUDGED = 2.0  # [s] memory of the NIS
@@ -45,17 +48,18 @@ class Observer:
         nis: mean of the last seconds [1]; 3 is expected.
     """
 
-    def __init__(self, robot: Robot, gravity: float, widths: Mapping[str, float]) -> None:
+    def __init__(self, robot: Robot, gravity: float, nominal: Nominal) -> None:
         """Build the filter.
 
         Args:
             robot: its mass and columns.
             gravity: [m/s^2].
-            widths: of `Nominal`, standard deviations over nominal robots.
+            nominal: how nominal robots differ.
         """
+        widths = nominal.widths
         self._robot, self._mass, self._gravity = robot, robot.mass, gravity
         weight = robot.mass * gravity
-        self._walk = (WALK * weight) ** 2
+        self._weight, self._nominal = weight, nominal
         self._force = (FORCE * weight) ** 2
         self._gain, self._delay = widths["wrench_scale.scale.spread"], widths["wrench_delay.delay.spread"]
         self._zero_variance = np.zeros(robot.model.nv)
@@ -65,6 +69,7 @@ class Observer:
         gain = (weight * widths["wrench_scale.together.spread"]) ** 2
         self._constant = np.diag([zeros[0] + slope**2, zeros[1] + slope**2, zeros[2] + mass**2 + gain])
         self._last_q: Array | None = None
+        self._masses: Array | None = None  # (3, 3) [m^2] of the COM by those of the masses, base frame
         self._step = np.full(len(robot.joint_names), np.inf)  # [rad] smallest that each encoder has shown
         self.reset()
 
@@ -77,7 +82,9 @@ class Observer:
         self._last_force: Array | None = None
         self._past = np.full((4, 3), np.nan)  # [m] measured COM, newest last
         self._white, self._seen = np.zeros(3), 0.0  # [m^2] variances, and the share of the memory that is known
-        self._slow = self._zeros = np.zeros((3, 3))
+        self._walks = np.full(3, (WALK * self._weight) ** 2)  # [N^2 / s]
+        self._wandered = np.zeros(3)  # [N] sum of the corrections of the external force, fading
+        self._slow = self._constants = np.zeros((3, 3))
         self.nis, self.flags = 3.0, Flags.OK
 
     def update(self, sample: Sample, link: Posture, foot: Foot, com: Array, com_vel: Array) -> Estimate:
@@ -109,7 +116,9 @@ class Observer:
                 self._switch(link, foot, com)
             self._advance(force, dt)
             self._add_white(com, dt)
+            before = self._x[F:N].copy()
             self._judge(correct(self._x, self._P, com, np.diag(self._white / max(self._seen, 1e-9) + LEAST**2)), dt)
+            self._learn_walk(self._x[F:N] - before, dt)
         self._foot, self._last_force = foot, force
         return self._estimate()
 
@@ -127,7 +136,10 @@ class Observer:
         steps[robot.idx_v] = np.where(np.isfinite(self._step), self._step, 0.0) ** 2 / 12.0
         geometry = link.com, link.J_com, link.J, robot.sole_columns[foot], link.R[foot]
         self._slow = com_covariance(*geometry, steps) + LEAST**2 * np.eye(3)
-        self._zeros = com_covariance(*geometry, self._zero_variance)
+        if self._masses is None:
+            self._masses = masses_covariance(link, self._nominal)
+        axes = link.R[foot]
+        self._constants = com_covariance(*geometry, self._zero_variance) + axes.T @ self._masses @ axes
 
     def _begin(self, com: Array, com_vel: Array) -> None:
         self._x[:] = 0.0
@@ -159,7 +171,7 @@ class Observer:
         swing = force.copy()
         swing[2] -= self._mass * self._gravity
         errors = (self._gain * swing) ** 2 + (self._delay * moved) ** 2
-        noise = np.array([self._force + errors * LASTS, np.full(3, self._walk)])
+        noise = np.array([self._force + errors * LASTS, self._walks])
         advance(
             self._x, self._P, 0.5 * (force + last), dt, self._mass, self._gravity, noise, self._slow, LASTS
         )  # fmt: skip
@@ -174,6 +186,14 @@ class Observer:
             self._white += share * (third * third / 20.0 - self._white)
             self._seen += share * (1.0 - self._seen)
 
+    def _learn_walk(self, correction: Array, dt: float) -> None:
+        """How far the force wanders, by corrections (3,) [N]: where it is as assumed, their sum has its variance."""
+        self._wandered = self._wandered * exp(-dt / WANDERED) + correction
+        share = 1.0 - exp(-dt / LEARNT)
+        self._walks += share * (2.0 / WANDERED * self._wandered**2 - self._walks)
+        low, high = ((each * self._weight) ** 2 for each in WALKS)
+        np.clip(self._walks, low, high, out=self._walks)
+
     def _judge(self, nis: float, dt: float) -> None:
         self._nis = nis
         share = 1.0 - exp(-dt / JUDGED)
@@ -185,8 +205,8 @@ class Observer:
 
     def _estimate(self) -> Estimate:
         x, covariance = self._x, self._P[:F, :F].copy()
-        covariance[:3, :3] += self._zeros
-        white = np.diag(self._white / max(self._seen, 1e-9)) + self._zeros
+        covariance[:3, :3] += self._constants
+        white = np.diag(self._white / max(self._seen, 1e-9)) + self._constants
         return Estimate(
             x[C:V].copy(), x[V:F].copy(), covariance, self._slow + white, x[F:N].copy(),
             self._P[F:N, F:N] + self._constant, self._nis,

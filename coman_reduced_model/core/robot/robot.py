@@ -217,6 +217,7 @@ class Posture:
     """The robot at one set of joint positions and velocities; `update` refreshes all quantities in place.
 
     Attributes, all in the base frame (views into Pinocchio's data: copy what is to be kept):
+        configuration: (nq,) of the model.
         com: (3,) [m].
         R, p: by foot, rotation (3, 3) and position (3,) [m] of the sole.
         up: (3,) z of the trunk (`robot.base_frame`).
@@ -229,7 +230,7 @@ class Posture:
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self.data = robot.model.createData()
-        self._q = pin.neutral(robot.model)
+        self.configuration = pin.neutral(robot.model)
         self._v = np.zeros(robot.model.nv)
         self.base_in_sole = np.full((6, 3), np.nan)
         self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
@@ -243,9 +244,11 @@ class Posture:
     def update(self, q: Array, qd: Array) -> None:
         """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
         robot = self.robot
-        robot.scatter(q, self._q)
+        robot.scatter(q, self.configuration)
         self._v[robot.idx_v] = qd
-        pin.jacobianCenterOfMass(robot.model, self.data, self._q, False)  # COM, J_com, J, and where the joints are
+        pin.jacobianCenterOfMass(
+            robot.model, self.data, self.configuration, False
+        )  # COM, J_com, J, and where the joints are
         pin.updateFramePlacements(robot.model, self.data)
 
     def tilt(self, foot: Foot) -> Array:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import RobotError
-from ..base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ..base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..base.types import Array, Foot, ImuMessage, Integers, Phase, Reference, Sample
 from .blocks import Block, ImuBlock, Irregular, JointBlock, ReferenceBlock, WrenchBlock
 from .joiner import Joiner
@@ -103,7 +103,9 @@ class BlockJoiner(Joiner):
         Raises:
             Irregular: nothing has been taken; add the messages one after the other.
         """
-        lanes = {name: self._lane(name, blocks.get(name)) for name in self.streams}
+        if CONTACTS in self.incomplete or self.streams[CONTACTS].items:  # few robots have these
+            raise Irregular
+        lanes = {name: self._lane(name, blocks.get(name)) for name in self.streams if name != CONTACTS}
         joints, waiting = lanes[JOINTS], len(self._waiting)
         at = np.concatenate((np.array([stamp for stamp, _ in self._waiting], dtype=np.int64), joints.stamps))
         if len(at) > CAPACITY:
@@ -275,7 +277,10 @@ class BlockJoiner(Joiner):
             if name != JOINTS:
                 reach = lane.stream.max_age if name == IMU else self._reach
                 found[name] = _find(lane, at, released, reach)
-        left, right = (_mixed(lanes[name], at, found[name])[0] for name in WRENCHES.values())
+        left: list[Array | None] = [None] * len(at)
+        right = left
+        if self._measures_wrenches:
+            left, right = (_mixed(lanes[name], at, found[name])[0] for name in WRENCHES.values())
         motor_q, motor_qd = self._motors_at(at, states, lanes[MOTORS], found[MOTORS])
         plans = _references(lanes[REFERENCE], at, found[REFERENCE])
         imus = _imus(lanes[IMU], at, found[IMU])

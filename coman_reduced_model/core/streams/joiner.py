@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Joins the streams by stamp: messages in, one Sample for each joint state out.
 
-A joint state at time t waits until every *expected* stream has a message with a stamp of t or later: both
-wrenches, and the motor states or the reference if the prediction needs them. If one is late or gone, it waits until
-a joint state `streams.max_wait` newer has come. Other streams never delay anything: their nearest message so far is
-taken. Streams with equal stamps therefore complete at once; a slower stream delays by its period.
+A joint state at time t waits until every *expected* stream has a message with a stamp of t or later: both wrenches,
+or what they are computed from, and the motor states or the reference if the prediction needs them. If one is late or
+gone, it waits until a joint state `streams.max_wait` newer has come. Other streams never delay anything: their nearest
+message so far is taken. Streams with equal stamps therefore complete at once; a slower stream delays by its period.
 
 Values at t are interpolated between the two messages around it; where only one is near enough, it is taken as it
 is; where none is, the value is None. A message later than t counts only within half of `max_wait`. So long as
@@ -27,16 +27,18 @@ import numpy as np
 
 from ...errors import RobotError
 from ..base.stream_names import (
+    CONTACTS,
     IMU,
     JOINTS,
     MOTORS,
     REFERENCE,
     WRENCHES,
 )
-from ..base.types import Array, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
+from ..base.types import Array, ContactMessage, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
 from ..robot.limits import limits_of
 from .differentiate import Differentiator
+from .expected import expected_streams
 from .joint_map import JointMap, JointState
 from .mixing import all_usable, mix, mixed, to_sole
 from .possible import Possible
@@ -88,13 +90,11 @@ class Joiner:
         self._wrenches = {foot: stream(name, limits.max_wrench_age) for foot, name in WRENCHES.items()}
         self._reference = stream(REFERENCE, limits.max_reference_age)
         self._imu = stream(IMU, limits.max_wrench_age)
-        self._others = (*self._wrenches.values(), self._motors, self._reference, self._imu)
+        self._contacts = stream(CONTACTS, limits.max_wrench_age)
+        self._others = (*self._wrenches.values(), self._motors, self._reference, self._imu, self._contacts)
         self.streams = {each.name: each for each in (self._joints, *self._others)}
-        self._fields = [(self._wrenches[Foot.LEFT], "left_wrench"), (self._wrenches[Foot.RIGHT], "right_wrench")]
-        if config.prediction.reference == "motor":
-            self._fields.append((self._motors, "motor_q"))
-        elif config.prediction.reference == "topic":
-            self._fields.append((self._reference, "reference"))
+        self._measures_wrenches = limits.wrench_source == "sensors"
+        self._fields = [(self.streams[name], field) for name, field in expected_streams(config).items()]
         self._expected = tuple(each for each, _ in self._fields)
         for each in self.streams.values():
             each.late = round(1e9 * (delays or {}).get(each.name, 0.0))
@@ -198,6 +198,11 @@ class Joiner:
             if not usable(values):
                 return self._reject_values(self._imu, values, f"a vector of it is {values}")
         return self._add_possible(self._imu, self.possible.imu, message.stamp_ns, message)
+
+    def add_contacts(self, message: ContactMessage) -> list[Sample]:
+        """Which feet are on the ground."""
+        self._contacts.received += 1
+        return self._add(self._contacts, message.stamp_ns, message)
 
     def flush(self) -> list[Sample]:
         """The end: joint states that still wait become Samples with what is there."""
@@ -337,9 +342,11 @@ class Joiner:
             state.q,
             state.qd,  # type: ignore[arg-type]
             state.tau,
-            left_wrench=self._wrench_at(Foot.LEFT, stamp),
-            right_wrench=self._wrench_at(Foot.RIGHT, stamp),
         )
+        if self._measures_wrenches:
+            sample.left_wrench, sample.right_wrench = (self._wrench_at(foot, stamp) for foot in WRENCHES)
+        if self._contacts.items:
+            sample.contacts = self._contacts.latest(stamp)
         if self._motors.items:
             self._join_motors(sample)
         if self._reference.items:

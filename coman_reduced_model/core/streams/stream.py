@@ -204,6 +204,12 @@ class Stream:
             after = None
         return before, after
 
+    def latest(self, stamp: int) -> Any | None:
+        """The value that holds at a stamp until the next message: the newest one before it, within max_age."""
+        before, after = self.bracket(stamp, 0)
+        found = before or after
+        return None if found is None else found[1]
+
     def nearest(self, stamp: int) -> Any | None:
         """The value nearest to a stamp within max_age, for streams that nothing waits for."""
         before, after = self.bracket(stamp, self.max_age)

@@ -22,7 +22,7 @@ from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
 from ...core.predictor import Predictor
 from ...core.robot.robot import Robot
-from ...errors import BagError
+from ...errors import BagError, ConfigError
 from ...progress import Progress
 from ...topics import TopicNames
 from .torques import from_deflection
@@ -99,8 +99,15 @@ def load(
     """Read a bag; the robot has the loads, and the recording the corrections, of effects that are configured already.
 
     Raises:
-        ComanError: the bag, the robot or the configuration cannot be used, or it is too short to say anything.
+        ComanError: the bag, the robot or the configuration cannot be used, it is too short to say anything, or its
+            wrenches are computed.
     """
+    if config.streams.wrench_source != "sensors":
+        raise ConfigError(
+            f"streams.wrench_source: {config.streams.wrench_source}: a diagnosis needs measured foot wrenches; "
+            "computed ones hold the balance of forces by construction, so that neither foot sensors nor forces, masses "
+            "and springs can be judged by them (allowed: sensors)"
+        )
     with Session(path, config, urdf=urdf, names=names) as session:
         bag, pipeline = session.bag, session.pipeline
         samples: list[Sample] = []

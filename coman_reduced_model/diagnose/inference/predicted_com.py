@@ -286,6 +286,21 @@ def free_runs_in_helper(urdf: str | Path | None, names: TopicNames | None) -> It
     helper.shutdown()
 
 
+class _Here(Executor):
+    """Calls at once, in this process."""
+
+    def submit(self, call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(call(*arguments, **named))
+        return done
+
+
+@contextmanager
+def free_runs_here(urdf: str | Path | None, names: TopicNames | None) -> Iterator[FreeRuns]:
+    """Free runs without a second process: for a worker beside others that keep the cores busy."""
+    yield FreeRuns(_Here(), urdf, names)
+
+
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
     """Processes that are started meanwhile ignore Ctrl-C; outside of the main thread they do not."""

@@ -143,6 +143,7 @@ class Diagnostics:
             values[f"{name}: accepted"] = stream.accepted
             if stream.expected:
                 values[f"{name}: missing in samples"] = stream.incomplete
+        values["foot wrenches"] = self._node.config.streams.wrench_source
         values["samples"] = status.samples
         values["waiting"] = status.waiting
         values |= rejected_values(status.rejected, status.last_rejection)
@@ -211,6 +212,8 @@ class Diagnostics:
     def _mismatch(self, status: Status, monitor: Monitor | None) -> tuple[Level, str, dict[str, Any]]:
         if monitor is None:
             return Level.OK, "monitor disabled (monitor.enabled)", {}
+        if (source := self._node.config.streams.wrench_source) != "sensors":
+            return Level.OK, f"nothing is watched: foot wrenches are computed (streams.wrench_source: {source})", {}
         values: dict[str, Any] = {"support phases compared": monitor.phases}
         stamp = self._node.get_clock().now().nanoseconds
         lines = [f"{each}, for {max(0.0, (stamp - each.onset_ns) * 1e-9):.1f} s" for each in status.mismatches]

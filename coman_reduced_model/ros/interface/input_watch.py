@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 from rclpy.clock import Clock, ClockType
 
-from ...core.base.stream_names import MOTORS, REFERENCE
+from ...core.streams.expected import why_expected
 from ...topics import DESCRIPTION, INPUT_TOPICS
 from .diagnostics import PredictingNode
 
 MISSING_S = 5.0  # [s] without a usable message: a line
 _EVERY_S = 0.5
-_WANTED_BY = {MOTORS: "prediction.reference: motor", REFERENCE: "prediction.reference: topic"}
 
 
 @dataclass
@@ -69,4 +68,5 @@ class InputWatch:
             return "; ".join(sentence for reason, sentence in last.items() if reason.startswith(f"{name}/"))
         count = self._node.count_publishers(self._topic(name))
         publishers = f"{count or 'no'} publisher{'s' if count > 1 else ''}"
-        return f"{publishers}; wanted by {_WANTED_BY[name]}" if name in _WANTED_BY else publishers
+        why = why_expected(name, self._node.config)
+        return f"{publishers}; wanted by {why}" if why else publishers

@@ -13,6 +13,7 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from ...bag.decode import decoder
+from ...core.base.stream_names import REFERENCE
 from ...core.config.schema import Config
 from ...core.pipeline import Pipeline
 from ...core.robot.robot import Robot
@@ -25,6 +26,7 @@ from ..interface.diagnostics import Diagnostics, PredictingNode
 from ..interface.input_watch import InputWatch
 from ..interface.outputs import Outputs
 from ..interface.parameters import Own, declare
+from ..interface.planned import PlannedOutput
 
 NAME = "predictor"
 OWN = Own(
@@ -55,6 +57,7 @@ class PredictorNode(PredictingNode):
         # First, because a URDF that cannot be read ends the node in one line.
         self.description = Description(self, self.config, self._on_description)
         self.outputs = Outputs(self, self.config, self.types)
+        self.planned = PlannedOutput(self, self.config, self.types)
         self.diagnostics = Diagnostics(self)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.input_watch = InputWatch(self)
@@ -95,6 +98,8 @@ class PredictorNode(PredictingNode):
             for prediction in pipeline.feed(stream, message, decode):
                 self.outputs.publish(prediction)
                 self.diagnostics.on_prediction(prediction, started)
+            if stream == REFERENCE:
+                self.planned.on_reference(pipeline, message, decode)
         except Exception as error:  # a bug of ours: said and counted, and the node goes on
             self.diagnostics.on_failure(stream, error)
         self.diagnostics.on_message(stream, started)

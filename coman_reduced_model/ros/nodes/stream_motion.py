@@ -11,6 +11,7 @@ import numpy as np
 from ...core.base.types import Array, Phase, Reference
 from ...sim.motion import LegKinematics, follow
 from ...sim.upper_motion import RISE_S, UpperMotion
+from .planned_lead import PlannedLead
 
 SPACING_NS = 20_000_000  # inverse kinematics at 50 Hz; the cubic between leaves some 0.1 mrad
 DELAY_NS = 90_000_000  # the robot lives so far in the past that the cubic's next two knots are there
@@ -39,6 +40,8 @@ class StreamMotion:
         start_ns: int,
         upper: UpperMotion | None = None,
         stride_s: float = 1.0,
+        sag: float = 0.8,
+        planned: PlannedLead | None = None,
     ) -> None:
         """Stands still at first.
 
@@ -48,6 +51,8 @@ class StreamMotion:
             start_ns: stamp of t = 0 [ns].
             upper: how the upper body moves while it walks, if the robot has one.
             stride_s: time of two steps [s].
+            sag: as in sim.motion.
+            planned: the lead by com/planned_deflection, where that is known; default: none is used.
 
         Raises:
             ConfigError: the legs cannot reach that posture.
@@ -57,7 +62,8 @@ class StreamMotion:
         self._upper, self._stride_s, self._swing = upper or UpperMotion(), stride_s, 0.0
         self._began_ns = first.stamp_ns  # the swing
         self.last = first
-        theta, self.start = follow(legs, [first], upper=self._arms([first]))
+        self._sag, self._planned = sag, planned
+        theta, self.start = follow(legs, [first], sag, self._arms([first]))
         self._recent = deque([first], maxlen=2)
         self._knots: deque[tuple[float, Array]] = deque([(-1e-9 * SPACING_NS, theta)], maxlen=512)
         self.used = 0
@@ -96,7 +102,9 @@ class StreamMotion:
         # The torques of the moving legs need their accelerations, which only evenly spaced references give.
         even = abs(reference.stamp_ns + before.stamp_ns - 2 * middle.stamp_ns) < SPACING_NS // 10
         points = [before, middle, reference] if even else [middle]
-        theta, _ = follow(self._legs, points, upper=self._arms(points))
+        theta, links = follow(self._legs, points, self._sag, self._arms(points))
+        if self._planned is not None:
+            theta = self._planned.motors(middle.stamp_ns, t - self._knots[-1][0], links.q[0], theta)
         self._knots.append((t, theta))
         self.used += 1
 

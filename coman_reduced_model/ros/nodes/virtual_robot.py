@@ -11,30 +11,31 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from coman_reduced_model_msgs.msg import ComReference
+from coman_reduced_model_msgs.msg import ComReference, FootContacts
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
-from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.base.types import Foot, Reference
 from ...core.config.schema import Config
 from ...core.gait.walk import Walk, gait_of
 from ...core.streams.stream import Refused
 from ...errors import ConfigError
-from ...messages import imu_to, joint_to, reference_from, ros_types, stamp_of, wrench_to
+from ...messages import contacts_to, imu_to, joint_from, joint_to, reference_from, ros_types, stamp_of, wrench_to
 from ...sim.describe import urdf
 from ...sim.motion import LegKinematics
 from ...sim.robot_table import COMAN, ROBOTS
 from ...sim.sensors import Readings, SensorOptions
 from ...sim.upper_motion import stride_s
 from ...sim.worlds import World, robot_of, world_for
-from ...topics import DESCRIPTION, INPUT_TOPICS
+from ...topics import DESCRIPTION, INPUT_TOPICS, PLANNED_DEFLECTION
 from ..interface import qos
 from ..interface.parameters import ConfiguredNode, Own, declare
 from ..interface.report_timer import ReportTimer
+from .planned_lead import PlannedLead
 from .stream_motion import DELAY_NS, SPACING_NS, StreamMotion, at_rest
 
 NAME = "virtual_robot"
@@ -57,6 +58,7 @@ class VirtualRobotNode(ConfiguredNode):
         self.world = self._world()
         self.table = self.world.table
         self._legs = LegKinematics(self.table)
+        self._planned = PlannedLead(self.table.joint_names) if self.config.virtual_robot.compensate else None
         self._received = self._refused = self._skipped = self._places = 0
         self._placing_ns = 300_000_000  # what the last placing took: the robot settles on its springs meanwhile
         self._problem = ""
@@ -85,6 +87,7 @@ class VirtualRobotNode(ConfiguredNode):
 
         self._joints, self._motors = publisher(JointState, JOINTS), publisher(JointState, MOTORS)
         self._wrenches = {foot: publisher(WrenchStamped, topic) for foot, topic in WRENCHES.items()}
+        self._contacts = publisher(FootContacts, CONTACTS)
         self._imu = publisher(Imu, INPUT_TOPICS[IMU])
         self._description = self.create_publisher(String, DESCRIPTION, qos.latched())
         self._description.publish(String(data=urdf(self.table)))
@@ -95,6 +98,11 @@ class VirtualRobotNode(ConfiguredNode):
         self.create_subscription(
             ComReference, REFERENCE, self._on_reference, qos.sensor_input(), qos_overriding_options=qos.overridable()
         )
+        if self._planned is not None:
+            self.create_subscription(
+                JointState, PLANNED_DEFLECTION, self._on_planned, qos.sensor_input(),
+                qos_overriding_options=qos.overridable(),
+            )  # fmt: skip
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / self.world.sensors.rate_hz, self._tick, clock=steady)
         self._timer.set_rate(self.config.output.diagnostics_rate)
@@ -113,7 +121,8 @@ class VirtualRobotNode(ConfiguredNode):
         seed = self.config.virtual_robot.seed + self._places
         self.robot = robot_of(self.world, seed=seed, start_ns=start)
         stride = stride_s(gait_of(self.config))
-        self.motion = StreamMotion(self._legs, reference, start, self.world.upper, stride)
+        lead = self.config.virtual_robot.lead
+        self.motion = StreamMotion(self._legs, reference, start, self.world.upper, stride, lead, self._planned)
         self.robot.reset(self.motion, self.motion.start)
         self._start = start
         self._places += 1
@@ -138,6 +147,13 @@ class VirtualRobotNode(ConfiguredNode):
                 self._following = False
         except (Refused, ConfigError, ValueError) as error:
             self._refused += 1
+            self._problem = str(error)
+
+    def _on_planned(self, message: JointState) -> None:
+        assert self._planned is not None
+        try:
+            self._planned.add(joint_from(message))
+        except Refused as error:
             self._problem = str(error)
 
     def _tick(self) -> None:
@@ -172,6 +188,7 @@ class VirtualRobotNode(ConfiguredNode):
             (self._wrenches[Foot.LEFT], readings.left_wrench, wrench_to),
             (self._wrenches[Foot.RIGHT], readings.right_wrench, wrench_to),
             (self._imu, readings.imu, imu_to),
+            (self._contacts, readings.contacts, contacts_to),
             (self._motors, readings.motor_states, joint_to),
             (self._joints, readings.joint_states, joint_to),
         )
@@ -202,6 +219,8 @@ class VirtualRobotNode(ConfiguredNode):
             "references received": self._received,
             "references refused": self._refused,
         }
+        if self._planned is not None:
+            values["share of the lead that is compensated"] = f"{self._planned.share:.2f}"
         self._problem = ""
         status = DiagnosticStatus(
             level=level,

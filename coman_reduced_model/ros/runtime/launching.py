@@ -13,7 +13,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from ...core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ...core.base.types import Foot
 from ...resources import share_path
 from ...topics import DESCRIPTION, INPUT_TOPICS
@@ -26,6 +26,7 @@ TOPICS = {
     "motor_states": MOTORS,
     "left_wrench": WRENCHES[Foot.LEFT],
     "right_wrench": WRENCHES[Foot.RIGHT],
+    "contacts": CONTACTS,
     "imu": INPUT_TOPICS[IMU],
     "reference": REFERENCE,
 }

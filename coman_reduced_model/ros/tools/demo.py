@@ -20,12 +20,13 @@ import numpy as np
 from ...bag.reader import Bag
 from ...bag.types import typestore
 from ...bag.writer import BagWriter
-from ...core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
+from ...core.base.stream_names import JOINTS, REFERENCE
 from ...core.config.schema import Config
 from ...core.evaluation.statistics import RunStatistics
 from ...core.gait.gait import plan_walk
 from ...core.gait.parameters import GAITS
 from ...core.gait.walk import gait_of
+from ...core.streams.expected import expected_streams
 from ...errors import BagError, ConfigError
 from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ...resources import version
@@ -178,7 +179,7 @@ def run_demo(
 
 
 def _needed(replay: Replay, config: Config) -> list[str]:
-    needed = [JOINTS, *WRENCHES.values(), *([MOTORS] if config.prediction.reference == "motor" else [])]
+    needed = [JOINTS, *(stream for stream in expected_streams(config) if stream != REFERENCE)]
     if missing := [topic for topic in needed if not replay.bag.counts.get(f"/{topic}")]:
         raise BagError(f"{replay.bag.path}: no messages on {', '.join('/' + topic for topic in missing)}")
     return needed

@@ -8,12 +8,13 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from coman_reduced_model_msgs.msg import ComPrediction
+from coman_reduced_model_msgs.msg import ComPrediction, ComReference
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from ...core.base.stream_names import REFERENCE
 from ...topics import PREDICTION
 from ..interface import qos
 from ..interface.diagnostic_report import Report
@@ -27,12 +28,16 @@ class Listener:
         reports: by name, the last of each status on /diagnostics.
     """
 
-    def __init__(self, name: str, on_prediction: Callable[[bytes], None]) -> None:
-        """`on_prediction` is called with each serialised com/prediction, in the listener's thread."""
+    def __init__(
+        self, name: str, on_prediction: Callable[[bytes], None], on_reference: Callable[[bytes], None] | None = None
+    ) -> None:
+        """They are called with each serialised com/prediction and com/reference, in the listener's thread."""
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name)
         self.reports: dict[str, Report] = {}
         self.node.create_subscription(ComPrediction, PREDICTION, on_prediction, qos.prediction_output(), raw=True)
+        if on_reference is not None:
+            self.node.create_subscription(ComReference, REFERENCE, on_reference, qos.sensor_input(), raw=True)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.display_output())
         self._executor: Any = EventsExecutor()
         self._executor.add_node(self.node)

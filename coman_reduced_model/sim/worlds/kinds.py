@@ -26,7 +26,7 @@ class Kind:
         name: as in `coman record --world`.
         sentence: what is special about it.
         draw: fields of `World` that it sets, drawn.
-        weight: how often it is drawn, beside the others of its axis.
+        weight: how often it is drawn, beside the others of its axis; 0: only by its name.
         chosen_on: whether something of diagnosis, monitor or prediction was chosen on robots of this kind.
         only_engine: the engine that has it; empty: all.
     """
@@ -236,6 +236,9 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind("no_motors", "no motor states: the springs' other end is unknown", _streams(motor_states=False), 0.5),
         Kind("commanded", "motor states repeat the command", lambda rng, world: {
             "sensors": replace(world.sensors, motor_source="commanded")}, chosen_on=True),
+        Kind("no_foot_sensors", "no foot force sensors, but torques", _streams(wrenches=False), 0.0),
+        Kind("contact_switches", "switches under the feet, neither force sensors nor torques",
+             _streams(wrenches=False, effort=False, contact_switches=True), 0.0),
         Kind("bare", "neither torques, IMU nor reference", _streams(reference=False, effort=False, imu=False)),
     ),
     "imperfections": (

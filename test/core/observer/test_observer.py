@@ -92,3 +92,21 @@ def test_without_a_wrench_nothing_is_estimated():
 
     for p in walk(drop, seconds=3.0):
         assert np.isnan(p.estimate.com).all() and np.isnan(p.estimate.force).all()
+
+
+def test_masses_and_zeros_of_encoders_are_in_the_covariance(plain):
+    """A tenth of a millimetre is what the noise of the encoders alone would make."""
+    sigma = np.sqrt(np.diag(plain[-1].estimate.covariance)[:3])
+    assert (sigma > 8e-4).all() and (sigma < 1e-2).all()
+
+
+def test_a_force_that_comes_and_goes_makes_the_velocity_less_certain(plain):
+    def shake(sample: Sample) -> None:
+        for wrench in (sample.left_wrench, sample.right_wrench):
+            if wrench is not None:
+                wrench[1] += 10.0 * np.sin(2.0 * np.pi * 3.0e-9 * (sample.stamp_ns % 1_000_000_000_000))
+
+    calm, shaken = (
+        np.mean([np.diag(p.estimate.covariance)[3:] for p in some], axis=0) for some in (plain, list(walk(shake)))
+    )
+    assert shaken[1] > 1.5 * calm[1] and shaken[0] < 1.5 * calm[0]

@@ -15,14 +15,17 @@ from coman_reduced_model.bag.blocks import block_of
 from coman_reduced_model.bag.decode import decoder
 from coman_reduced_model.bag.decode_blocks import decode_block
 from coman_reduced_model.bag.types import bag_types, typestore
-from coman_reduced_model.core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE
-from coman_reduced_model.core.base.types import ImuMessage
+from coman_reduced_model.core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE
+from coman_reduced_model.core.base.types import ContactMessage, ImuMessage
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.streams.blocks import Irregular
-from coman_reduced_model.messages import INPUT_TYPES, imu_to, joint_to, reference_to, wrench_to
+from coman_reduced_model.messages import INPUT_TYPES, contacts_to, imu_to, joint_to, reference_to, wrench_to
 
 STREAMS = {stream: stream for stream in INPUT_TYPES}  # topics that are called as their streams
-TO = {JOINTS: joint_to, MOTORS: joint_to, LEFT: wrench_to, RIGHT: wrench_to, REFERENCE: reference_to, IMU: imu_to}
+TO = {
+    JOINTS: joint_to, MOTORS: joint_to, LEFT: wrench_to, RIGHT: wrench_to, REFERENCE: reference_to, IMU: imu_to,
+    CONTACTS: contacts_to,
+}  # fmt: skip
 
 
 def serialised(messages):
@@ -131,3 +134,13 @@ def test_a_known_delay_is_taken_off_in_blocks_too():
 @settings(max_examples=10)
 def test_one_bad_message_is_counted_as_without_blocks(mutation):
     compare(serialised(spoil(walk(0.3, 100.0, reference=True), [mutation])), config(), [60])
+
+
+def test_without_foot_sensors_blocks_hold_no_wrenches_and_contacts_are_taken_one_by_one():
+    messages = walk(0.5, 200.0, reference=True)
+    raws = serialised(messages)
+    assert compare(raws, config(streams__wrench_source="torques"), [300]) == 2
+    with_contacts = serialised(
+        each for s, m in messages for each in ((s, m), (CONTACTS, ContactMessage(m.stamp_ns, True, False))) if s != LEFT
+    )
+    assert compare(with_contacts, config(streams__wrench_source="contacts"), [300]) == 0

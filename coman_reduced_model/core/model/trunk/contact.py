@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.compiled import apply, compiled, inverse_positive, mul
+from ...base.compiled import add_product, apply, compiled, inverse_positive
 from ...base.types import Array
 
 ROWS = 7  # constraints of a foot
@@ -46,16 +46,20 @@ class Linear(NamedTuple):
     f: Array  # (m + 6,) forces that depend on neither deflection nor ground [Nm], [N], [Nm]
     C: Array  # (14, m + 6) velocities of the constraints by those of the coordinates
     height: Array  # (14,) of the corners above the ground at y [m]; zero for the other constraints
-    reach: float  # lever at which friction resists yaw of a sole [m]
+    reach: Array  # (1,) lever at which friction resists yaw of a sole [m]
 
 
 class Solver(NamedTuple):
-    """What one trapezoidal step of a fixed length needs, the same for all states of one sample; r constraints."""
+    """What one trapezoidal step of a fixed length needs, the same for all states of one sample.
+
+    Only the first `rows` constraints are in use: those of the support foot, or of both.
+    """
 
     h: float  # [s]
+    rows: int  # 7 or 14
     inverse: Array  # (m + 6, m + 6) (M + h/2 D + h^2/4 K)^-1
-    by_impulse: Array  # (m + 6, r) velocities of the coordinates by impulses of the constraints
-    contact: Array  # (r, r) velocities of the constraints by their impulses
+    by_impulse: Array  # (m + 6, rows or more) velocities of the coordinates by impulses of the constraints
+    contact: Array  # (rows, rows), or more, velocities of the constraints by their impulses
 
 
 class State(NamedTuple):
@@ -75,38 +79,32 @@ class Options(NamedTuple):
 
 
 @compiled
-def contacts(support: Sole, other: Sole, s: Array) -> tuple[Array, Array, Array]:
-    """Velocities of both soles against the ground, and where their corners are.
+def contacts(support: Sole, other: Sole, s: Array, A: Array, C: Array, height: Array) -> None:
+    """Velocities of both soles against the ground, and where their corners are, in place.
 
     Args:
         support, other: the soles.
         s: (6,) small displacement of the support sole from level ground, in its axes [m], [rad].
-
-    Returns:
-        A (6, 6) twist of the trunk, in base axes at the base origin, by that of the support sole in its own; C and
-        height as in `Linear`.
+        A: (6, 6) twist of the trunk, in base axes at the base origin, by that of the support sole in its own.
+        C, height: as in `Linear`.
     """
-    m = support.twist.shape[1] + other.twist.shape[1]
-    A = _by_sole(support.R, support.p)
-    C, height = np.zeros((2 * ROWS, m + 6)), np.zeros(2 * ROWS)
+    _by_sole(support.R, support.p, A)
+    C[:], height[:] = 0.0, 0.0
     _support_rows(C, height, support.edges, s)
     _other_rows(C, height, support, other, _relative_twist(support, other, A), s)
-    return A, C, height
 
 
 @compiled
-def _by_sole(R: Array, p: Array) -> Array:
-    """(6, 6) twist of the trunk, base axes, at the base origin, by that of a sole with pose R, p in its own axes."""
-    A = np.zeros((6, 6))
+def _by_sole(R: Array, p: Array, A: Array) -> None:
+    """Fill in A of `contacts`: the twist by that of a sole with pose R, p."""
+    A[:] = 0.0
     for j in range(3):
-        w = R[:, j]
         for i in range(3):
-            A[i, j] = w[i]
-            A[3 + i, 3 + j] = w[i]
-        A[0, 3 + j] = p[1] * w[2] - p[2] * w[1]
-        A[1, 3 + j] = p[2] * w[0] - p[0] * w[2]
-        A[2, 3 + j] = p[0] * w[1] - p[1] * w[0]
-    return A
+            A[i, j] = R[i, j]
+            A[3 + i, 3 + j] = R[i, j]
+        A[0, 3 + j] = p[1] * R[2, j] - p[2] * R[1, j]
+        A[1, 3 + j] = p[2] * R[0, j] - p[0] * R[2, j]
+        A[2, 3 + j] = p[0] * R[1, j] - p[1] * R[0, j]
 
 
 @compiled
@@ -172,117 +170,151 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
     Projected Gauss-Seidel: a corner presses or is free, friction holds a sole within its cone or lets it slide.
 
     Args:
-        W: (r, r) velocities of the constraints by impulses, r = 7 or 14.
-        v: (r,) velocities at the end of the step without any impulse.
+        W: (r, r) velocities of the constraints by impulses, r = 7 or 14; symmetric.
+        v: (r,) velocities at the end of the step without any impulse; with these impulses, when it returns.
         up: (r,) velocities that corners must have at least; the other constraints stick if they can.
         P: (r,) or more [Ns], [Nms].
         friction: coefficient.
         reach: lever at which friction resists yaw [m].
     """
+    for i in range(v.shape[0]):
+        _push(v, W, i, P[i])
     for _ in range(_ROUNDS):
         largest = changed = 0.0
         for first in range(0, v.shape[0], ROWS):
             pressing = 0.0
             for i in range(first, first + 4):
                 if W[i, i] > 0.0:
-                    u = v[i] - up[i] + _SOFT * W[i, i] * P[i] + _row(W, i, P)
+                    u = v[i] - up[i] + _SOFT * W[i, i] * P[i]
                     new = max(0.0, P[i] - u / (W[i, i] * (1.0 + _SOFT)))
-                    largest, changed = max(largest, new), max(changed, abs(new - P[i]))
-                    P[i] = new
+                    moved, P[i] = new - P[i], new
+                    _push(v, W, i, moved)
+                    largest, changed = max(largest, new), max(changed, abs(moved))
                 pressing += P[i]
             for i in range(first + 4, first + 7):
-                P[i] -= (v[i] + _row(W, i, P)) / W[i, i]
-            _slide(P[first + 4 : first + 7], friction * pressing, reach)
+                moved = -v[i] / W[i, i]
+                P[i] += moved
+                _push(v, W, i, moved)
+            _slide(P, v, W, first + 4, friction * pressing, reach)
         if changed <= _ENOUGH * largest:
             break
 
 
 @compiled
-def _row(W: Array, i: int, P: Array) -> float:
-    u = 0.0
-    for j in range(W.shape[0]):
-        u += W[i, j] * P[j]
-    return u
+def _push(v: Array, W: Array, i: int, impulse: float) -> None:
+    """Add to velocities v (r,) what an impulse of constraint i does."""
+    if impulse != 0.0:
+        for j in range(v.shape[0]):
+            v[j] += W[i, j] * impulse
 
 
 @compiled
-def _slide(P: Array, most: float, reach: float) -> None:
-    """Impulses forward, left and in yaw (3,), in place: no more than friction gives."""
-    aside = np.sqrt(P[0] ** 2 + P[1] ** 2)
+def _slide(P: Array, v: Array, W: Array, i: int, most: float, reach: float) -> None:
+    """Impulses i, i + 1 (forward, left) and i + 2 (yaw), and the velocities: no more than friction gives."""
+    aside = np.sqrt(P[i] ** 2 + P[i + 1] ** 2)
     if aside > most:
-        P[0] *= most / aside
-        P[1] *= most / aside
-    P[2] = min(most * reach, max(-most * reach, P[2]))
+        for k in range(i, i + 2):
+            less = P[k] * (most / aside - 1.0)
+            P[k] += less
+            _push(v, W, k, less)
+    less = min(most * reach, max(-most * reach, P[i + 2])) - P[i + 2]
+    P[i + 2] += less
+    _push(v, W, i + 2, less)
 
 
 @compiled
-def make_solver(M: Array, K: Array, D: Array, C: Array, h: float) -> Solver:
+def make_solver(M: Array, K: Array, D: Array, C: Array, h: float, rows: int) -> Solver:
     """The solver of a step of the trapezoidal rule of h [s], stable for any h.
 
     Args:
         M: (m + 6, m + 6) inertia.
         K, D: (m, m) stiffness and damping of the joints.
-        C: (r, m + 6) constraints, r = 7 of the support foot alone, or 14 of both.
+        C: (14, m + 6) constraints.
+        rows: 7: of the support foot alone, or 14: of both.
     """
+    m, size = K.shape[0], M.shape[0]
     A = M.copy()
-    for i in range(K.shape[0]):
-        for j in range(K.shape[0]):
+    for i in range(m):
+        for j in range(m):
             A[i, j] += 0.5 * h * D[i, j] + 0.25 * h * h * K[i, j]
     A = inverse_positive(A)
-    by_impulse = mul(A, C.T.copy())
-    return Solver(h, A, by_impulse, mul(C, by_impulse))
+    by_impulse, contact = np.zeros((size, rows)), np.zeros((rows, rows))
+    for i in range(rows):
+        first = _first(i, m)
+        for k in range(first, size):
+            for j in range(size):
+                by_impulse[j, i] += A[k, j] * C[i, k]
+        for k in range(first, size):
+            for j in range(i + 1):
+                contact[i, j] += C[i, k] * by_impulse[k, j]
+        for j in range(i):
+            contact[j, i] = contact[i, j]
+    return Solver(h, rows, A, by_impulse, contact)
+
+
+@compiled
+def _first(row: int, m: int) -> int:
+    """The first coordinate that a constraint depends on: for those of the support foot it is its displacement."""
+    return m if row < ROWS else 0
 
 
 @compiled
 def step_soles(
     state: State, linear: Linear, solver: Solver, theta_0: Array, theta_1: Array, parts: int, friction: float
-) -> State:
-    """The joints of both legs and the support sole some steps of the solver later.
+) -> None:
+    """Bring the joints of both legs and the support sole, in place, some steps of the solver further.
+
+    Where the support sole is on the ground (x, y, yaw) does not matter and stays zero.
 
     Args:
-        state: at the beginning.
+        state: at the beginning; at the end, when it returns.
         linear: the equations of motion; the rate of the motors is not needed.
-        solver: of the same sample, with the constraints of the support foot or of both.
+        solver: of the same sample.
         theta_0, theta_1: (m,) motor positions at the beginning and the end [rad].
         parts: how many steps of the solver.
         friction: coefficient.
-
-    Returns:
-        The state at the end. Where the support sole is on the ground (x, y, yaw) does not matter and stays zero.
     """
-    h, rows, m = solver.h, solver.contact.shape[0], theta_0.shape[0]
-    y, w, P = state.y.copy(), state.w.copy(), state.P.copy()
-    moved = (theta_1 - theta_0) / parts
-    up, v, rest = np.zeros(rows), np.zeros(rows), np.zeros(y.shape[0])
+    y, w, P = state
+    h, rows, m = solver.h, solver.rows, theta_0.shape[0]
+    push, faster, up, v = np.empty(y.shape[0]), np.empty(y.shape[0]), np.empty(rows), np.empty(rows)
     P[rows:] = 0.0
     for part in range(parts):
-        pull = apply(linear.K, y[:m] + 0.5 * h * w[:m] - theta_0 - (part + 0.5) * moved)
-        slow = apply(linear.D, h * w[:m] - moved)
         for i in range(y.shape[0]):
-            rest[i] = h * linear.f[i]
-            if i < m:
-                rest[i] -= h * pull[i] + slow[i]
-        faster = w + apply(solver.inverse, rest)
-        for i in range(rows):
-            gap, v[i] = linear.height[i], 0.0
-            for j in range(y.shape[0]):
-                gap += linear.C[i, j] * (y[j] - linear.y[j])
-                v[i] += linear.C[i, j] * faster[j]
-            if i % ROWS < 4:
-                up[i] = -gap / (h if gap > 0.0 else _RETURN)
-        impulses(solver.contact, v, up, P, friction, linear.reach)
+            push[i], faster[i] = h * linear.f[i], w[i]
+        for k in range(m):
+            moved = (theta_1[k] - theta_0[k]) / parts
+            bent = h * (y[k] + 0.5 * h * w[k] - theta_0[k] - (part + 0.5) * moved)
+            turned = h * w[k] - moved
+            for i in range(m):
+                push[i] -= linear.K[i, k] * bent + linear.D[i, k] * turned
+        add_product(faster, solver.inverse, push)
+        _constraints(linear, y, faster, h, up, v)
+        impulses(solver.contact, v, up, P, friction, linear.reach[0])
+        add_product(faster, solver.by_impulse[:, :rows], P)
         for i in range(y.shape[0]):
-            for j in range(rows):
-                faster[i] += solver.by_impulse[i, j] * P[j]
             y[i] += 0.5 * h * (w[i] + faster[i])
-        w = faster
+            w[i] = faster[i]
     y[m] = y[m + 1] = y[m + 5] = 0.0
-    return State(y, w, P)
+
+
+@compiled
+def _constraints(linear: Linear, y: Array, w: Array, h: float, up: Array, v: Array) -> None:
+    """Velocities v (r,) of the constraints at coordinates y with rates w, and those that corners must have, up (r,)."""
+    rows, size = v.shape[0], y.shape[0]
+    for i in range(rows):
+        up[i], v[i] = linear.height[i], 0.0
+    for k in range(size):
+        off = y[k] - linear.y[k]
+        for i in range(0 if k >= size - 6 else ROWS, rows):
+            up[i] += linear.C[i, k] * off
+            v[i] += linear.C[i, k] * w[k]
+    for i in range(rows):
+        up[i] = -up[i] / (h if up[i] > 0.0 else _RETURN) if i % ROWS < 4 else 0.0
 
 
 @compiled
 def track(
-    filtered: State, free: State, linear: Linear, M: Array, double: bool, theta_0: Array, theta_1: Array,
+    states: tuple[State, State], linear: Linear, M: Array, double: bool, theta_0: Array, theta_1: Array,
     measured: Array, dt: float, options: Options,
 ) -> bool:  # fmt: skip
     """Bring the filter of the measurement and the free run, both in place, to the next sample.
@@ -290,7 +322,7 @@ def track(
     The free run takes nothing of the measurement.
 
     Args:
-        filtered, free: the states at the last sample.
+        states: filter and free run at the last sample.
         linear, M: the equations of motion at this sample, with inertia M (m + 6, m + 6).
         double: whether the other foot may touch the ground.
         theta_0, theta_1: (m,) motor positions at the last sample and at this one [rad].
@@ -302,12 +334,10 @@ def track(
         Whether the filter is finite.
     """
     parts = max(1, int(np.ceil(dt / options.longest - 1e-6)))
-    rows = 2 * ROWS if double else ROWS
-    solver = make_solver(M, linear.K, linear.D, linear.C[:rows], dt / parts)
-    for state in (filtered, free):
-        end = step_soles(state, linear, solver, theta_0, theta_1, parts, options.friction)
-        state.y[:], state.w[:], state.P[:] = end.y, end.w, end.P
-    return correct(filtered, measured, options.bandwidth, dt)
+    solver = make_solver(M, linear.K, linear.D, linear.C, dt / parts, 2 * ROWS if double else ROWS)
+    for state in states:
+        step_soles(state, linear, solver, theta_0, theta_1, parts, options.friction)
+    return correct(states[0], measured, options.bandwidth, dt)
 
 
 @compiled

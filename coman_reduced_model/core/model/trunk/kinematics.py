@@ -3,48 +3,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ...base.compiled import compiled, mul
-from ...base.types import Array
+from ...base.compiled import compiled
+from ...base.types import Array, Foot, Integers
 from ...robot.leg import add_gravity_stiffness
 from ...robot.robot import tilt
-from .contact import Linear, Sole, contacts
+from .contact import Linear, Options, Sole, State, contacts, track
 
 
 @compiled
-def trunk_twist(J_joints: Array, columns: Array) -> Array:
-    """(6, n) twist of the trunk against a sole at rest, in base axes at the base origin, by the joints of the leg.
+def trunk_twist(V: Array, J_joints: Array, columns: Integers) -> None:
+    """Fill in V (6, n): twist of the trunk against a sole at rest, in base axes at the base origin, by a leg's joints.
 
     Args:
+        V: filled in.
         J_joints: (6, nv) of `Posture`: what the joints carry moves so against the trunk, the trunk the other way.
         columns: (n,) of the leg's joints.
     """
-    V = np.empty((6, columns.shape[0]))
     for i in range(6):
         for j in range(columns.shape[0]):
             V[i, j] = -J_joints[i, columns[j]]
-    return V
 
 
 @compiled
-def com_jacobian(V: Array, columns: Array, J_com: Array, com: Array, R: Array) -> Array:
-    """(6, n) velocity of the COM and angular velocity of the trunk, in sole axes, by the joints of a leg.
+def com_jacobian(J: Array, V: Array, columns: Integers, J_com: Array, com: Array, R: Array) -> None:
+    """Fill in J (6, n): velocity of the COM and angular velocity of the trunk, in sole axes, by the joints of a leg.
 
     Unlike (8) the COM is that of all links: the links of the leg itself move less than the trunk.
 
     Args:
+        J: filled in.
         V: from `trunk_twist`.
         columns: (n,) of the leg's joints.
         J_com: (3, nv) of the COM against the trunk, base axes.
         com: (3,) in the base frame [m].
         R: (3, 3) orientation of the sole in the base frame.
     """
-    n = columns.shape[0]
-    J = np.empty((6, n))
-    for i in range(n):
+    for i in range(columns.shape[0]):
         c = columns[i]
         a0 = V[0, i] + V[4, i] * com[2] - V[5, i] * com[1] + J_com[0, c]
         a1 = V[1, i] + V[5, i] * com[0] - V[3, i] * com[2] + J_com[1, c]
@@ -52,25 +51,20 @@ def com_jacobian(V: Array, columns: Array, J_com: Array, com: Array, R: Array) -
         for k in range(3):
             J[k, i] = R[0, k] * a0 + R[1, k] * a1 + R[2, k] * a2
             J[3 + k, i] = R[0, k] * V[3, i] + R[1, k] * V[4, i] + R[2, k] * V[5, i]
-    return J
 
 
 class Pose(NamedTuple):
-    """The robot at a posture, in base axes: the support leg and the other one."""
+    """The robot at a posture, in base axes, the support leg and the other one: views that follow a `Posture`."""
 
-    mass: float  # [kg]
     com: Array  # (3,) in the base frame [m]
-    inertia: Array  # (nv, nv) joint-space inertia with a free base, upper triangle
     J: Array  # (6, nv) of `Posture`
+    J_com: Array  # (3, nv) of `Posture`
     R: Array  # (3, 3) orientation of the support sole in the base frame
     p: Array  # (3,) its position [m]
-    columns: Array  # (n,) of the support leg's joints in the velocities of the model
-    edges: Array  # (4,) of the support sole, as in `contact.Sole`
     R_other: Array
     p_other: Array
-    columns_other: Array
-    edges_other: Array
-    ground_other: Array  # (3,) as in `contact.Sole`
+    columns: Integers  # (m,) of the legs' joints in the velocities of the model
+    edges: Array  # (2, 4) of both soles, as in `contact.Sole`
 
 
 class Geometry(NamedTuple):
@@ -78,8 +72,6 @@ class Geometry(NamedTuple):
 
     V: Array  # (6, n) twist of the trunk by the joints of the support leg, base axes
     A: Array  # (6, 6) the same by the displacement of the support sole
-    C: Array  # (14, m + 6) as in `contact.Linear`
-    height: Array  # (14,)
     J: Array  # (6, m) velocity of the COM and angular velocity of the trunk, axes of the support sole
     J_other: Array  # (6, m - n) the same by the joints of the other leg if its sole stands, in its axes
     com: Array  # (3,) in the support sole [m]
@@ -89,150 +81,314 @@ class Geometry(NamedTuple):
 class TrunkTerms(NamedTuple):
     """The equation of motion at one sample: `linear` with the inertia M, the joints of the support leg first."""
 
-    foot: int  # the support foot
-    double: bool  # whether the other foot may touch the ground
     theta: Array  # (m,) motor positions [rad]
     M: Array  # (m + 6, m + 6)
     linear: Linear
     geometry: Geometry
 
 
-@compiled
-def geometry(pose: Pose, s: Array) -> Geometry:
-    """The geometry at a posture, the support sole displaced by s (6,) from level ground [m], [rad]."""
-    n, k = pose.columns.shape[0], pose.columns_other.shape[0]
-    R, p = pose.R, pose.p
-    J_com = pose.inertia[:3] / pose.mass  # the base is the origin of the axes in which the momentum is expressed
-    V, V_o = trunk_twist(pose.J, pose.columns), trunk_twist(pose.J, pose.columns_other)
-    other = Sole(pose.R_other, pose.p_other, V_o, pose.edges_other, pose.ground_other)
-    A, C, height = contacts(Sole(R, p, V, pose.edges, np.zeros(3)), other, s)
-    J = np.zeros((6, n + k))
-    J[:, :n] = com_jacobian(V, pose.columns, J_com, pose.com, R)
-    com, down = np.zeros(3), np.zeros(3)
-    for i in range(3):
-        down[i] = s[4] * R[i, 0] - s[3] * R[i, 1] - R[i, 2]
-        for j in range(3):
-            com[i] += R[j, i] * (pose.com[j] - p[j])
-            for c in range(k):
-                J[i, n + c] += R[j, i] * J_com[j, pose.columns_other[c]]
-    J_other = com_jacobian(V_o, pose.columns_other, J_com, pose.com, pose.R_other)
-    return Geometry(V, A, C, height, J, J_other, com, down)
+@dataclass(slots=True)
+class Assembled:
+    """`TrunkTerms` at one sample; all arrays are views of one, which is what compiled functions get.
+
+    Each array more would cost them a tenth of a microsecond.
+    """
+
+    block: Array  # of `terms_size`
+    terms: TrunkTerms  # views of it by `terms_of`
+    foot: Foot = Foot.NONE  # the support foot
+    double: bool = False  # whether the other foot may touch the ground
+
+
+def terms_size(m: int) -> int:
+    """Length of the array that holds the terms of m joints."""
+    d, n = m + 6, m // 2
+    return m + d * d + (2 * d + 2 * m * m + 14 * d + 14 + 1) + (6 * n + 36 + 6 * m + 6 * n + 3 + 3)
 
 
 @compiled
-def base_motion(V: Array, A: Array, V_before: Array, A_before: Array, w: Array, dt: float, v: Array, a: Array) -> None:
-    """Velocity and acceleration of the base into v and a (nv,), in place; the joints do not accelerate.
+def terms_of(block: Array, m: int) -> TrunkTerms:
+    """The terms of m joints in an array of `terms_size`."""
+    d, n = m + 6, m // 2
+    theta, at = block[:m], m
+    M, at = block[at : at + d * d].reshape(d, d), at + d * d
+    y, f, at = block[at : at + d], block[at + d : at + 2 * d], at + 2 * d
+    K, at = block[at : at + m * m].reshape(m, m), at + m * m
+    D, at = block[at : at + m * m].reshape(m, m), at + m * m
+    C, at = block[at : at + 14 * d].reshape(14, d), at + 14 * d
+    height, reach, at = block[at : at + 14], block[at + 14 : at + 15], at + 15
+    V, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
+    J_other, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
+    A, at = block[at : at + 36].reshape(6, 6), at + 36
+    J, at = block[at : at + 6 * m].reshape(6, m), at + 6 * m
+    linear = Linear(y, K, D, f, C, height, reach)
+    return TrunkTerms(theta, M, linear, Geometry(V, A, J, J_other, block[at : at + 3], block[at + 3 : at + 6]))
+
+
+@compiled
+def pose_legs(
+    block: Array, y: Array, w: Array, order: Integers, motor_q: Array, motor_qd: Array, idx_v: Integers, q: Array,
+    rates: Array, v: Array,
+) -> None:  # fmt: skip
+    """Set the joints of the model: those of the legs by a state, the others by their motors.
 
     Args:
-        V, A: of `Geometry`; V_before, A_before: of the sample before.
-        w: (m + 6,) rates of joints and support sole.
-        dt: since the sample before [s]; 0: there is none.
+        block: the terms, whose theta is filled in.
+        y, w: (m + 6,) coordinates and their rates.
+        order: (m,) indices of the legs' joints, the support leg's first.
+        motor_q, motor_qd: (nj,) [rad], [rad/s].
+        idx_v: (nj,) columns of the joints in the velocities of the model.
+        q: (nj,) positions, filled in.
+        rates: (nj,) of the joints outside the legs, zero for those in them; filled in.
+        v: (nv,) velocities of the model, filled in but for the base.
     """
-    n, m = V.shape[1], w.shape[0] - 6
+    m = order.shape[0]
+    theta = terms_of(block, m).theta
+    for j in range(q.shape[0]):
+        q[j], rates[j], v[idx_v[j]] = motor_q[j], motor_qd[j], motor_qd[j]
+    for i in range(m):
+        j = order[i]
+        theta[i], q[j], rates[j], v[idx_v[j]] = motor_q[j], y[i], 0.0, w[i]
+
+
+@compiled
+def take_posture(block: Array, before: Array, pose: Pose, ground: Array, y: Array, w: Array, dt: float, v: Array,
+                 a: Array) -> None:  # fmt: skip
+    """Fill in geometry and contact of terms, and the motion of the base, the joints not accelerating.
+
+    Args:
+        block: the terms, filled in.
+        before: those of the sample before.
+        pose: the posture.
+        ground: (3,) under the other sole, as in `contact.Sole`.
+        y: (m + 6,) coordinates, of which the last six displace the support sole from level ground.
+        w: (m + 6,) their rates.
+        dt: since the sample before [s]; 0: there is none.
+        v, a: (nv,) of the model, of which the first six are filled in, in base axes.
+    """
+    m = pose.columns.shape[0]
+    n, s = m // 2, y[m:]
+    terms = terms_of(block, m)
+    g, linear, R, p, columns, others = terms.geometry, terms.linear, pose.R, pose.p, pose.columns[:n], pose.columns[n:]
+    linear.y[:] = y
+    edges = pose.edges[1]
+    linear.reach[0] = 0.5 * min(edges[1] - edges[0], edges[3] - edges[2])
+    V_other = np.empty((6, n))
+    trunk_twist(g.V, pose.J, columns)
+    trunk_twist(V_other, pose.J, others)
+    other = Sole(pose.R_other, pose.p_other, V_other, edges, ground)
+    contacts(Sole(R, p, g.V, pose.edges[0], np.zeros(3)), other, s, g.A, linear.C, linear.height)
+    com_jacobian(g.J, g.V, columns, pose.J_com, pose.com, R)
+    com_jacobian(g.J_other, V_other, others, pose.J_com, pose.com, pose.R_other)
+    for i in range(3):
+        g.down[i] = s[4] * R[i, 0] - s[3] * R[i, 1] - R[i, 2]
+        g.com[i] = 0.0
+        for j in range(3):
+            g.com[i] += R[j, i] * (pose.com[j] - p[j])
+        for c in range(n):
+            g.J[i, n + c] = g.J[3 + i, n + c] = 0.0
+            for j in range(3):
+                g.J[i, n + c] += R[j, i] * pose.J_com[j, others[c]]
+    _move_base(g, terms_of(before, m).geometry, w, dt, v, a)
+
+
+@compiled
+def _move_base(g: Geometry, before: Geometry, w: Array, dt: float, v: Array, a: Array) -> None:
+    """Velocity and acceleration of the base into v and a (nv,), in place; arguments as in `take_posture`."""
+    n, m = g.V.shape[1], w.shape[0] - 6
     for i in range(6):
         v[i] = a[i] = 0.0
         for j in range(n):
-            v[i] += V[i, j] * w[j]
-            a[i] += (V[i, j] - V_before[i, j]) * w[j]
+            v[i] += g.V[i, j] * w[j]
+            a[i] += (g.V[i, j] - before.V[i, j]) * w[j]
         for j in range(6):
-            v[i] += A[i, j] * w[m + j]
-            a[i] += (A[i, j] - A_before[i, j]) * w[m + j]
+            v[i] += g.A[i, j] * w[m + j]
+            a[i] += (g.A[i, j] - before.A[i, j]) * w[m + j]
         a[i] = a[i] / dt if dt > 0.0 else 0.0
 
 
 @compiled
-def add_gravity(J: Array, J_o: Array, load: float, load_o: float, at: Array, K: Array, f: Array) -> None:
+def project_dynamics(terms: TrunkTerms, inertia: Array, tau: Array, gravity: float, columns: Integers) -> None:
+    """Fill in inertia M of terms, and the forces f of weight and motion.
+
+    Args:
+        terms: with their geometry.
+        inertia: (nv, nv) joint-space inertia with a free base, upper triangle.
+        tau: (nv,) generalised forces of the motion without gravity.
+        gravity: [m/s^2].
+        columns: (m,) of the support leg and of the other one.
+    """
+    g, M, f, m = terms.geometry, terms.M, terms.linear.f, columns.shape[0]
+    n, size = m // 2, m + 6
+    base = np.zeros((6, size))  # twist of the trunk by all coordinates
+    moved = np.empty((6, size))  # momentum of the robot by them
+    across = np.empty((6, m))  # inertia between trunk and joints
+    for i in range(6):
+        for j in range(n):
+            base[i, j] = g.V[i, j]
+        for j in range(6):
+            base[i, m + j] = g.A[i, j]
+        for j in range(m):
+            across[i, j] = inertia[i, columns[j]]
+    for i in range(m):
+        f[i] = -tau[columns[i]]
+        for j in range(3):
+            f[i] += across[j, i] * gravity * g.down[j]
+    for i in range(6):
+        f[m + i] = 0.0
+    for i in range(6):
+        pull = -tau[i]
+        for j in range(3):
+            pull += (inertia[i, j] if i <= j else inertia[j, i]) * gravity * g.down[j]
+        for j in range(size):
+            f[j] += base[i, j] * pull
+    # N^T S N with N = [base; 1 0] and S = [inertia of all; across].
+    for i in range(6):
+        for j in range(size):
+            moved[i, j] = across[i, j] if j < m else 0.0
+        for k in range(6):
+            a = inertia[i, k] if i <= k else inertia[k, i]
+            for j in range(size):
+                moved[i, j] += a * base[k, j]
+    for i in range(size):
+        for j in range(i + 1):
+            M[i, j] = 0.0
+            if i < m:
+                a, b = columns[i], columns[j]
+                M[i, j] = inertia[a, b] if a <= b else inertia[b, a]
+        for k in range(6):
+            for j in range(i + 1):
+                M[i, j] += base[k, i] * moved[k, j]
+            if i < m:
+                for j in range(i + 1):
+                    M[i, j] += across[k, i] * base[k, j]
+        for j in range(i):
+            M[j, i] = M[i, j]
+
+
+@compiled
+def add_gravity(g: Geometry, loads: tuple[float, float], at: Array, K: Array, f: Array) -> None:
     """`stiffness.add_gravity_stiffness` of both legs: stiffness K (m, m) and forces f (m + 6,), in place.
 
     The forces hold gravity at the deflected posture. With both K and f changed, gravity follows the deflection; with f
     alone it is taken where the springs are not deflected.
 
     Args:
-        J, J_o: J and J_other of `Geometry`.
-        load, load_o: weight on the support leg and on the other one [N].
+        g: the geometry.
+        loads: weight on the support leg and on the other one [N].
         at: (m,) deflections [rad].
+        K, f: to be changed.
     """
-    n, m = at.shape[0] - J_o.shape[1], at.shape[0]
+    m = at.shape[0]
+    n = m // 2
     torque = np.zeros(m)
-    add_gravity_stiffness(J[:, :n], load, at[:n], K[:n, :n], torque[:n])
-    add_gravity_stiffness(J_o, load_o, at[n:], K[n:, n:], torque[n:])
+    add_gravity_stiffness(g.J[:, :n], loads[0], at[:n], K[:n, :n], torque[:n])
+    add_gravity_stiffness(g.J_other, loads[1], at[n:], K[n:, n:], torque[n:])
     for i in range(m):
         f[i] -= torque[i]
 
 
 @compiled
-def com_and_tilt(com: Array, J: Array, R: Array, up: Array, off: Array, w: Array) -> Array:
-    """COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
+def assemble(
+    block: Array, inertia: Array, tau: Array, gravity: float, columns: Integers, K: Array, D: Array, torque: Array,
+    loads: tuple[float, float], stiffness: bool,
+) -> None:  # fmt: skip
+    """Fill in inertia, springs and forces of terms whose geometry there is.
 
     Args:
-        com, J: of `Geometry`.
-        R, up: orientation (3, 3) of the support sole and z (3,) of the trunk in the base frame.
-        off: (m + 6,) coordinates less those of that posture.
-        w: (m + 6,) their rates.
+        block: the terms.
+        inertia, tau, gravity, columns: as in `project_dynamics`.
+        K, D, torque: (m, m), (m, m), (m,) of the springs, without gravity.
+        loads: weight on the support leg and on the other one [N].
+        stiffness: whether gravity changes it (`gravity_stiffness`).
     """
-    out, m = np.zeros(8), J.shape[1]
-    for i in range(3):
-        out[i] = com[i]
-        for j in range(m):
-            out[i] += J[i, j] * off[j]
-            out[3 + i] += J[i, j] * w[j]
-    out[6], out[7] = tilt(R, up)
-    for i in range(2):
-        for j in range(m):
-            out[6 + i] += J[3 + i, j] * off[j]
-    return out
+    m = columns.shape[0]
+    terms = terms_of(block, m)
+    linear = terms.linear
+    project_dynamics(terms, inertia, tau, gravity, columns)
+    linear.D[:] = D
+    for i in range(m):
+        linear.f[i] -= torque[i]
+    deflection = linear.y[:m] - terms.theta
+    if stiffness:
+        linear.K[:] = K
+        add_gravity(terms.geometry, loads, deflection, linear.K, linear.f)
+    else:
+        add_gravity(terms.geometry, loads, deflection, linear.K, linear.f)
+        linear.K[:] = K
 
 
 @compiled
-def project_dynamics(
-    inertia: Array, tau: Array, down: Array, V: Array, A: Array, columns: Array, columns_other: Array
-) -> tuple[Array, Array]:
-    """Inertia (m + 6, m + 6) of the coordinates, and the forces (m + 6,) of weight and motion on them.
+def advance(
+    block: Array, before: Array, same: bool, states: tuple[State, State], q: Array, order: Integers, double: bool,
+    dt: float, options: Options,
+) -> bool:  # fmt: skip
+    """`contact.track` of both states, the filter's first, by terms and those of the sample before.
 
     Args:
-        inertia: (nv, nv) joint-space inertia with a free base, upper triangle.
-        tau: (nv,) generalised forces of the motion without gravity.
-        down: (3,) gravity in base axes [m/s^2].
-        V, A: of `Geometry`.
-        columns, columns_other: (n,), (m - n,) of the support leg and of the other one.
+        block, before: the terms.
+        same: they are of the same support foot.
+        states: in place.
+        q: (nj,) measured link positions [rad].
+        order: (m,) as in `pose_legs`.
+        double: whether the other foot may touch the ground.
+        dt: since the sample before [s].
+        options: of the model.
+
+    Returns:
+        Whether the filter is finite.
     """
-    n, k = columns.shape[0], columns_other.shape[0]
-    m = n + k
-    index = np.empty(6 + m, dtype=np.int64)
-    for i in range(6):
-        index[i] = i
-    for i in range(n):
-        index[6 + i] = columns[i]
-    for i in range(k):
-        index[6 + n + i] = columns_other[i]
-    base = np.zeros((6, m + 6))  # twist of the trunk by all coordinates
-    for i in range(6):
-        for j in range(n):
-            base[i, j] = V[i, j]
-        for j in range(6):
-            base[i, m + j] = A[i, j]
-    S, f = np.empty((6 + m, 6 + m)), np.zeros(m + 6)
-    for i in range(6 + m):
-        for j in range(6 + m):
-            a, b = index[i], index[j]
-            S[i, j] = inertia[a, b] if a <= b else inertia[b, a]
+    m = order.shape[0]
+    terms, last = terms_of(block, m), terms_of(before, m).theta
+    theta, measured = np.empty(m), np.empty(m)
     for i in range(m):
-        f[i] = -tau[index[6 + i]]
-        for j in range(3):
-            f[i] += S[j, 6 + i] * down[j]
-    for i in range(6):
-        pull = -tau[i]
-        for j in range(3):
-            pull += S[j, i] * down[j]
-        for j in range(m + 6):
-            f[j] += base[i, j] * pull
-    # N^T S N with N = [base; 1 0].
-    SN = mul(S[:, :6].copy(), base)
-    for i in range(6 + m):
-        for j in range(m):
-            SN[i, j] += S[i, 6 + j]
-    M = mul(base.T, SN[:6])
-    for i in range(m):
-        for j in range(m + 6):
-            M[i, j] += SN[6 + i, j]
-    return M, f
+        theta[i], measured[i] = last[i if same else (i + m // 2) % m], q[order[i]]
+    return track(states, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options)
+
+
+@compiled
+def com_and_tilt(out: Array, block: Array, R: Array, up: Array, y: Array, w: Array) -> None:
+    """Fill in COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
+
+    Args:
+        out: filled in.
+        block: the terms.
+        R, up: orientation (3, 3) of the support sole and z (3,) of the trunk in the base frame.
+        y, w: (m + 6,) coordinates and their rates.
+    """
+    terms = terms_of(block, y.shape[0] - 6)
+    J, com, at = terms.geometry.J, terms.geometry.com, terms.linear.y
+    out[6], out[7] = tilt(R, up)
+    for i in range(3):
+        out[i], out[3 + i] = com[i], 0.0
+    for j in range(J.shape[1]):
+        for i in range(3):
+            out[i] += J[i, j] * (y[j] - at[j])
+            out[3 + i] += J[i, j] * w[j]
+        for i in range(2):
+            out[6 + i] += J[3 + i, j] * (y[j] - at[j])
+
+
+@compiled
+def deflections(
+    out: Array, block: Array, y: Array, q: Array, order: Integers, com: Array, reference: Array, left: bool
+) -> None:  # fmt: skip
+    """Fill in deflections (3 + m,) of the COM [m] and of the joints, the left leg's first [rad], by a state.
+
+    Args:
+        out: filled in.
+        block: the terms.
+        y: (m + 6,) coordinates.
+        q, com: measured joints (nj,) [rad] and COM (3,) [m]: the COM is corrected by what y differs from q.
+        order: (m,) as in `pose_legs`.
+        reference: (3,) [m].
+        left: the support foot is the left one.
+    """
+    m = order.shape[0]
+    terms = terms_of(block, m)
+    for i in range(3):
+        out[i] = com[i] - reference[i]
+    for j in range(m):
+        for i in range(3):
+            out[i] += terms.geometry.J[i, j] * (y[j] - q[order[j]])
+        out[3 + (j if left else (j + m // 2) % m)] = y[j] - terms.theta[j]

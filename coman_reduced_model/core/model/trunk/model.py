@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ...base.types import Array, Foot, Phase, Sample
+from ...base.types import Array, Foot, Integers, Phase, Sample
 from ...config.schema import Config
 from ...effects.catalogue import Effect
 from ...effects.hooks import Now, Push
@@ -34,18 +34,21 @@ from ...robot.robot import Robot
 from ..cartesian import Model
 from ..dynamics import Dynamics
 from ..reference import look_ahead, motor_com, plan_ahead
-from .contact import ROWS, Linear, Options, State, support_share, switch_support, track
+from .contact import ROWS, Options, State, support_share, switch_support
 from .kinematics import (
-    Geometry,
+    Assembled,
     Pose,
     TrunkTerms,
-    add_gravity,
-    base_motion,
+    advance,
+    assemble,
     com_and_tilt,
-    geometry,
-    project_dynamics,
+    deflections,
+    pose_legs,
+    take_posture,
+    terms_of,
+    terms_size,
 )
-from .stride import Stride, swapped
+from .stride import Stride
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
@@ -70,18 +73,25 @@ class TrunkModel(Dynamics):
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         self._following = [axis for axis in range(3) if axis not in model.axes]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
-        self._order = {Foot.LEFT: np.concatenate((left, right)), Foot.RIGHT: np.concatenate((right, left))}
+        self._order: dict[Foot, Integers] = {
+            Foot.LEFT: np.concatenate((left, right)),
+            Foot.RIGHT: np.concatenate((right, left)),
+        }
         self._K, self._D = (
             {foot: np.diag(np.concatenate((values[foot], values[foot.other]))) for foot in (Foot.LEFT, Foot.RIGHT)}
             for values in (model.springs.stiffness, model.springs.damping)
         )
+        m = len(left) + len(right)
+        blocks = np.zeros((2, terms_size(m)))
+        self._spare = [Assembled(block, terms_of(block, m)) for block in blocks]  # those of a sample, in turn
+        self._poses = {foot: self._pose(foot) for foot in (Foot.LEFT, Foot.RIGHT)}
+        self._no_spring_torque = np.zeros(m)
         self._pin = robot.model.copy()
         self._pin.gravity.linear = np.zeros(3)
         self._data = robot.model.createData()
-        self._q = pin.neutral(robot.model)
         self._v, self._a = np.zeros((2, robot.model.nv))
         self._no_torque = np.zeros(robot.model.nv)
-        self._still = np.zeros(len(robot.joint_names))
+        self._q, self._rates = np.zeros((2, len(robot.joint_names)))
         self._soles = StandingSoles()
         self._above = np.setdiff1d(np.arange(len(robot.joint_names)), self._order[Foot.LEFT])  # waist, arms, head
         # Columns of those of them between root link and legs: none, if the legs hang on the root link.
@@ -100,10 +110,9 @@ class TrunkModel(Dynamics):
         """End the free run and the filter: an input is missing. The last stride is kept."""
         self.state = None
         self._foot = Foot.NONE
-        self._free: State | None = None  # free run at the last sample
-        self._next: State | None = None  # the same at this sample
+        self._free: State | None = None  # the free run
         self._filtered: State | None = None  # the measurement
-        self._terms: TrunkTerms | None = None
+        self._terms: Assembled | None = None
         self._repeated: Array | None = None  # deflections ahead, if the robot repeats its stride
         self._above_rate: Array | None = None  # (nj,) of joints outside the legs at the last sample [rad/s]
         self._above_twist = np.zeros(6)  # of the root link by them
@@ -125,25 +134,21 @@ class TrunkModel(Dynamics):
         before, first = self._terms, self._filtered is None
         if self._filtered is None:
             self._filtered = self._measured(sample)
-        self._terms = self._assemble(now)
-        if not first:
-            self._step(now, before)
+        self._terms = terms = self._assemble(now, before)
+        if not first and not self._advance(now, terms, before or terms):  # no longer finite, nor is the free run,
+            self._filtered = self._measured(sample)  # at whose posture all terms are taken
         return True
 
-    def _step(self, now: Now, before: TrunkTerms | None) -> None:
+    def _advance(self, now: Now, terms: Assembled, before: Assembled) -> bool:
         """Filter and free run to this sample, by its own terms and the motors since the sample before."""
-        terms, filtered = self._terms, self._filtered
-        assert terms is not None and filtered is not None
-        theta = terms.theta
-        if before is not None:
-            theta = before.theta if before.foot == terms.foot else swapped(before.theta)
-        self._next = copied(filtered if self._free is None else self._free)
-        finite = track(
-            filtered, self._next, terms.linear, terms.M, terms.double, theta, terms.theta,
-            now.sample.q[self._order[now.foot]], now.dt, self._options,
-        )  # fmt: skip
-        if not finite:  # with the free run, at whose posture all terms are taken
-            self._filtered = self._measured(now.sample)
+        filtered, order = self._filtered, self._order[self._foot]
+        assert filtered is not None
+        states = filtered, copied(filtered) if self._free is None else self._free
+        same, dt = before.foot == terms.foot, now.dt
+        finite: bool = advance(
+            terms.block, before.block, same, states, now.sample.q, order, terms.double, dt, self._options
+        )
+        return finite
 
     def _measured(self, sample: Sample) -> State:
         """The state by the encoders alone, the support sole level on the ground."""
@@ -167,11 +172,10 @@ class TrunkModel(Dynamics):
             self.state, self.tilt = np.concatenate((now.com, now.com_vel)), now.tilt
 
     def advance(self, now: Now) -> None:
-        """To where `prepare` has already brought it."""
-        self._free = self._next
+        """`prepare` has already brought it there."""
         self._publish()
         assert self._free is not None and self.state is not None
-        if not np.abs(self._free.y[-6:]).max() < _FALLEN:  # over an edge of its sole, in whose frame it stays
+        if not max(map(abs, self._free.y[-6:].tolist())) < _FALLEN:  # over an edge of its sole, in whose frame it stays
             self.state = np.full(6, np.nan)
 
     def ahead(self, now: Now, horizons: Array) -> Array:
@@ -180,8 +184,9 @@ class TrunkModel(Dynamics):
         Else as planned from here (without a plan as fast as now), while the horizontal deflection fades.
         """
         assert self._terms is not None and self._filtered is not None
-        self._stride.add(now, self._terms, self.reference)
-        repeated = self._stride.ahead(now, self._terms, self._filtered, horizons)
+        terms = self._terms
+        self._stride.add(now, terms, self.reference)
+        repeated = self._stride.ahead(now, terms, self._filtered, horizons)
         self._repeated, self.repeating = None if repeated is None else repeated[:, 3:], repeated is not None
         if repeated is not None:
             return repeated[:, :3]
@@ -195,23 +200,22 @@ class TrunkModel(Dynamics):
     def deflections(self, now: Now, horizons: int) -> Array:
         """As in `Dynamics`: now by the filter; ahead by the stride before, else as they are now."""
         assert self._terms is not None and self._filtered is not None
-        m, order = len(self._terms.theta), self._order[self._foot]
-        out = np.empty((1 + horizons, 3 + m))
-        off = self._filtered.y[:m] - now.sample.q[order]
-        out[0, :3] = now.com - self.reference + self._terms.geometry.J[:3] @ off
-        bent = self._filtered.y[:m] - self._terms.theta
-        out[0, 3:] = bent if self._foot == Foot.LEFT else swapped(bent)
+        out, foot = np.empty((1 + horizons, 3 + len(self._no_spring_torque))), self._foot
+        deflections(
+            out[0], self._terms.block, self._filtered.y, now.sample.q, self._order[foot], now.com, self.reference,
+            foot == Foot.LEFT,
+        )  # fmt: skip
         out[1:] = out[0] if self._repeated is None else self._repeated
         return out
 
     def _publish(self) -> None:
         """The free run as COM and tilt."""
-        t, free = self._terms, self._free
+        t, free, values = self._terms, self._free, np.empty(8)
         assert t is not None and free is not None
-        g, R = t.geometry, self._posture.R[Foot(t.foot)]
-        values = com_and_tilt(g.com, g.J, R, self._posture.up, free.y - t.linear.y, free.w)
+        com_and_tilt(values, t.block, self._posture.R[t.foot], self._posture.up, free.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
-        self.state[3:] += self._posture.com_in_sole(Foot(t.foot))[1]  # by the joints outside the legs
+        if len(self._above):
+            self.state[3:] += self._posture.com_in_sole(t.foot)[1]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
 
@@ -219,76 +223,65 @@ class TrunkModel(Dynamics):
         self._foot, t = foot, self._terms
         if t is None:
             return
-        self._R_odom_sole = self._R_odom_sole @ flat(*self._posture.sole_to_sole(Foot(t.foot), foot))[0]
+        self._R_odom_sole = self._R_odom_sole @ flat(*self._posture.sole_to_sole(t.foot, foot))[0]
         edges = self.robot.soles[foot]
         if self._filtered is not None:
-            self._filtered = switch_support(self._filtered, t.linear, edges)
+            self._filtered = switch_support(self._filtered, t.terms.linear, edges)
         if self._free is not None:
-            self._free = switch_support(self._free, t.linear, edges)
+            self._free = switch_support(self._free, t.terms.linear, edges)
 
-    def _assemble(self, now: Now) -> TrunkTerms:
+    def _assemble(self, now: Now, before: Assembled | None) -> Assembled:
         """The equation of motion at the posture of the free run, or of the filter while there is none."""
-        sample, foot, order = now.sample, self._foot, self._order[self._foot]
-        state = self._filtered if self._free is None else self._free
+        sample, foot, state = now.sample, self._foot, self._filtered if self._free is None else self._free
         assert state is not None and sample.motor_q is not None and sample.motor_qd is not None
-        m, theta, columns = len(order), sample.motor_q[order], self.robot.leg_columns
-        double = now.support.phase == Phase.DOUBLE
-        self._pose(sample.motor_q, sample.motor_qd, state)
-        inertia = pin.crba(self._pin, self._data, self._q)
-        g = self._geometry(inertia, state)
-        self._move_base(g, state.w, now.dt)
-        self._move_above(now.dt)
-        # How the moving masses resist, the joints of the legs not accelerating.
-        tau = pin.rnea(self._pin, self._data, self._q, self._v, self._a) if self._swing else self._no_torque
-        weight_down = self.model.gravity * g.down
-        M, f = project_dynamics(inertia, tau, weight_down, g.V, g.A, columns[foot], columns[foot.other])
-        if not self._swing:  # the legs move without reaction
-            n = len(columns[foot])
-            M[:n, n:m] = M[n:m, :n] = M[m:, n:m] = M[n:m, m:] = 0.0
-        self._add_push(f, g, now)
-        share = support_share(state.P) if double else 1.0
-        K, D = self._springs(f, g, share, state.y[:m] - theta, state.w[:m], sample.motor_qd[order])
-        edges = self.robot.soles[foot.other]
-        reach = 0.5 * float(min(edges[1] - edges[0], edges[3] - edges[2]))
-        linear = Linear(state.y.copy(), K, D, f, g.C, g.height, reach)
-        return TrunkTerms(int(foot), double, theta, M, linear, g)
-
-    def _pose(self, motor_q: Array, motor_qd: Array, state: State) -> None:
-        """Set posture, configuration and velocity of the model: legs by the state, other joints by their motors."""
-        order = self._order[self._foot]
-        q, qd = motor_q.copy(), motor_qd.copy()
-        q[order], qd[order] = state.y[: len(order)], state.w[: len(order)]
-        above = self._still.copy()
-        above[self._above] = qd[self._above]
-        self._posture.update(q, above)
-        self.robot.scatter(q, self._q)
-        self._v[self.robot.idx_v] = qd
-
-    def _geometry(self, inertia: Array, state: State) -> Geometry:
-        posture, robot, foot, other = self._posture, self.robot, self._foot, self._foot.other
-        pose = Pose(
-            self.model.mass, posture.com, inertia, posture.J,
-            posture.R[foot], posture.p[foot], robot.leg_columns[foot], robot.soles[foot],
-            posture.R[other], posture.p[other], robot.leg_columns[other], robot.soles[other], self._ground[foot],
+        order, posture, robot = self._order[foot], self._posture, self.robot
+        made = self._spare[self._spare[0] is before]
+        made.foot, made.double = foot, now.support.phase == Phase.DOUBLE
+        block, v, a = made.block, self._v, self._a
+        pose_legs(
+            block, state.y, state.w, order, sample.motor_q, sample.motor_qd, robot.idx_v, self._q, self._rates, v
         )  # fmt: skip
-        return geometry(pose, state.y[-6:])
+        posture.update(self._q, self._rates)
+        known = before is not None and before.foot == foot
+        last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
+        pose = self._poses[foot]
+        take_posture(block, last, pose, self._ground[foot], state.y, state.w, dt, v, a)
+        if len(self._above):
+            self._move_above(now.dt)
+        inertia, tau = pin.crba(self._pin, self._data, posture.configuration), self._no_torque
+        if self._swing:  # how the moving masses resist, the joints of the legs not accelerating
+            tau = pin.rnea(self._pin, self._data, posture.configuration, v, a)
+        weight = self.model.mass * self.model.gravity
+        share = support_share(state.P) if made.double else 1.0
+        loads = share * weight, (1.0 - share) * weight
+        K, D, torque = self._springs(made.terms, loads, state, sample.motor_qd[order])
+        assemble(
+            block, inertia, tau, self.model.gravity, pose.columns, K, D, torque, loads,
+            self.model.springs.gravity_stiffness,
+        )  # fmt: skip
+        if not self._swing:  # the legs move without reaction
+            n, m, M = len(order) // 2, len(order), made.terms.M
+            M[:n, n:m] = M[n:m, :n] = M[m:, n:m] = M[n:m, m:] = 0.0
+        if self._pushing:
+            self._add_push(made.terms, now)
+        return made
 
-    def _move_base(self, g: Geometry, w: Array, dt: float) -> None:
-        before = self._terms
-        if before is None or before.foot != self._foot:
-            base_motion(g.V, g.A, g.V, g.A, w, 0.0, self._v, self._a)
-        else:
-            base_motion(g.V, g.A, before.geometry.V, before.geometry.A, w, dt, self._v, self._a)
+    def _pose(self, foot: Foot) -> Pose:
+        """Views of the model's posture, of which that leg is the support leg."""
+        posture, robot, other = self._posture, self.robot, foot.other
+        columns, edges = robot.idx_v[self._order[foot]], np.array([robot.soles[foot], robot.soles[other]])
+        return Pose(
+            posture.com, posture.J, posture.J_com, posture.R[foot], posture.p[foot], posture.R[other],
+            posture.p[other], columns, edges,
+        )  # fmt: skip
 
     def _move_above(self, dt: float) -> None:
         """Move the joints outside the legs, accelerating as their motors did since the last sample.
 
         The step of the model takes that for its whole length: momentum changes by that of the rates, and their noise
-        does not add up. Call after `_move_base`.
+        does not add up. Call after `take_posture`.
         """
-        rate = self._still.copy()
-        columns = self.robot.idx_v[self._above]
-        rate[self._above] = self._v[columns]
+        rate, columns = self._rates.copy(), self.robot.idx_v[self._above]
         twist = -self._posture.J[:, self._between] @ self._v[self._between]
         self._v[:6] += twist
         if self._above_rate is not None and dt > 0.0:
@@ -298,43 +291,41 @@ class TrunkModel(Dynamics):
             self._a[columns] = 0.0
         self._above_rate, self._above_twist = rate, twist
 
-    def _add_push(self, f: Array, g: Geometry, now: Now) -> None:
-        """Add what effects push the robot with to the forces f (m + 6,), in place."""
-        if not self._pushing:
-            return
-        R_odom_sole = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
-        push = Push(self._posture, R_odom_sole)
+    def _add_push(self, terms: TrunkTerms, now: Now) -> None:
+        """Add what effects push the robot with to the forces, in place."""
+        f, g = terms.linear.f, terms.geometry
+        push = Push(self._posture, now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole)
         for effect in self._pushing:
             effect.push(push, now)
         f[: g.J.shape[1]] += push.force @ g.J[:3] + push.moment @ g.J[3:]
         f[: g.V.shape[1]] += push.trunk @ g.V
 
     def _springs(
-        self, f: Array, g: Geometry, share: float, deflection: Array, rate: Array, motor_rate: Array
-    ) -> tuple[Array, Array]:
-        """Stiffness and damping (m, m) of both legs; what their springs pull besides goes into f (m + 6,), in place.
+        self, terms: TrunkTerms, loads: tuple[float, float], state: State, motor_rate: Array
+    ) -> tuple[Array, Array, Array]:
+        """Stiffness, damping (m, m) and torque (m,) at no deflection of the springs of both legs.
 
         Args:
-            f: the forces.
-            g: the geometry.
-            share: of the weight on the support leg.
-            deflection, rate, motor_rate: (m,) link minus motor [rad], speed of the links and of the motors [rad/s].
+            terms: with their geometry.
+            loads: weight on the support leg and on the other one [N].
+            state: deflections are those of it.
+            motor_rate: (m,) [rad/s].
         """
-        foot, springs, weight = self._foot, self.model.springs, self.model.mass * self.model.gravity
-        loads = (share * weight, (1.0 - share) * weight)
-        K, D, n = self._K[foot].copy(), self._D[foot], g.V.shape[1]
-        if not springs.nominal:
-            D, posture = D.copy(), self._posture
-            other_com = posture.R[foot.other].T @ (posture.com - posture.p[foot.other])
-            for side, part, J, com, load in (
-                (foot, slice(0, n), g.J[:, :n], g.com, loads[0]),
-                (foot.other, slice(n, None), g.J_other, other_com, loads[1]),
-            ):
-                leg = springs.leg(side, J, com, load, deflection[part], rate[part] - motor_rate[part], motor_rate[part])
-                K[part, part], D[part, part] = leg.K_q, leg.D_q
-                f[: len(rate)][part] -= leg.torque
-        add_gravity(g.J, g.J_other, *loads, deflection, K if springs.gravity_stiffness else K.copy(), f)
-        return K, D
+        foot, springs, posture, g = self._foot, self.model.springs, self._posture, terms.geometry
+        K, D, torque = self._K[foot], self._D[foot], self._no_spring_torque
+        if springs.nominal:
+            return K, D, torque
+        m, n = len(motor_rate), len(motor_rate) // 2
+        K, D, torque = K.copy(), D.copy(), torque.copy()
+        deflection, rate = state.y[:m] - terms.theta, state.w[:m] - motor_rate
+        other_com = posture.R[foot.other].T @ (posture.com - posture.p[foot.other])
+        for side, part, J, com, load in (
+            (foot, slice(0, n), g.J[:, :n], g.com, loads[0]),
+            (foot.other, slice(n, m), g.J_other, other_com, loads[1]),
+        ):
+            leg = springs.leg(side, J, com, load, deflection[part], rate[part], motor_rate[part])
+            K[part, part], D[part, part], torque[part] = leg.K_q, leg.D_q, leg.torque
+        return K, D, torque
 
 
 def copied(state: State) -> State:

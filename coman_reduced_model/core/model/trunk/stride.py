@@ -10,52 +10,23 @@ no course, and `Stride.ahead` says so.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...base.compiled import apply, compiled, mul
+from ...base.compiled import all_finite, apply, compiled, mul
 from ...base.types import Array, Phase
 from ...effects.hooks import Now
-from .contact import ROWS, Linear, Solver, State, make_solver, step_soles, switch_support
-from .kinematics import TrunkTerms
+from .contact import ROWS, Linear, Solver, State, step_soles, switch_support
+from .kinematics import Assembled, terms_of
+from .memory import SEARCH, STEP, WINDOW, Memory, find_lag, keep, mismatch, motors_at, nearest, swapped
 
-_STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
 _EVERY = 0.0395  # [s] between two simulations: in between the last one is read further
 _SPACING = 0.0095  # [s] between remembered samples at least
 _CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
-_WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
-_SEARCH = np.arange(-8, 9) * 0.005  # [s] about the lag between the phases
 _ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
+_NO_PLAN = np.full(3, np.nan)
 _PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
-
-
-class Memory(NamedTuple):
-    """Samples of the past, oldest first; fields as in `TrunkTerms`, joints of the support leg first.
-
-    Rows of the other foot hold nothing of use where it did not stand, but for C and height.
-    T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
-    """
-
-    stamp: NDArray[np.int64]
-    foot: NDArray[np.int64]
-    double: NDArray[np.bool_]
-    theta: Array
-    y: Array
-    com: Array
-    J: Array
-    inverse: Array  # with by_impulse and contact as in `Solver`, for steps of _STEP
-    by_impulse: Array
-    contact: Array
-    K: Array
-    D: Array
-    f: Array
-    C: Array
-    height: Array
-    T_odom_sole: Array
-    plan: Array
-    reference: Array  # (n, 3) COM by the motors, as `com`
 
 
 class Stride:
@@ -74,34 +45,28 @@ class Stride:
         self._phase = Phase.FLIGHT
         self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
         self._course_ns = 0
-        # From _course_ns on, every _STEP: COM and its deflection in odom, and those of the joints, left leg first.
+        # From _course_ns on, every STEP: COM and its deflection in odom, and those of the joints, left leg first.
         self._course: Array | None = None  # (k, 6 + m) [m], [rad]
 
-    def add(self, now: Now, terms: TrunkTerms, reference: Array) -> None:
+    def add(self, now: Now, terms: Assembled, reference: Array) -> None:
         """Remember a sample, with the COM (3,) by its motors [m]; at a change of phase, find how long the stride is."""
         stamp, plan = now.sample.stamp_ns, now.sample.reference
-        if not np.isfinite(terms.linear.f).all():  # of a free run that has diverged
+        if not all_finite(terms.terms.linear.f):  # of a free run that has diverged
             return
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
-            linear, g = terms.linear, terms.geometry
-            solver = make_solver(terms.M, linear.K, linear.D, linear.C, _STEP)
-            row: dict[str, Any] = {
-                **linear._asdict(), **solver._asdict(), "stamp": stamp, "foot": terms.foot, "double": terms.double,
-                "theta": terms.theta, "com": g.com, "J": g.J, "T_odom_sole": now.T_odom_sole,
-                "plan": np.nan if plan is None else plan.com, "reference": reference,
-            }  # fmt: skip
+            planned = _NO_PLAN if plan is None else plan.com
+            foot, double = int(terms.foot), terms.double
             memory = self._room(terms)
-            for name, column in zip(Memory._fields, memory, strict=True):
-                column[self._n] = row[name]
+            keep(memory, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, reference)
             self._n += 1
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
             before, self._began[change] = self._began.get(change), now.began_ns
             self._lag_ns = 0
-            if before is not None and before - _WINDOW * 1e9 > self._past.stamp[0] - _SEARCH[0] * 1e9:
+            if before is not None and before - WINDOW * 1e9 > self._past.stamp[0] - SEARCH[0] * 1e9:
                 self._lag_ns = find_lag(stamp, now.began_ns - before, self._past, self._n)
 
-    def ahead(self, now: Now, terms: TrunkTerms, state: State, horizons: Array) -> Array | None:
+    def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """What comes at horizons (k,) ascending [s]; None: the robot does not repeat itself.
 
         Args:
@@ -128,14 +93,12 @@ class Stride:
         assert self._memory is not None
         return self._memory
 
-    def _room(self, terms: TrunkTerms) -> Memory:
+    def _room(self, terms: Assembled) -> Memory:
         if self._memory is None:
-            m, r = len(terms.theta), 2 * ROWS
+            m, r = len(terms.terms.theta), 2 * ROWS
             shapes = {
-                "theta": (m,), "y": (m + 6,), "com": (3,), "J": (6, m), "inverse": (m + 6, m + 6),
-                "by_impulse": (m + 6, r), "contact": (r, r), "K": (m, m), "D": (m, m), "f": (m + 6,),
-                "C": (r, m + 6), "height": (r,), "T_odom_sole": (4, 4), "plan": (3,),
-                "reference": (3,),
+                "theta": (m,), "block": terms.block.shape, "inverse": (m + 6, m + 6), "by_impulse": (m + 6, r),
+                "contact": (r, r), "T_odom_sole": (4, 4), "plan": (3,), "reference": (3,),
             }  # fmt: skip
             types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
             self._memory = Memory(
@@ -152,12 +115,12 @@ class Stride:
             self._n = _KEPT
         return self._memory
 
-    def _simulate(self, now: Now, terms: TrunkTerms, state: State, span: float) -> Array | None:
+    def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
         past, n, stamp = self._past, self._n, now.sample.stamp_ns
         then = stamp - self._lag_ns
         if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
             return None
-        moved = np.zeros((int(np.ceil(span / _STEP)) + 1, 3))
+        moved = np.zeros((int(np.ceil(span / STEP)) + 1, 3))
         plan = now.sample.reference
         if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
             if not replanned(moved, plan.com, plan.preview_com, plan.preview_dt, then, past, n) < _PLAN:
@@ -170,8 +133,8 @@ class Stride:
         course[:, :3] += moved
         return course
 
-    def _follow(self, stamp: int, then: int, points: int, terms: TrunkTerms, state: State, T_odom_sole: Array) -> Array:
-        start = Start(stamp, terms.foot, terms.theta, terms.linear, state, T_odom_sole)
+    def _follow(self, stamp: int, then: int, points: int, terms: Assembled, state: State, T_odom_sole: Array) -> Array:
+        start = Start(stamp, int(terms.foot), terms.block, state, T_odom_sole)
         return follow(start, then, points, self._past, self._n, self._soles, self._friction)
 
 
@@ -180,18 +143,17 @@ class Start(NamedTuple):
 
     stamp: int  # [ns]
     foot: int  # support foot
-    theta: Array  # (m,) motor positions [rad], as in `TrunkTerms`
-    linear: Linear
+    block: Array  # of `Assembled`
     state: State  # the filtered measurement
     T_odom_sole: Array  # (4, 4) pose of the support sole
 
 
 @compiled
 def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> Array:
-    """A course (n, 6 + m) of `Stride`, every `_STEP`, at since + horizons (k,) [s], its vectors in the support sole."""
+    """A course (n, 6 + m) of `Stride`, every `STEP`, at since + horizons (k,) [s], its vectors in the support sole."""
     out = np.zeros((horizons.shape[0], course.shape[1]))
     for k in range(horizons.shape[0]):
-        at = (since + horizons[k]) / _STEP
+        at = (since + horizons[k]) / STEP
         i = min(int(at), course.shape[0] - 2)
         w = at - i
         now = (1.0 - w) * course[i] + w * course[i + 1]
@@ -205,7 +167,7 @@ def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> A
 
 @compiled
 def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, past: Memory, n: int) -> float:
-    """What the plan has changed since the stride before, filled into `moved` (k, 3) [m], every `_STEP`; the most of it.
+    """What the plan has changed since the stride before, filled into `moved` (k, 3) [m], every `STEP`; the most of it.
 
     Args:
         com, preview, dt: planned COM (3,) now, and (p, 3) every dt [s] from then on.
@@ -214,11 +176,11 @@ def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, pa
     """
     largest, i = 0.0, nearest(then, past.stamp, n, n - 1)
     for k in range(moved.shape[0]):
-        stamp = then + int(k * _STEP * 1e9)
+        stamp = then + int(k * STEP * 1e9)
         i = nearest(stamp, past.stamp, n, i)
         j = i - 1 if (past.stamp[i] > stamp and i > 0) or i + 1 >= n else i
         past_share = min(1.0, max(0.0, (stamp - past.stamp[j]) / (past.stamp[j + 1] - past.stamp[j])))
-        at = min(k * _STEP / dt, float(preview.shape[0]))  # a plan that ends stands still
+        at = min(k * STEP / dt, float(preview.shape[0]))  # a plan that ends stands still
         ahead = min(int(at), preview.shape[0] - 1)
         for axis in range(3):
             own = com[axis] if ahead == 0 else preview[ahead - 1, axis]
@@ -236,69 +198,13 @@ def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, pa
 
 
 @compiled
-def swapped(v: Array) -> Array:
-    """Joints of both legs (m,) with the other leg's first."""
-    n = v.shape[0] // 2
-    return np.concatenate((v[n:], v[:n]))
-
-
-@compiled
-def nearest(t: int, stamp: NDArray[np.int64], n: int, i: int) -> int:
-    """Index below n of the stamp nearest to t, searched from i."""
-    while i > 0 and abs(stamp[i - 1] - t) <= abs(stamp[i] - t):
-        i -= 1
-    while i + 1 < n and abs(stamp[i + 1] - t) < abs(stamp[i] - t):
-        i += 1
-    return i
-
-
-@compiled
-def motors_at(t: int, past: Memory, n: int, i: int, foot: int) -> Array:
-    """Motor positions (m,) at a stamp t near sample i, linear between samples, the leg of `foot` first."""
-    if (past.stamp[i] > t and i > 0) or i + 1 >= n:
-        i -= 1
-    w = (t - past.stamp[i]) / (past.stamp[i + 1] - past.stamp[i])
-    a = past.theta[i] if past.foot[i] == foot else swapped(past.theta[i])
-    b = past.theta[i + 1] if past.foot[i + 1] == foot else swapped(past.theta[i + 1])
-    return (1.0 - w) * a + w * b
-
-
-@compiled
-def mismatch(stamp: int, lag: int, past: Memory, n: int) -> tuple[float, float]:
-    """Largest and mean square difference of the motors [rad], [rad^2] over `_WINDOW` to what they did a lag before."""
-    largest, square, count = 0.0, 0.0, 0
-    i = j = n - 1
-    while i >= 0 and past.stamp[i] >= stamp - _WINDOW * 1e9:
-        j = nearest(past.stamp[i] - lag, past.stamp, n, j)
-        off = np.abs(past.theta[i] - motors_at(past.stamp[i] - lag, past, n, j, past.foot[i]))
-        largest = max(largest, off.max())
-        square += (off * off).mean()
-        count += 1
-        i -= 1
-    return largest, square / max(1, count)
-
-
-@compiled
-def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
-    """The lag [ns] near a guess at which the last `_WINDOW` is most like what was then."""
-    costs = np.empty(_SEARCH.shape[0])
-    for k in range(costs.shape[0]):
-        costs[k] = mismatch(stamp, guess + int(_SEARCH[k] * 1e9), past, n)[1]
-    k = min(max(int(np.argmin(costs)), 1), costs.shape[0] - 2)
-    bend = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
-    shift = 0.5 * (costs[k - 1] - costs[k + 1]) / bend if bend > 0.0 else 0.0
-    step = _SEARCH[1] - _SEARCH[0]
-    return guess + int((_SEARCH[k] + min(1.0, max(-1.0, shift)) * step) * 1e9)
-
-
-@compiled
 def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Array, friction: float) -> Array:
     """The model from a measured state through the stride before.
 
     Args:
         start: now.
         then: the same point of the stride before [ns].
-        points: of the course, every _STEP.
+        points: of the course, every STEP.
         past, n: the memory.
         soles: (2, 4) edges of the left and the right sole [m].
         friction: coefficient.
@@ -306,7 +212,8 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
     Returns:
         (points, 6 + m) as in `Stride`; empty where the last stride was another one.
     """
-    nothing = np.empty((0, 6 + start.theta.shape[0]))
+    m = past.theta.shape[1]
+    nothing, terms = np.empty((0, 6 + m)), terms_of(start.block, m)
     if n < 2:
         return nothing
     q, foot = nearest(then, past.stamp, n, n - 1), start.foot
@@ -320,41 +227,74 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
     R = mul(start.T_odom_sole[:3, :3].copy(), R_then.T.copy())
     p = start.T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
 
-    m = start.theta.shape[0]
-    off = start.theta - motors_at(then, past, n, q, foot)  # of the motors from what they did; stays
-    state = State(start.state.y, start.state.w, np.zeros(2 * ROWS))
-    linear, out = start.linear, np.empty((points, 6 + m))
+    off, before, after = np.empty(m), np.empty(m), np.empty(m)
+    motors_at(off, then, past, n, q, foot)
+    off[:] = terms.theta - off  # of the motors from what they did; stays
+    state = State(start.state.y.copy(), start.state.w.copy(), np.zeros(2 * ROWS))
+    linear, out = terms.linear, np.zeros((points, 6 + m))
     for k in range(points):
-        t = then + int(k * _STEP * 1e9)
+        t = then + int(k * STEP * 1e9)
         if k > 0:
-            q = nearest(t - int(0.5 * _STEP * 1e9), past.stamp, n, q)
+            q = nearest(t - int(0.5 * STEP * 1e9), past.stamp, n, q)
             if past.foot[q] != foot:  # the support changes
                 foot = past.foot[q]
                 state = switch_support(state, linear, soles[foot - 1])
                 off = swapped(off)
-            linear, solver = remembered(past, q, start.linear.reach)
-            before, after = motors_at(t - int(_STEP * 1e9), past, n, q, foot), motors_at(t, past, n, q, foot)
-            state = step_soles(state, linear, solver, before + off, after + off, 1, friction)
+            linear, solver = remembered(past, q, terms.linear.reach)
+            for at, motors in ((t - int(STEP * 1e9), before), (t, after)):
+                motors_at(motors, at, past, n, q, foot)
+                motors += off
+            step_soles(state, linear, solver, before, after, 1, friction)
         q = nearest(t, past.stamp, n, q)
-        x, motors = state.y[:m], motors_at(t, past, n, q, foot) + off
-        out[k, 6:] = x - motors if foot == 1 else swapped(x - motors)
-        if past.foot[q] != foot:
-            x, motors = swapped(x), swapped(motors)
-        sole, com = past.T_odom_sole[q], past.com[q] + apply(past.J[q, :3], x - past.y[q, :m])
-        reference = past.reference[q] + apply(past.J[q, :3], motors - past.theta[q])
-        out[k, :3] = p + apply(R, sole[:3, 3] + apply(sole[:3, :3], com))
-        out[k, 3:6] = apply(R, apply(sole[:3, :3], com - reference))
+        motors_at(after, t, past, n, q, foot)
+        after += off
+        write_point(out[k], state.y, after, past, q, foot)
+        com, moved = apply(R, out[k, :3]), apply(R, out[k, 3:6])
+        out[k, :3], out[k, 3:6] = p + com, moved
     return out
+
+
+@compiled
+def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int) -> None:
+    """A point of a course (6 + m,), of zeros, at coordinates y and motors (m,), by the posture of sample q.
+
+    The leg of `foot` comes first in y and motors.
+    """
+    m = motors.shape[0]
+    own = 0 if foot == 1 else m // 2  # where the left leg begins
+    order = 0 if past.foot[q] == foot else m // 2  # and the support leg of sample q
+    terms = terms_of(past.block[q], m)
+    J, at, com, bent = (
+        terms.geometry.J,
+        terms.linear.y,
+        terms.geometry.com.copy(),
+        terms.geometry.com - past.reference[q],
+    )
+    for k in range(m):
+        i = (k + order) % m
+        for axis in range(3):
+            com[axis] += J[axis, k] * (y[i] - at[k])
+            bent[axis] += J[axis, k] * (y[i] - at[k] - motors[i] + past.theta[q, k])
+        point[6 + k] = y[(k + own) % m] - motors[(k + own) % m]
+    for axis in range(3):
+        point[axis] = past.T_odom_sole[q, axis, 3]
+        for j in range(3):
+            point[axis] += past.T_odom_sole[q, axis, j] * com[j]
+            point[3 + axis] += past.T_odom_sole[q, axis, j] * bent[j]
 
 
 @compiled
 def repeats(stamp: int, then: int, past: Memory, n: int, q: int) -> bool:
     """Whether the motors do now what they did then, at sample q, within a share of their range since."""
+    m, widest = past.theta.shape[1], 0.0
     low, high = past.theta[q].copy(), past.theta[q].copy()
     for i in range(q, n, 4):
-        there = past.theta[i] if past.foot[i] == past.foot[q] else swapped(past.theta[i])
-        low, high = np.minimum(low, there), np.maximum(high, there)
-    return mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * (high - low).max()
+        other = 0 if past.foot[i] == past.foot[q] else m // 2
+        for j in range(m):
+            there = past.theta[i, (j + other) % m]
+            low[j], high[j] = min(low[j], there), max(high[j], there)
+            widest = max(widest, high[j] - low[j])
+    return mismatch(stamp, stamp - then, past, n)[0] < _ALIKE * widest
 
 
 @compiled
@@ -369,11 +309,9 @@ def same_support(past: Memory, n: int, q: int, foot: int) -> int:
 
 
 @compiled
-def remembered(past: Memory, q: int, reach: float) -> tuple[Linear, Solver]:
-    """The equations of motion of a remembered sample, and their solver for steps of _STEP."""
+def remembered(past: Memory, q: int, reach: Array) -> tuple[Linear, Solver]:
+    """The equations of motion of a remembered sample, and their solver for steps of STEP."""
     r = 2 * ROWS if past.double[q] else ROWS
-    linear = Linear(past.y[q], past.K[q], past.D[q], past.f[q], past.C[q], past.height[q], reach)
-    solver = Solver(
-        _STEP, past.inverse[q], past.by_impulse[q, :, :r].copy(), past.contact[q, :r, :r].copy()
-    )  # fmt: skip
-    return linear, solver
+    then = terms_of(past.block[q], past.theta.shape[1]).linear
+    linear = Linear(then.y, then.K, then.D, then.f, then.C, then.height, reach)
+    return linear, Solver(STEP, r, past.inverse[q], past.by_impulse[q], past.contact[q])

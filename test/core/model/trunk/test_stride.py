@@ -7,14 +7,15 @@ import pytest
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.stream_names import REFERENCE
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.model.trunk.stride import _STEP, Memory, find_lag, mismatch, replanned
+from coman_reduced_model.core.model.trunk.memory import STEP, Memory, find_lag, mismatch
+from coman_reduced_model.core.model.trunk.stride import replanned
 from coman_reduced_model.resources import bag_path
 
 
 def memory(stamp, **columns):
     n, foot = len(stamp), np.ones(len(stamp), dtype=np.int64)
     empty = {name: np.zeros((n, 1)) for name in Memory._fields}
-    wide = dict.fromkeys(("inverse", "by_impulse", "contact", "K", "D", "C", "J", "T_odom_sole"), np.zeros((n, 1, 1)))
+    wide = dict.fromkeys(("inverse", "by_impulse", "contact", "T_odom_sole"), np.zeros((n, 1, 1)))
     return Memory(**(empty | wide | {"stamp": stamp, "foot": foot, "double": foot > 1} | columns))
 
 
@@ -32,7 +33,7 @@ def test_what_the_plan_has_changed_is_interpolated_between_its_points(seed):
     )
     then, moved = int(stamp[0] + rng.integers(0, stamp[-1] - stamp[0])), np.zeros((43, 3))
     largest = replanned(moved, com, preview, dt, then, past, n)
-    t, ahead = np.arange(43) * _STEP, np.vstack((com, preview))
+    t, ahead = np.arange(43) * STEP, np.vstack((com, preview))
     expected = np.column_stack([
         np.interp(t, np.arange(len(ahead)) * dt, ahead[:, axis])
         - np.interp(t, (stamp - then) * 1e-9, past.plan[:, axis]) for axis in range(3)

@@ -129,12 +129,13 @@ def test_a_state_told_by_the_other_sole_and_back_is_the_same():
 
     def linear(foot: int, y: np.ndarray) -> Linear:
         posture.update(y[:12] if foot == 1 else np.roll(y[:12], 6), np.zeros(12))
-        support, other = (
-            Sole(posture.R[f], posture.p[f], trunk_twist(posture.J, machine.leg_columns[f]), SOLE, np.zeros(3))
-            for f in (foot, 3 - foot)
-        )
-        nothing = np.zeros((12, 12))
-        return Linear(y, nothing, nothing, np.zeros(18), *contacts(support, other, y[12:])[1:], 0.05)
+        twists = {f: np.empty((6, 6)) for f in (1, 2)}
+        for f, twist in twists.items():
+            trunk_twist(twist, posture.J, machine.leg_columns[f])
+        support, other = (Sole(posture.R[f], posture.p[f], twists[f], SOLE, np.zeros(3)) for f in (foot, 3 - foot))
+        nothing, C, height = np.zeros((12, 12)), np.empty((14, 18)), np.empty(14)
+        contacts(support, other, y[12:], np.empty((6, 6)), C, height)
+        return Linear(y, nothing, nothing, np.zeros(18), C, height, np.full(1, 0.05))
 
     start = State(y, w, np.arange(14.0))
     left = linear(1, y)

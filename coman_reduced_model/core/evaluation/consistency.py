@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the covariances of the estimate are as large as its errors.
+
+By the innovations (NIS), which need no truth, and by the truth of a virtual robot (NEES), that a file beside its bag
+holds. Both are 3 on average if all is as assumed. Errors of consecutive samples are alike, so that one sample a step
+enters NEES: the middle of each single support. The error of the position is nearly the same at each of them, by zeros
+of encoders and masses, so that a walk counts once for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from ..base.types import Array, Estimate, Flags, Foot, Integers, Phase, Prediction
+from .statistics import by_axis
+
+SETTLED = 2.0  # [s] that are left out at the beginning
+NINETY = 1.645  # standard deviations within which 90 % of normal errors are
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+_QUANTILES = np.array([0.1257, 0.2533, 0.3853, 0.5244, 0.6745, 0.8416, 1.0364, 1.2816, NINETY, 1.9600])  # of |z|
+
+
+@dataclass(frozen=True)
+class TrueMotion:
+    """COM of a virtual robot over time, by support foot, in the frame of its sole, which moves with the foot.
+
+    Attributes:
+        first_ns: stamp at time 0.
+        time: (n,) [s].
+        com, com_vel: by foot (n, 3) [m], and its derivative [m/s].
+    """
+
+    first_ns: int
+    time: Array
+    com: dict[Foot, Array]
+    com_vel: dict[Foot, Array]
+
+    @classmethod
+    def of(cls, stamp_ns: Integers, com: Array, poses: dict[Foot, Array]) -> TrueMotion:
+        """From the COM (n, 3) [m] and the poses (n, 4, 4) of both soles in the world."""
+        t = (stamp_ns - stamp_ns[0]) * 1e-9
+        places = {
+            foot: np.einsum("nji,nj->ni", T[:, :3, :3].astype(float), com.astype(float) - T[:, :3, 3])
+            for foot, T in poses.items()
+        }
+        return cls(int(stamp_ns[0]), t, places, {foot: np.gradient(place, t, axis=0) for foot, place in places.items()})
+
+    def at(self, stamp_ns: int, foot: Foot) -> tuple[Array, Array]:
+        """COM (3,) [m] and its velocity (3,) [m/s] at a stamp."""
+        t = (stamp_ns - self.first_ns) * 1e-9
+        k = int(np.clip(np.searchsorted(self.time, t), 1, len(self.time) - 1))
+        w = np.clip((t - self.time[k - 1]) / (self.time[k] - self.time[k - 1]), 0.0, 1.0)
+        com, vel = ((1.0 - w) * values[foot][k - 1] + w * values[foot][k] for values in (self.com, self.com_vel))
+        return com, vel
+
+
+class Consistency:
+    """NIS of a run and, where its truth is known, NEES and how often errors are within intervals.
+
+    Attributes:
+        off: (n, 2, 3) errors of position and velocity in their standard deviations, at the middles of steps.
+        nees: (n, 2) of position and velocity, there.
+        errors: (n, 2, 3) [m/s] of the velocity: of the estimate, and of encoders alone, at all samples.
+    """
+
+    def __init__(self, truth: TrueMotion | None = None) -> None:
+        self._truth = truth
+        self._first: int | None = None
+        self._nis, self._samples, self._lost = 0.0, 0, 0
+        self._phase: list[Prediction] = []  # of one single support
+        self._off: list[Array] = []
+        self._nees: list[list[float]] = []
+        self._errors: list[list[Array]] = []
+
+    def add(self, prediction: Prediction) -> None:
+        """Take in the next one."""
+        if self._first is None:
+            self._first = prediction.stamp_ns
+        estimate = prediction.estimate
+        if (prediction.stamp_ns - self._first) * 1e-9 < SETTLED or not isfinite(estimate.nis):
+            return
+        self._nis += estimate.nis
+        self._samples += 1
+        self._lost += bool(prediction.flags & Flags.INCONSISTENT)
+        if self._truth is None:
+            return
+        _, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
+        self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
+        if self._phase and self._phase[-1].support.phase != prediction.support.phase:
+            self._close()
+        if prediction.support.phase in (Phase.LEFT, Phase.RIGHT):
+            self._phase.append(prediction)
+
+    def _close(self) -> None:
+        """The phase has ended: its middle counts."""
+        if not self._phase or self._truth is None:
+            return
+        middle = self._phase[len(self._phase) // 2]
+        estimate = middle.estimate
+        off = errors_of(estimate, *self._truth.at(middle.stamp_ns, middle.support.support_foot))
+        P = estimate.covariance
+        self._nees.append([float(e @ np.linalg.solve(P[s, s], e)) for e, s in zip(off, PARTS, strict=True)])
+        self._off.append(off / np.sqrt(np.diag(P)).reshape(2, 3))
+        self._phase = []
+
+    @property
+    def off(self) -> Array:
+        return np.array(self._off).reshape(-1, 2, 3)
+
+    @property
+    def nees(self) -> Array:
+        return np.array(self._nees).reshape(-1, 2)
+
+    @property
+    def errors(self) -> Array:
+        return np.array(self._errors).reshape(-1, 2, 3)
+
+    def summary(self) -> dict[str, Any]:
+        """The part of `summary.json` that this knows; NaN where nothing was judged."""
+        self._close()
+        samples = self._samples or np.nan
+        found: dict[str, Any] = {"nis": self._nis / samples, "inconsistent": self._lost / samples}
+        if self._truth is None or not self._off:
+            return found
+        position, velocity = self.nees.mean(axis=0).tolist()
+        rms = np.sqrt((self.errors**2).mean(axis=0))
+        return {
+            **found,
+            "steps": len(self._off),
+            "nees_position": position,
+            "nees_velocity": velocity,
+            "within_90": dict(zip(("position", "velocity"), map(by_axis, within(self.off)), strict=True)),
+            "rmse_velocity_m_s": by_axis(rms[0]),
+            "rmse_encoder_velocity_m_s": by_axis(rms[1]),
+            "reliability": {
+                name: dict(zip(map(str, LEVELS), reliability(self.off[:, k]), strict=True))
+                for k, name in enumerate(("position", "velocity"))
+            },
+        }
+
+
+PARTS = slice(0, 3), slice(3, 6)  # position and velocity in a covariance
+
+
+def errors_of(estimate: Estimate, com: Array, com_vel: Array) -> Array:
+    """Errors (2, 3) of position [m] and velocity [m/s]."""
+    return np.array([estimate.com - com, estimate.com_vel - com_vel])
+
+
+def within(off: Array) -> Array:
+    """Shares (2, 3) of errors (n, 2, 3), in standard deviations, that are within their 90 % interval."""
+    shares: Array = (np.abs(off) <= NINETY).mean(axis=0)
+    return shares
+
+
+def reliability(off: Array) -> list[float]:
+    """By `LEVELS`, the share of errors (n, 3), in standard deviations, that are within the interval of that level."""
+    return [float((np.abs(off) <= each).mean()) for each in _QUANTILES]

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""By how much the springs will give way under the planned load: what motors have to lead the planned joints by.
+
+Nothing that is measured enters, and that is what makes it fit for a controller. A deflection that is measured, or
+predicted from a measured state, depends on what the motors do; a lead that follows it makes the springs stiffer by
+1 / (1 - gain), and with both feet on the ground that stiffness acts against the other leg: the forces by which the feet
+push against each other grow by as much, until a foot slides. The plan has no such forces.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import pinocchio as pin
+
+from ..base.types import Array, Foot, Phase, PlannedDeflection, Reference
+from ..config.schema import Config
+from ..effects.catalogue import build_effects
+from ..gait.load_share import share_load
+from ..model.springs import Springs
+from ..robot.leg import leg_jacobian
+from ..robot.robot import Robot
+from .posture import PlannedPosture
+
+_SPACING_NS = 10_000_000  # between points of the plan that are used: accelerations are second differences
+_GAP_NS = 100_000_000  # a plan that has a gap, or goes back, begins again
+_JUMP = 0.05  # [m] and so does one whose COM jumps
+
+
+class Feedforward:
+    """Planned deflections of one robot, from the points of `com/reference` as they come.
+
+    Example:
+        >>> import coman_reduced_model as coman
+        >>> from coman_reduced_model.core.feedforward.feedforward import Feedforward
+        >>> with coman.Session(coman.bag_path("test1")) as session:
+        ...     feedforward = Feedforward(session.robot, session.config)
+        ...     for sample in session.samples():
+        ...         feedforward.start(sample.q)
+        ...         planned = sample.reference and feedforward.update(sample.reference)
+        ...         if planned:
+        ...             break
+        >>> planned.deflection.shape
+        (12,)
+    """
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        """Springs, masses and effects are those of the configuration.
+
+        Raises:
+            ConfigError: an effect does not fit the robot.
+        """
+        config = config.with_joints_of(robot)
+        effects, robot = build_effects(config.effects, robot)
+        self._robot, self._gravity = robot, config.robot.gravity
+        self._springs = Springs(config.robot, effects, False)
+        self._posture = PlannedPosture(robot, self._gravity)
+        self._columns = np.concatenate((robot.leg_columns[Foot.LEFT], robot.leg_columns[Foot.RIGHT]))
+        self._started = False
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the points so far."""
+        self._points: deque[tuple[Reference, Array]] = deque(maxlen=3)
+        self._last: PlannedDeflection | None = None
+
+    def start(self, joints: Array) -> None:
+        """Begin at joint positions (nj,) [rad] near the first point of the plan; later calls change nothing.
+
+        Measured ones will do: they only say which way the knees bend, and where joints outside the legs stay.
+        """
+        if not self._started:
+            self._posture.start(joints)
+            self._started = True
+
+    def update(self, plan: Reference) -> PlannedDeflection | None:
+        """Take the next point of the plan.
+
+        Points closer than 10 ms to the last one that was used are left out.
+
+        Returns:
+            The deflection at the point before: its accelerations need its neighbours. None: it is the first one, has
+            been left out, plans no support, or is out of reach of the legs.
+        """
+        if self._points and not self._continues(plan):
+            if 0 <= plan.stamp_ns - self._points[-1][0].stamp_ns < _SPACING_NS - 1000:
+                return None
+            self.reset()
+        if not self._started or plan.phase == Phase.FLIGHT or not self._posture.solve(plan):
+            self.reset()
+            return None
+        self._points.append((plan, self._posture.q.copy()))
+        if len(self._points) < 3:
+            return None
+        (first, q0), (middle, q1), (last, q2) = self._points
+        model = self._posture.model
+        before, after = (middle.stamp_ns - first.stamp_ns) * 1e-9, (last.stamp_ns - middle.stamp_ns) * 1e-9
+        v0, v1 = pin.difference(model, q0, q1) / before, pin.difference(model, q1, q2) / after
+        v = (after * v0 + before * v1) / (before + after)
+        torque, loads = self._torques(middle, q1, v, 2.0 * (v1 - v0) / (before + after))
+        deflection = self._deflections(torque, loads, before)
+        self._last = PlannedDeflection(middle.stamp_ns, deflection, torque)
+        return self._last
+
+    def _continues(self, plan: Reference) -> bool:
+        last = self._points[-1][0]
+        near = float(np.abs(plan.com - last.com).max()) < _JUMP
+        return near and _SPACING_NS - 1000 <= plan.stamp_ns - last.stamp_ns < _GAP_NS
+
+    def _torques(self, plan: Reference, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Torques (m,) [Nm] of the legs' joints in the planned motion, and the vertical loads (2,) of the feet [N]."""
+        posture = self._posture
+        model, data = posture.model, posture.data
+        needed = pin.rnea(model, data, q, v, a)
+        ground = pin.XYZQUATToSE3(q[:7]).act(pin.Force(needed[:6])).vector
+        soles = plan.T_odom_left[None], plan.T_odom_right[None]
+        shares = share_load(ground[None], *soles, np.array([int(plan.phase)]))
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        for foot, share in zip((Foot.LEFT, Foot.RIGHT), shares, strict=True):
+            J = pin.getFrameJacobian(model, data, self._robot.sole_ids[foot], pin.WORLD)
+            needed -= J.T @ share[0]
+        return needed[self._columns], np.array([share[0, 2] for share in shares])
+
+    def _deflections(self, torque: Array, loads: Array, dt: float) -> Array:
+        """(m,) [rad] of springs that transmit torques (m,), dt [s] after the last ones, by their law at these."""
+        data, last = self._posture.data, self._last
+        com = pin.centerOfMass(self._posture.model, data, False)
+        before = np.zeros(len(torque)) if last is None else last.deflection
+        out, n = np.empty(len(torque)), len(self._robot.legs[Foot.LEFT])
+        still = np.zeros(len(torque))
+        for foot, part, load in zip((Foot.LEFT, Foot.RIGHT), (slice(0, n), slice(n, None)), loads, strict=True):
+            sole = data.oMf[self._robot.sole_ids[foot]]
+            J = leg_jacobian(data.J, self._robot.leg_columns[foot], com, sole.rotation)
+            at = sole.actInv(com)
+            leg = self._springs.leg(foot, J, at, load, before[part], still[part], still[part])
+            # -torque = K d + D d' + what the law has more, its rate by the implicit Euler rule.
+            damping = leg.D_q / dt if last is not None else 0.0 * leg.D_q
+            out[part] = np.linalg.solve(leg.K_q + damping, damping @ before[part] - torque[part] - leg.torque)
+        return out

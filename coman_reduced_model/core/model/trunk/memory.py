@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The samples that a stride is made of, and where in them the robot did what it does now."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.compiled import compiled
+from ...base.types import Array
+from .contact import ROWS, make_solver
+from .kinematics import terms_of
+
+STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
+WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
+SEARCH = np.arange(-8, 9) * 0.005  # [s] about the lag between the phases
+
+
+class Memory(NamedTuple):
+    """Samples of the past, oldest first; fields as in `Assembled`, joints of the support leg first.
+
+    Rows of the other foot hold nothing of use where it did not stand, but for C and height.
+    T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
+    """
+
+    stamp: NDArray[np.int64]
+    foot: NDArray[np.int64]
+    double: NDArray[np.bool_]
+    theta: Array
+    block: Array  # of `Assembled`
+    inverse: Array  # with by_impulse and contact as in `Solver`, for steps of STEP
+    by_impulse: Array
+    contact: Array
+    T_odom_sole: Array
+    plan: Array
+    reference: Array  # (n, 3) COM by the motors, as that of `Geometry`
+
+
+@compiled
+def keep(
+    past: Memory, n: int, stamp: int, block: Array, foot: int, double: bool, T_odom_sole: Array, plan: Array,
+    reference: Array,
+) -> None:  # fmt: skip
+    """Remember a sample as number n."""
+    terms, rows = terms_of(block, past.theta.shape[1]), 2 * ROWS if double else ROWS
+    linear = terms.linear
+    solver = make_solver(terms.M, linear.K, linear.D, linear.C, STEP, rows)
+    past.stamp[n], past.foot[n], past.double[n], past.theta[n] = stamp, foot, double, terms.theta
+    past.block[n], past.inverse[n] = block, solver.inverse
+    past.by_impulse[n, :, :rows], past.contact[n, :rows, :rows] = solver.by_impulse, solver.contact
+    past.T_odom_sole[n], past.plan[n], past.reference[n] = T_odom_sole, plan, reference
+
+
+@compiled
+def swapped(v: Array) -> Array:
+    """Joints of both legs (m,) with the other leg's first."""
+    n = v.shape[0] // 2
+    return np.concatenate((v[n:], v[:n]))
+
+
+@compiled
+def nearest(t: int, stamp: NDArray[np.int64], n: int, i: int) -> int:
+    """Index below n of the stamp nearest to t, searched from i."""
+    while i > 0 and abs(stamp[i - 1] - t) <= abs(stamp[i] - t):
+        i -= 1
+    while i + 1 < n and abs(stamp[i + 1] - t) < abs(stamp[i] - t):
+        i += 1
+    return i
+
+
+@compiled
+def motors_at(out: Array, t: int, past: Memory, n: int, i: int, foot: int) -> None:
+    """Motor positions (m,) at a stamp t near sample i, linear between samples, the leg of `foot` first; into `out`."""
+    if (past.stamp[i] > t and i > 0) or i + 1 >= n:
+        i -= 1
+    w = (t - past.stamp[i]) / (past.stamp[i + 1] - past.stamp[i])
+    m = out.shape[0]
+    a, b = 0 if past.foot[i] == foot else m // 2, 0 if past.foot[i + 1] == foot else m // 2
+    for j in range(m):
+        out[j] = (1.0 - w) * past.theta[i, (j + a) % m] + w * past.theta[i + 1, (j + b) % m]
+
+
+@compiled
+def mismatch(stamp: int, lag: int, past: Memory, n: int) -> tuple[float, float]:
+    """Largest and mean square difference of the motors [rad], [rad^2] over `WINDOW` to what they did a lag before."""
+    largest, square, count = 0.0, 0.0, 0
+    m, i = past.theta.shape[1], n - 1
+    j, then = i, np.empty(m)
+    while i >= 0 and past.stamp[i] >= stamp - WINDOW * 1e9:
+        j = nearest(past.stamp[i] - lag, past.stamp, n, j)
+        motors_at(then, past.stamp[i] - lag, past, n, j, past.foot[i])
+        for k in range(m):
+            off = past.theta[i, k] - then[k]
+            largest = max(largest, abs(off))
+            square += off * off / m
+        count += 1
+        i -= 1
+    return largest, square / max(1, count)
+
+
+@compiled
+def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
+    """The lag [ns] near a guess at which the last `WINDOW` is most like what was then."""
+    costs = np.empty(SEARCH.shape[0])
+    for k in range(costs.shape[0]):
+        costs[k] = mismatch(stamp, guess + int(SEARCH[k] * 1e9), past, n)[1]
+    k = min(max(int(np.argmin(costs)), 1), costs.shape[0] - 2)
+    bend = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
+    shift = 0.5 * (costs[k - 1] - costs[k + 1]) / bend if bend > 0.0 else 0.0
+    step = SEARCH[1] - SEARCH[0]
+    return guess + int((SEARCH[k] + min(1.0, max(-1.0, shift)) * step) * 1e9)

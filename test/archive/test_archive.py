@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An archive is worked off by processes that may be killed: the tables are the same, and bad bags are rows."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import PATIENCE, ROOT, child_environment
+from pyarrow import parquet
+from synthetic import T0, walk, write_bag
+
+from coman_reduced_model.archive.inventory import find_bags
+from coman_reduced_model.archive.robots import date_of, period_of, read_robots, robot_of
+from coman_reduced_model.archive.run import Run, diagnoses
+from coman_reduced_model.archive.store import Store
+from coman_reduced_model.archive.tables import TABLES, arrow_schema, read_table, write_table
+from coman_reduced_model.archive.work import Settings
+from coman_reduced_model.cli.main import run
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.errors import ComanError
+
+COMAN = (sys.executable, "-m", "coman_reduced_model.cli.main", "archive")
+BAGS = {"anna/walk_1": 1.5, "anna/walk_2": 1.0, "bert/walk_1": 1.2, "bert/deep/walk_2": 1.1}
+DAY = "2023-11-14"  # of T0
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory) -> Path:
+    """Four bags of two robots; one that holds no bag, and one without wrenches."""
+    folder = tmp_path_factory.mktemp("archive") / "walks"
+    for name, seconds in BAGS.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bag(folder / name, walk(seconds))
+    write_bag(folder / "anna/no_wrench", walk(0.5), skip=("left_foot/wrench",))
+    (folder / "lost.mcap").write_bytes(b"\0" * 1000)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(walks) -> Path:
+    """The tables, made by one process in this one's order."""
+    out = walks.parent / "whole"
+    assert run(["archive", str(walks), "--predict", "--workers", "1", "--out", str(out)]) == 0
+    return out
+
+
+def rows(out: Path, table: str) -> list[dict]:
+    return parquet.read_table(out / f"{table}.parquet").to_pylist()
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {name: (out / f"{name}.parquet").read_bytes() for name in TABLES}
+
+
+def test_each_bag_is_a_row_bad_ones_with_their_reason(whole):
+    found = {row["bag"]: row for row in rows(whole, "bags")}
+    assert {*found} == {*BAGS, "anna/no_wrench", "lost.mcap"}
+    for name, seconds in BAGS.items():
+        row = found[name]
+        assert row["status"] == "ok" and row["reason"] is None and row["robot"] == name.split("/")[0]
+        assert str(row["date"]) == DAY and abs(row["samples"] - 200 * seconds) < 5
+        assert 0.0 < row["rmse_x_m"] < 0.1 and row["judged_samples"] > 100 and len(row["hash"]) == 64
+    assert found["anna/no_wrench"]["status"] == "bad" and "left_foot/wrench" in found["anna/no_wrench"]["reason"]
+    assert found["lost.mcap"]["status"] == "bad" and found["lost.mcap"]["reason"].startswith("lost.mcap: neither")
+    assert {row["phase"] for row in rows(whole, "phases") if row["bag"] == "anna/walk_1"} >= {"LEFT", "DOUBLE"}
+
+
+def test_tables_are_as_their_schema_says(whole):
+    for name in TABLES:
+        found = parquet.read_schema(whole / f"{name}.parquet")
+        assert found.equals(arrow_schema(name), check_metadata=True)
+
+
+def test_newer_tables_are_refused_and_older_ones_have_nulls(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "new")
+    table = read_table(Store(str(whole)), "bags")
+    newer = table.replace_schema_metadata({b"coman_schema_version": b"2"})
+    parquet.write_table(newer, tmp_path / "new/bags.parquet")
+    with pytest.raises(ComanError, match="schema version '2'"):
+        read_table(Store(str(tmp_path / "new")), "bags")
+    parquet.write_table(table.drop_columns(["mass_kg"]), tmp_path / "new/bags.parquet")
+    assert set(read_table(Store(str(tmp_path / "new")), "bags")["mass_kg"].to_pylist()) == {None}
+
+
+def test_a_part_is_not_made_twice(whole, walks, capsys):
+    before = contents(whole)
+    parts = {path: path.stat().st_mtime_ns for path in (whole / "parts").iterdir()}
+    assert run(["archive", str(walks), "--predict", "--out", str(whole), "--json"]) == 0
+    assert '"tasks": 0' in capsys.readouterr().out
+    assert contents(whole) == before
+    assert {path: path.stat().st_mtime_ns for path in (whole / "parts").iterdir()} == parts
+
+
+def children(pid: int) -> list[int]:
+    """Workers of a process: those of its children that run tasks."""
+    found = subprocess.run(["pgrep", "-f", "-P", str(pid), "spawn_main"], capture_output=True, text=True, check=False)
+    return [int(line) for line in found.stdout.split()]
+
+
+def waited(what, seconds: float = PATIENCE):
+    """What a function gives, as soon as it is anything."""
+    end = time.monotonic() + seconds
+    while not (found := what()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return found
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that ended and that nobody asked for does not."""
+    status = Path(f"/proc/{pid}/status")
+    return status.is_file() and "\nState:\tZ" not in status.read_text()
+
+
+def test_killed_workers_and_a_killed_archive_change_nothing(walks, whole, tmp_path):
+    out = tmp_path / "killed"
+    command = [
+        sys.executable,
+        "-m",
+        "coman_reduced_model.cli.main",
+        "archive",
+        str(walks),
+        "--predict",
+        "--out",
+        str(out),
+    ]
+
+    def start() -> subprocess.Popen:
+        return subprocess.Popen(command, cwd=ROOT, env=child_environment(), stderr=subprocess.DEVNULL)
+
+    with start() as archive:  # two workers
+        waited(lambda: [*out.glob("parts/*.json")])
+        workers = waited(lambda: children(archive.pid))
+        archive.send_signal(signal.SIGKILL)
+    waited(
+        lambda: (
+            not any(
+                Path(f"/proc/{pid}/cmdline").is_file() and Path(f"/proc/{pid}/cmdline").read_bytes() for pid in workers
+            )
+        )
+    )
+    assert not (out / "bags.parquet").exists()
+    done = len([*out.glob("parts/*.json")])
+    with start() as archive:
+        if done < len(BAGS) + 2:
+            for pid in waited(lambda: children(archive.pid) or (archive.poll() is not None and [0])):
+                if pid:
+                    os.kill(pid, signal.SIGKILL)  # what it had in hand is tried again by another
+        assert archive.wait(300) == 0
+    assert contents(out) == contents(whole)
+
+
+@pytest.mark.slow
+def test_ray_gives_the_same_tables(walks, whole, tmp_path):
+    """Of this machine, reachable by this machine only."""
+    pytest.importorskip("ray")
+    out = tmp_path / "ray"
+    command = [*COMAN, str(walks), "--predict", "--address", "local", "--out", str(out)]
+    done = subprocess.run(command, cwd=ROOT, env=child_environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert contents(out) == contents(whole)
+
+
+def test_what_takes_too_much_memory_is_a_row(walks, tmp_path):
+    out = tmp_path / "small"
+    assert run(["archive", str(walks / "bert"), "--predict", "--memory", "1", "--workers", "1", "--out", str(out)]) == 0
+    assert [row["status"] for row in rows(out, "bags")] == ["memory", "memory"]
+    assert all("takes more than 1 MB (--memory)" in row["reason"] for row in rows(out, "bags"))
+    assert run(["archive", str(walks / "bert"), "--predict", "--workers", "1", "--out", str(out)]) == 0
+    assert [row["status"] for row in rows(out, "bags")] == ["ok", "ok"], "with more memory it is tried again"
+
+
+def test_a_folder_of_something_else_is_not_written_to(walks, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert run(["archive", str(walks), "--out", str(tmp_path)]) == 2
+    assert run(["archive", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
+    assert run(["archive", "noway://walks", "--out", str(tmp_path / "out")]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 3 and "mine.txt" in lines[0] and "no such folder" in lines[1] and "noway" in lines[2]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.txt"]
+
+
+def test_robot_and_date_come_from_table_recording_folder_and_configuration(tmp_path):
+    file = tmp_path / "robots.csv"
+    file.write_text("bag,robot,date\nlab/*,carl,\nlab/old,,2020-02-03\n")
+    table = read_robots(file)
+    assert robot_of("lab/x", "dora", "coman", table) == "carl"
+    assert robot_of("hall/x", "dora", "coman", table) == "dora"
+    assert robot_of("hall/x", "", "coman", table) == "hall"
+    assert robot_of("x.mcap", "", "coman", table) == "coman"
+    assert str(date_of("lab/old", T0, table)) == "2020-02-03" and str(date_of("lab/x", T0, table)) == DAY
+    assert date_of("lab/x", 5_000_000_000, table) is None, "a simulation that begins at zero"
+    assert period_of(date_of("lab/x", T0, table), "week") == "2023-W46"
+    file.write_text("bag,robot,date\nx,y,3 May\n")
+    with pytest.raises(ComanError, match="line 2"):
+        read_robots(file)
+
+
+def test_bags_before_and_after_a_change_are_not_diagnosed_together(whole, walks):
+    bags = [bag for bag in find_bags([str(walks)]) if bag.bag in BAGS] * 3
+    table = [
+        {**rows(whole, "bags")[0], "robot": "anna", "hash": str(i), "start_ns": i}
+        | {f"rmse_{axis}_m": 0.001 * (1.0 + 0.01 * (i % 3)) * (3.0 if i >= 7 else 1.0) for axis in "xyz"}
+        for i in range(12)
+    ]
+    table[0]["status"] = "ok"
+    for row in table:
+        row.update(status="ok", date=date_of("", T0, []))
+    tasks = diagnoses(Run((str(walks),), "out", Settings(Config())), bags, table)
+    assert [len(task.train) + len(task.holdout) for task in tasks] == [5, 5]
+    before, after = (set(map(int, task.hashes)) for task in tasks)
+    assert max(before) < 7 <= min(after)
+
+
+def test_a_store_of_another_kind_is_read_and_written():
+    """Objects in memory stand for an object store: no folders, no renaming."""
+    store = Store("memory://walks/results")
+    store.write("parts/a.json", b"{}")
+    assert store.local_path() is None and store.names("parts") == ["a.json"]
+    assert store.read_all(["parts/a.json", "parts/b.json"]) == {"parts/a.json": b"{}"}
+    write_table(store, "phases", [])
+    assert read_table(store, "phases").num_rows == 0
+    Store("memory://walks/bags").write("bert/one.mcap", b"12")
+    (bag,) = find_bags(["memory://walks/bags"])
+    with bag.opened() as path:
+        assert bag.bag == "bert/one.mcap" and path.read_bytes() == b"12"
+    assert not path.exists()
