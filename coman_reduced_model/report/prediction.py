@@ -361,13 +361,14 @@ def _inputs(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
                 name,
                 str(s.get("received", "–")),
                 str(s.get("accepted", "–")),
+                str(s.get("late", "–")),
                 _rate(s.get("rate_hz")),
                 str(s.get("incomplete", 0)),
             ]
             for name, s in streams.items()
             if s.get("received") or s.get("expected")
         ]
-        parts.append(Table(["stream", "messages", "accepted", "rate [Hz]", "samples without it"], rows))
+        parts.append(Table(["stream", "messages", "accepted", "late", "rate [Hz]", "samples without it"], rows))
     elif summary.get("incomplete"):
         rows = [[name, str(count)] for name, count in summary["incomplete"].items()]
         parts.append(Table(["stream", "samples without it"], rows, "Samples that went without a value of a stream."))
