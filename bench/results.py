@@ -359,6 +359,7 @@ def judged(title: str, file: str, show: str, folder: str = "") -> Callable[[Path
 PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "free_run": free_run,
     "update": script("Cost of an update", ("predictor",)),
+    "joints": script("Cost of an update by the number of joints", ("joints", "doc/results/joints.png")),
     "engine": script(
         "Reduced model beside full simulation", ("model_vs_mujoco", "test1"), ("model_vs_mujoco", "test2")
     ),
