@@ -3,9 +3,9 @@
 
     python bench/predictor.py [BAG]           # a bag of the robot of config/coman.yaml; default: the shipped test1
 
-One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. The yardstick is
-one forward dynamics of the same robot by Pinocchio (ABA) from Python, timed after every sample: `x ABA` are ratios in one
-run, which carry over to other machines better than times do. Parts are means by wall time.
+One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. The
+yardstick is one forward dynamics of the same robot by Pinocchio (ABA) from Python, timed after each sample: `x ABA` are
+ratios in one run, which carry over to other machines better than times do. Parts are means by wall time.
 """
 
 from __future__ import annotations

@@ -254,7 +254,7 @@ class TrunkModel(Dynamics):
         weight = self.model.mass * self.model.gravity
         share = support_share(state.P) if made.double else 1.0
         loads = share * weight, (1.0 - share) * weight
-        K, D, torque = self._springs(made.terms, loads, state, sample.motor_qd[order])
+        K, D, torque = self._springs(made.terms, loads, state, sample.motor_qd)
         assemble(
             block, inertia, tau, self.model.gravity, pose.columns, K, D, torque, loads,
             self.model.springs.gravity_stiffness,
@@ -309,12 +309,13 @@ class TrunkModel(Dynamics):
             terms: with their geometry.
             loads: weight on the support leg and on the other one [N].
             state: deflections are those of it.
-            motor_rate: (m,) [rad/s].
+            motor_rate: (nj,) [rad/s].
         """
         foot, springs, posture, g = self._foot, self.model.springs, self._posture, terms.geometry
         K, D, torque = self._K[foot], self._D[foot], self._no_spring_torque
         if springs.nominal:
             return K, D, torque
+        motor_rate = motor_rate[self._order[foot]]
         m, n = len(motor_rate), len(motor_rate) // 2
         K, D, torque = K.copy(), D.copy(), torque.copy()
         deflection, rate = state.y[:m] - terms.theta, state.w[:m] - motor_rate
