@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What one sample costs the predictor: the whole update, its parts, and the first call on a new machine.
+"""What one sample costs the predictor: the whole update and its parts.
 
     python bench/predictor.py [BAG]           # a bag of the robot of config/coman.yaml; default: the shipped test1
+    python bench/predictor.py --first-call    # what compiling costs a new machine
 
 One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. The
 yardstick is one forward dynamics of the same robot by Pinocchio (ABA) from Python, timed after each sample: `x ABA` are
@@ -47,6 +48,7 @@ VARIANTS = {
     "the turning trunk, no horizons": {"prediction.horizons": []},
     "the turning trunk, horizons": {},
 }
+SAMPLES = 1500
 PARTS = ("the paper's model, horizons", "the turning trunk, horizons")
 
 
@@ -181,15 +183,24 @@ def first_call() -> list[tuple[float, float]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bag", nargs="?", type=Path, default=None)
-    path = parser.parse_args().bag or bag_path("test1")
-    robot, samples = read_samples(path)
+    parser.add_argument("--first-call", action="store_true", help="instead: what compiling costs a new machine")
+    arguments = parser.parse_args()
     console = Console(width=140)
+    if arguments.first_call:
+        table = Table("first samples of a process", "wall [s]", "CPU [s]")
+        for name, (wall, cpu) in zip(("nothing compiled yet", "compiled before"), first_call(), strict=True):
+            table.add_row(name, f"{wall:.1f}", f"{cpu:.1f}")
+        console.print(table)
+        return
+    path = arguments.bag or bag_path("test1")
+    robot, samples = read_samples(path)
+    samples = samples[:SAMPLES]
 
     names = ("predictor", "mean [us]", "median [us]", "x ABA", "p99 [us]", "p99 x ABA")
     table = Table(*names, title=f"{path.name}: {len(samples)} samples; in brackets without the observer")
     for name, changes in VARIANTS.items():
         config = Config().replaced(changes)
-        timed(Predictor(robot, config), samples[:1200])  # compiled, caches warm
+        timed(Predictor(robot, config), samples[:300])  # compiled, caches warm
         cells = []
         for observer in (True, False):
             predictor = Predictor(robot, config)
@@ -207,11 +218,6 @@ def main() -> None:
     columns = [parts(robot, Config().replaced(VARIANTS[name]), samples) for name in PARTS]
     for part in columns[0]:
         table.add_row(part, *(f"{column[part] * 1e6:.1f}" for column in columns))
-    console.print(table)
-
-    table = Table("first samples of a process", "wall [s]", "CPU [s]")
-    for name, (wall, cpu) in zip(("nothing compiled yet", "compiled before"), first_call(), strict=True):
-        table.add_row(name, f"{wall:.1f}", f"{cpu:.1f}")
     console.print(table)
 
 
