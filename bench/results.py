@@ -385,6 +385,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("no_force_sensors", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
         needs="other_robot/walk_003",
     ),
+    "ground": script("Slopes and steps", ("ground",)),
     "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),
     "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
     "node": script("The node under load", ("node", "--reference", "motor", "--seconds", "30")),

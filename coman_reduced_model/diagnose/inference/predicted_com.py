@@ -112,6 +112,7 @@ def free_run(
         config,
         prediction=dataclasses.replace(config.prediction, horizons=()),
         monitor=dataclasses.replace(config.monitor, enabled=False),
+        model=dataclasses.replace(config.model, slope="level"),  # a slope is an effect to be found
     )
     rows: list[tuple[float, ...]] = []
     positions: list[Array] = []

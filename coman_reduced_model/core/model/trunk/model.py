@@ -29,6 +29,7 @@ from ...config.schema import Config
 from ...effects.catalogue import Effect
 from ...effects.hooks import Now, Push
 from ...measured.odometry import flat
+from ...measured.slope import LEVEL
 from ...measured.standing import StandingSoles
 from ...robot.robot import Robot
 from ..cartesian import Model
@@ -116,6 +117,7 @@ class TrunkModel(Dynamics):
         self._repeated: Array | None = None  # deflections ahead, if the robot repeats its stride
         self._above_rate: Array | None = None  # (nj,) of joints outside the legs at the last sample [rad/s]
         self._above_twist = np.zeros(6)  # of the root link by them
+        self._down = LEVEL  # gravity in odom, as known at the restart
         self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
 
     def prepare(self, now: Now) -> bool:
@@ -128,7 +130,7 @@ class TrunkModel(Dynamics):
         self.reference, self.reference_vel = motor_com(self.motor, now.foot)
         self._soles.update(now.link, now.support, now.dt)
         if self._free is None:
-            self._ground = self._soles.planes()
+            self._ground, self._down = self._soles.planes(), now.down
         if now.foot != self._foot:
             self._change_leg(now.foot)
         before, first = self._terms, self._filtered is None
@@ -162,7 +164,9 @@ class TrunkModel(Dynamics):
 
     def restart(self, now: Now) -> None:
         """From the filtered measurement."""
-        self._ground = self._soles.planes()
+        if now.support.phase == Phase.DOUBLE:
+            self._soles.land(now.link)
+        self._ground, self._down = self._soles.planes(), now.down
         assert self._filtered is not None
         self._free = copied(self._filtered)
         self._R_odom_sole = now.T_odom_sole[:3, :3]
@@ -246,6 +250,8 @@ class TrunkModel(Dynamics):
         last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
         pose = self._poses[foot]
         take_posture(block, last, pose, self._ground[foot], state.y, state.w, dt, v, a)
+        if self._down is not LEVEL:
+            self._tilt_gravity(made.terms.geometry.down, state.y[-3:], now)
         if len(self._above):
             self._move_above(now.dt)
         inertia, tau = pin.crba(self._pin, self._data, posture.configuration), self._no_torque
@@ -274,6 +280,12 @@ class TrunkModel(Dynamics):
             posture.com, posture.J, posture.J_com, posture.R[foot], posture.p[foot], posture.R[other],
             posture.p[other], columns, edges,
         )  # fmt: skip
+
+    def _tilt_gravity(self, down: Array, turned: Array, now: Now) -> None:
+        """Fill in `Geometry.down` (3,) on a slope, the support sole turned against it by small angles (3,) [rad]."""
+        R_odom_sole = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
+        in_sole = R_odom_sole.T @ self._down
+        down[:] = self._posture.R[self._foot] @ (in_sole - np.cross(turned, in_sole))
 
     def _move_above(self, dt: float) -> None:
         """Move the joints outside the legs, accelerating as their motors did since the last sample.
