@@ -45,16 +45,9 @@ def test_ctrl_c_while_modules_are_loaded(start, module):
     assert not process.output
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("judge", "prediction", "--seeds", "0:2", "--jobs", "2"),
-        ("validate", "--untuned", "--processes", "2"),
-    ],
-    ids=lambda command: command[0],
-)
-def test_ctrl_c_ends_the_workers_of_a_command(tmp_path, start, command):
-    process = start("coman", *command, "--out", tmp_path / "out")
+def test_ctrl_c_ends_the_workers_of_the_judge(tmp_path, start):
+    options = ("--seeds", "0:2", "--jobs", "2", "--out", tmp_path / "out")
+    process = start("coman", "judge", "prediction", *options)
     end = time.monotonic() + 60.0
     while not children(process.pid) and process.running and time.monotonic() < end:
         time.sleep(0.05)
