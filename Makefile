@@ -42,12 +42,11 @@ test: lint  ## lint, types and all tests: what CI runs
 test-quick: setup  ## the tests that take seconds
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not ros"
 
-# 1,000 times as many cases as in `make test`: above 10^5 spoiled messages, 10^4 bags, 10^4 descriptions and configurations.
-fuzz: setup  ## untrusted input of all kinds, some hours; FUZZ=100 takes a tenth of it
-	COMAN_FUZZ=$(or $(FUZZ),1000) $(BIN)/python -m pytest -n $(JOBS) test/test_fuzz.py
+fuzz: setup  ## untrusted input of all kinds, an hour, and a page of results; FUZZ=0.1 sends a tenth of it
+	COMAN_FUZZ=$(or $(FUZZ),1) JOBS=$(JOBS) $(BIN)/python bench/results.py fuzz
 
-soak: setup  ## an hour of a node under fire at 1 kHz: killed, streams cut, late, twice, clocks that jump; SOAK=600 is shorter
-	COMAN_SOAK=$(or $(SOAK),3600) $(BIN)/python -m pytest -s test/ros/test_soak.py
+soak: setup  ## an hour of nodes under fire at 1 kHz, and a page of results; SOAK=600 is shorter
+	COMAN_SOAK=$(or $(SOAK),3600) $(BIN)/python bench/results.py soak
 
 lint: setup  ## ruff (rules and format) and mypy
 	$(BIN)/ruff check

@@ -55,7 +55,7 @@ setup(
             f"predictor = {NAME}.ros.main:predictor",
             f"trajectory = {NAME}.ros.main:trajectory",
             f"virtual_robot = {NAME}.ros.main:virtual_robot",
-            f"coman = {NAME}.cli.main:main",
+            f"coman = {NAME}.cli.entry:main",
         ],
     },
 )

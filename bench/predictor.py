@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What one sample costs the predictor: the whole update, its parts, and the first call on a new machine.
+"""What one sample costs the predictor: the whole update and its parts.
 
     python bench/predictor.py [BAG]           # a bag of the robot of config/coman.yaml; default: the shipped test1
+    python bench/predictor.py --first-call    # what compiling costs a new machine
 
-One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. `x call` is
-the median over that of an empty numpy call (`np.empty(3)`) timed after every sample: a figure that carries over.
+One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. The
+yardstick is one forward dynamics of the same robot by Pinocchio (ABA) from Python, timed after each sample: `x ABA` are
+ratios in one run, which carry over to other machines better than times do. Parts are means by wall time.
 """
 
 from __future__ import annotations
@@ -19,12 +21,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
 
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.base.types import Sample
+from coman_reduced_model.core.base.types import Estimate, Flags, Sample
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.monitor.monitor import Monitor
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path
@@ -44,6 +48,7 @@ VARIANTS = {
     "the turning trunk, no horizons": {"prediction.horizons": []},
     "the turning trunk, horizons": {},
 }
+SAMPLES = 1500
 PARTS = ("the paper's model, horizons", "the turning trunk, horizons")
 
 
@@ -52,16 +57,30 @@ def read_samples(path: Path) -> tuple[Robot, list[Sample]]:
         return session.robot, list(session.samples())
 
 
+class NoObserver:
+    """In the place of the observer, to see what the rest costs."""
+
+    flags = Flags.OK
+
+    def update(self, *_: object) -> Estimate:
+        return Estimate()
+
+    def reset(self) -> None:
+        pass
+
+
 def timed(predictor: Predictor, samples: Sequence[Sample]) -> tuple[np.ndarray, np.ndarray]:
-    """CPU seconds of each update, and of an empty numpy call after it."""
-    updates, calls = np.empty(len(samples)), np.empty(len(samples))
+    """CPU seconds of each update, and of a forward dynamics after it."""
+    model = predictor.robot.model
+    data, q, v = model.createData(), pin.neutral(model), np.zeros(model.nv)
+    updates, yardstick = np.empty(len(samples)), np.empty(len(samples))
     for i, sample in enumerate(samples):
         start = time.process_time()
         predictor.update(sample)
         middle = time.process_time()
-        np.empty(3)
-        updates[i], calls[i] = middle - start, time.process_time() - middle
-    return updates, calls
+        pin.aba(model, data, q, v, v)
+        updates[i], yardstick[i] = middle - start, time.process_time() - middle
+    return updates, yardstick
 
 
 class Stopwatch:
@@ -84,7 +103,7 @@ class Stopwatch:
 
 def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, float]:
     """Mean time of each part in one update [s]; some 0.3 us of each are the stopwatch's own."""
-    predictor, watch = Predictor(robot, config), Stopwatch()
+    predictor, monitor, watch = Predictor(robot, config), Monitor(robot, config), Stopwatch()
     for owner, method, name in (
         (predictor.support, "update", "support phase"),
         (predictor.link, "update", "kinematics, link side"),
@@ -93,11 +112,40 @@ def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, 
         (predictor, "_free_run", "free run"),
         (predictor.dynamics, "ahead", "horizons"),
         (predictor.judge, "update", "judge of the horizons"),
+        (predictor.observer, "update", "observer"),
+        (predictor, "_deflections", "deflections and their sigma"),
+        (monitor, "update", "monitor"),
     ):
         watch.watch(owner, method, name)
     for sample in samples:
-        predictor.update(sample)
+        made = predictor.update(sample)
+        assert predictor.sample is not None
+        monitor.update(predictor.sample, predictor.link, made)
     return {name: seconds / len(samples) for name, seconds in watch.seconds.items()}
+
+
+def kinematics(robot: Robot, samples: Sequence[Sample]) -> str:
+    """What of an update is Pinocchio's, called from Python: the sentence with its figures."""
+    model = robot.model
+    data, q, v, posture = model.createData(), pin.neutral(model), np.zeros(model.nv), robot.posture()
+
+    def cost(call: Callable[[], object]) -> float:
+        best = np.inf
+        for _ in range(5):
+            start = time.process_time()
+            for _ in range(500):
+                call()
+            best = min(best, (time.process_time() - start) / 500)
+        return best * 1e6
+
+    sample = samples[0]
+    posture_us = cost(lambda: posture.update(sample.q, sample.qd))
+    rest_us = cost(lambda: pin.crba(model, data, q)) + cost(lambda: pin.rnea(model, data, q, v, v))
+    aba_us = cost(lambda: pin.aba(model, data, q, v, v))
+    return (
+        f"Pinocchio from Python, in a loop: ABA {aba_us:.1f} us; a posture {posture_us:.1f} us (three in an update), "
+        f"inertia and bias forces {rest_us:.1f} us: {3 * posture_us + rest_us:.1f} us of an update."
+    )
 
 
 FIRST_CALL = """
@@ -135,31 +183,41 @@ def first_call() -> list[tuple[float, float]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bag", nargs="?", type=Path, default=None)
-    path = parser.parse_args().bag or bag_path("test1")
+    parser.add_argument("--first-call", action="store_true", help="instead: what compiling costs a new machine")
+    arguments = parser.parse_args()
+    console = Console(width=140)
+    if arguments.first_call:
+        table = Table("first samples of a process", "wall [s]", "CPU [s]")
+        for name, (wall, cpu) in zip(("nothing compiled yet", "compiled before"), first_call(), strict=True):
+            table.add_row(name, f"{wall:.1f}", f"{cpu:.1f}")
+        console.print(table)
+        return
+    path = arguments.bag or bag_path("test1")
     robot, samples = read_samples(path)
-    console = Console(width=120)
+    samples = samples[:SAMPLES]
 
-    table = Table(
-        "predictor", "mean [us]", "median [us]", "p99 [us]", "x call", title=f"{path.name}: {len(samples)} samples"
-    )
+    names = ("predictor", "mean [us]", "median [us]", "x ABA", "p99 [us]", "p99 x ABA")
+    table = Table(*names, title=f"{path.name}: {len(samples)} samples; in brackets without the observer")
     for name, changes in VARIANTS.items():
         config = Config().replaced(changes)
-        timed(Predictor(robot, config), samples[:1200])  # compiled, caches warm
-        updates, calls = timed(Predictor(robot, config), samples)
-        median, p99 = np.percentile(updates, [50, 99]) * 1e6
-        ratio = np.median(updates) / np.median(calls)
-        table.add_row(name, f"{updates.mean() * 1e6:.0f}", f"{median:.0f}", f"{p99:.0f}", f"{ratio:.0f}")
+        timed(Predictor(robot, config), samples[:300])  # compiled, caches warm
+        cells = []
+        for observer in (True, False):
+            predictor = Predictor(robot, config)
+            if not observer:
+                predictor.observer = NoObserver()  # type: ignore[assignment]
+            updates, yardstick = timed(predictor, samples)
+            aba, (median, p99) = float(np.median(yardstick)), np.percentile(updates, [50, 99])
+            micro = [f"{each * 1e6:.0f}" for each in (updates.mean(), median, p99)]
+            cells.append((*micro[:2], f"{median / aba:.1f}", micro[2], f"{p99 / aba:.0f}"))
+        table.add_row(name, *(f"{one} ({other})" for one, other in zip(*cells, strict=True)))
     console.print(table)
 
+    print(kinematics(robot, samples))
     table = Table("part, mean [us]", *PARTS)
     columns = [parts(robot, Config().replaced(VARIANTS[name]), samples) for name in PARTS]
     for part in columns[0]:
         table.add_row(part, *(f"{column[part] * 1e6:.1f}" for column in columns))
-    console.print(table)
-
-    table = Table("first samples of a process", "wall [s]", "CPU [s]")
-    for name, (wall, cpu) in zip(("nothing compiled yet", "compiled before"), first_call(), strict=True):
-        table.add_row(name, f"{wall:.1f}", f"{cpu:.1f}")
     console.print(table)
 
 

@@ -6,7 +6,8 @@
     python bench/results.py --list
 
 `judge`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED
-names; they are written only when they are named. A page holds what a command prints, or a table made of its JSON.
+names; they are written only when they are named, as are `fuzz` and `soak`, runs of long tests. A page holds what a
+command prints, or a table made of what it writes.
 `free_run` also writes the table of the README and the picture beside it. Recordings that are not part of the
 project are read from ../shared, or --shared DIR; a page says which of them it went without.
 """
@@ -31,6 +32,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import fire
 from markdown import AXES, honest_line, millimetres, table, trimmed, value, write_into_readme
 
 from coman_reduced_model.core.evaluation.baselines import BASELINES
@@ -38,7 +40,7 @@ from coman_reduced_model.core.evaluation.baselines import BASELINES
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
-OF_RUNS = ("judge", "baseline", "prediction", "monitor", "others")  # pages of runs of the judge, which take hours
+OF_RUNS = ("judge", "baseline", "prediction", "monitor", "others", "fuzz", "soak")  # pages of what takes hours
 
 
 @dataclass(frozen=True)
@@ -357,6 +359,7 @@ def judged(title: str, file: str, show: str, folder: str = "") -> Callable[[Path
 PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "free_run": free_run,
     "update": script("Cost of an update", ("predictor",)),
+    "joints": script("Cost of an update by the number of joints", ("joints", "doc/results/joints.png")),
     "engine": script(
         "Reduced model beside full simulation", ("model_vs_mujoco", "test1"), ("model_vs_mujoco", "test2")
     ),
@@ -382,6 +385,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("no_force_sensors", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
         needs="other_robot/walk_003",
     ),
+    "ground": script("Slopes and steps", ("ground",)),
     "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),
     "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
     "node": script("The node under load", ("node", "--reference", "motor", "--seconds", "30")),
@@ -392,6 +396,8 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "engines": script("Two physics engines", ("engines",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
     "archive": archive,
+    "fuzz": fire.fuzz,
+    "soak": fire.soak,
     "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),
     "baseline": judged("How good the diagnosis is with a baseline", "score.json", "show_diagnosis", "baseline"),
     "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),

@@ -208,6 +208,12 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
     run = statistics.summary()
     mismatches = _mismatches(bag, pipeline)
     warnings = list(session.warnings)
+    doubtful = run["flags"].get("UNKNOWN_GROUND", 0)
+    if doubtful > _SELDOM * run["samples"]:
+        warnings.append(
+            f"the ground is not known in {doubtful} of {run['samples']} samples: there is neither an IMU nor a plan, "
+            "and the feet bear forces along their soles, as on a slope or by something that pushes"
+        )
     diverged = run["flags"].get("REJECTED_STATE", 0)
     if diverged > _SELDOM * run["samples"]:
         warnings.append(
@@ -220,6 +226,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "version": version(),
         "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},
         "wrench_source": config.streams.wrench_source,
+        "ground": _ground(pipeline),
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},
         "within_90": {h: by_axis(share) for h, share in judge.within().items()},
@@ -242,6 +249,15 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "realtime_factor": run["duration_s"] / elapsed,
         "config": config.flat(),
     }
+
+
+def _ground(pipeline: Pipeline) -> dict[str, Any]:
+    """What was known of the slope of the ground, at the end."""
+    slope = pipeline.predictor.slope
+    if slope is None:
+        return {"source": "configuration", "roll_rad": None, "pitch_rad": None}
+    ground = slope.known()
+    return {"source": ground.source, "roll_rad": ground.roll, "pitch_rad": ground.pitch}
 
 
 _SELDOM = 0.01  # share of samples: a free run may fall now and then

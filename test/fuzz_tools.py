@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import random
 import struct
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -13,11 +14,13 @@ import numpy as np
 
 from coman_reduced_model.bag.decode import decoder
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.bag.types import typestore
 from coman_reduced_model.core.base.limits import DIVERGED
 from coman_reduced_model.core.base.types import Flags, Prediction
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.limits import Limits, limits_of
+from coman_reduced_model.messages import INPUT_TYPES
 from coman_reduced_model.resources import bag_path
 
 SIZES = (-1e300, -1e9, -1e4, -60.0, -6.0, -0.6, 0.0, 0.6, 6.0, 60.0, 1e4, 1e9, 1e300, math.nan, math.inf)
@@ -39,6 +42,41 @@ def with_other_numbers(raw: bytes, rng: random.Random) -> bytes:
         if offset + 8 <= len(data):
             struct.pack_into("<d", data, offset, rng.choice(SIZES) * rng.uniform(0.5, 1.5))
     return bytes(data)
+
+
+def with_other_field(stream: str, raw: bytes, rng: random.Random) -> bytes:
+    """The message, still well formed: one of its fields, whichever, with another value of its type."""
+    store = typestore()
+    message = store.deserialize_cdr(raw, INPUT_TYPES[stream])
+    owner, name = rng.choice(list(_fields(message)))
+    value = getattr(owner, name)
+    if isinstance(value, np.ndarray):
+        value = np.array(value)
+        if value.size and rng.random() < 0.7:
+            value[rng.randrange(value.size)] = rng.choice(SIZES) * rng.uniform(0.5, 1.5)
+        elif value.size not in (9, 36):  # of a covariance, which has no other length
+            value = np.resize(value, rng.choice((0, 1, 3, 13)))
+    elif isinstance(value, list):
+        value = [*value[: rng.randrange(len(value) + 1)], *rng.sample(["", "LKneeSag", "x"], rng.randrange(3))]
+    elif isinstance(value, str):
+        value = rng.choice(("", "l_sole", "r_sole", "base_link", "nobody", "x" * 300))
+    elif isinstance(value, int):
+        value = rng.choice((0, 1, 255, value + 1, max(0, value - 1), max(0, value - 300_000_000)))
+    else:
+        value = rng.choice(SIZES) * rng.uniform(0.5, 1.5)
+    setattr(owner, name, value)
+    return bytes(store.serialize_cdr(message, INPUT_TYPES[stream]))
+
+
+def _fields(message: Any) -> Iterator[tuple[Any, str]]:
+    """Each field below a message that is none itself: the message that it belongs to, and its name."""
+    for name in vars(message):
+        if name != "__msgtype__":
+            value = getattr(message, name)
+            if hasattr(value, "__msgtype__"):
+                yield from _fields(value)
+            else:
+                yield message, name
 
 
 def with_other_bytes(raw: bytes, rng: random.Random) -> bytes:
@@ -75,10 +113,11 @@ class Fuzzed:
         self._config = Config().replaced({"prediction.reference": reference})
         self._robot = robot
         self.limits = limits_of(robot, 9.81, robot.mass * 9.81)
-        self.sent = self.predictions = self.spoiled = 0
+        self.predictions = self.spoiled = 0
+        self.off = 0.0  # [m] largest residual, or distance of a prediction ahead from the COM
 
-    def run(self, rng: random.Random, count: int, share: float = 0.02, damage: float = 0.1) -> None:
-        """Send `count` messages of which a share is spoiled.
+    def run(self, rng: random.Random, count: int, share: float = 0.02) -> None:
+        """Send `count` messages of which a share is spoiled: numbers or any field, a tenth of these not well formed.
 
         Raises:
             AssertionError: a prediction is out of bounds, or a message is neither used nor counted.
@@ -90,10 +129,13 @@ class Fuzzed:
             data = raw
             if rng.random() < share:
                 self.spoiled += 1
-                data = (with_other_bytes if rng.random() < damage else with_other_numbers)(raw, rng)
+                kind = rng.random()
+                if kind < 0.1:
+                    data = with_other_bytes(raw, rng)
+                else:
+                    data = with_other_numbers(raw, rng) if kind < 0.55 else with_other_field(stream, raw, rng)
             convert = decoders.setdefault(stream, decoder(stream))
             self._check(pipeline.feed(stream, data, convert))
-            self.sent += 1
         self._check(pipeline.flush())
         status = pipeline.status()
         for name, stream in status.streams.items():
@@ -104,4 +146,6 @@ class Fuzzed:
         for prediction in predictions:
             wrong = out_of_bounds(prediction, self.limits)
             assert not wrong, f"at {prediction.stamp_ns}: {wrong}"
+            ahead = (np.linalg.norm(each.com - prediction.measured_com) for each in prediction.horizons)
+            self.off = float(np.nanmax([self.off, np.linalg.norm(prediction.residual), *ahead]))
         self.predictions += len(predictions)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Untrusted input of all kinds: no exception that is not ours, no hang, no memory, no prediction out of bounds.
 
-`make fuzz` runs this file for long: COMAN_FUZZ is how many times as many cases as usual.
+`make fuzz` runs this file for long: COMAN_FUZZ is which share of 10^5 messages, 10^4 bags, robot descriptions and
+configurations it sends.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import io
 import os
 import random
 import resource
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -27,34 +29,52 @@ from coman_reduced_model.core.config.schema import Config, config_from_flat, par
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import ComanError
 
-LONG = int(os.environ.get("COMAN_FUZZ", "1"))
+SHARE = float(os.environ.get("COMAN_FUZZ", "0"))
 MEMORY = 2**30  # bytes beside what is loaded
-pytestmark = pytest.mark.timeout(120 * LONG)
+pytestmark = pytest.mark.timeout(120 + 20_000 * SHARE)
 
 
-def many(cases: int):
-    """A Hypothesis test of so many cases, as many times more in a long run."""
-    return settings(max_examples=cases * LONG, database=None, suppress_health_check=list(HealthCheck))
+def cases(few: int, many: int = 10_000) -> int:
+    """How many cases a test sends: few, or in a long run a share of many."""
+    return max(few, round(SHARE * many))
+
+
+def examples(few: int):
+    """A Hypothesis test of so many cases."""
+    return settings(max_examples=cases(few), database=None, suppress_health_check=list(HealthCheck))
 
 
 seeds = st.integers(0, 2**32 - 1).map(random.Random)
 
 
 @pytest.fixture(autouse=True)
-def bounded_memory():
+def bounded_memory(record_property):
     """Whatever a small file says, it takes no more than a gigabyte."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     yield
-    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < MEMORY
+    more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    record_property("memory_mb", more / 2**20)
+    assert more < MEMORY
+
+
+@pytest.fixture
+def sent(record_property):
+    """Counts what a test sends, for the page of results."""
+    counts = Counter()
+    yield counts
+    for name, value in counts.items():
+        record_property(name, value)
 
 
 @pytest.mark.parametrize("reference", ["motor", "none"])
-def test_messages_whose_values_contradict_physics(reference):
+def test_messages_whose_values_contradict_physics(reference, sent):
     """Each message is used or counted, and no prediction is farther off than a robot can be."""
-    fuzzed = Fuzzed(reference)
-    for seed in range(2 * LONG):
-        fuzzed.run(random.Random(seed), 1500)
-    assert fuzzed.spoiled > 30 * LONG and fuzzed.predictions > 300 * LONG
+    fuzzed, seed, wanted = Fuzzed(reference), 0, cases(60, 50_000)
+    while fuzzed.spoiled < wanted:
+        fuzzed.run(random.Random(seed), 1500, share=(0.02, 0.2)[seed % 2])
+        seed += 1
+    sent.update(cases=fuzzed.spoiled, predictions=fuzzed.predictions, off_mm=round(1e3 * fuzzed.off))
+    assert fuzzed.predictions > fuzzed.spoiled
 
 
 def test_a_walk_that_is_not_spoiled_loses_nothing():
@@ -80,9 +100,10 @@ def predicted(path: Path) -> None:
         assert str(error) and len(str(error)) < 2000
 
 
-@many(60)
+@examples(60)
 @given(rng=seeds)
-def test_files_of_other_bytes(bag, tmp_path_factory, rng):
+def test_files_of_other_bytes(bag, tmp_path_factory, sent, rng):
+    sent["cases"] += 1
     file, metadata = bag
     folder = tmp_path_factory.getbasetemp() / "fuzzed"
     folder.mkdir(exist_ok=True)
@@ -96,9 +117,10 @@ TAGS = ("link", "joint", "inertial", "mass", "origin", "limit", "parent", "colli
 WORDS = ('""', '"nan"', '"-1"', '"1e300"', '"0 0"', '"l_sole"', '"x y z"', '"inf inf inf"', '"&#0;"', '"prismatic"')
 
 
-@many(60)
+@examples(60)
 @given(rng=seeds)
-def test_robot_descriptions_of_other_words(rng):
+def test_robot_descriptions_of_other_words(sent, rng):
+    sent["cases"] += 1
     text = description()
     for _ in range(rng.choice((1, 2, 5))):
         parts = text.split('"')
@@ -127,9 +149,10 @@ values = st.one_of(
 keys = st.one_of(st.sampled_from(sorted(parameter_table())), st.text(max_size=6))
 
 
-@many(150)
-@given(st.dictionaries(keys, values, max_size=5))
-def test_configurations_of_other_values(changes):
+@examples(150)
+@given(changes=st.dictionaries(keys, values, max_size=5))
+def test_configurations_of_other_values(sent, changes):
+    sent["cases"] += 1
     try:
         config = config_from_flat(changes, "file")
         config_from_flat(config.flat(), "again")
@@ -137,9 +160,10 @@ def test_configurations_of_other_values(changes):
         assert str(error)
 
 
-@many(100)
-@given(st.one_of(seeds, st.text(max_size=40), st.recursive(values, lambda each: st.dictionaries(st.text(), each))))
-def test_configuration_files_of_other_bytes(tmp_path_factory, content):
+@examples(100)
+@given(content=st.one_of(seeds, st.text(max_size=40), st.recursive(values, lambda e: st.dictionaries(st.text(), e))))
+def test_configuration_files_of_other_bytes(tmp_path_factory, sent, content):
+    sent["cases"] += 1
     path = tmp_path_factory.getbasetemp() / "config.yaml"
     if isinstance(content, random.Random):
         path.unlink(missing_ok=True)

@@ -13,7 +13,7 @@ NAME = PACKAGE.name
 # From the bottom to the top. A module belongs to the innermost room that its name begins with, and may import from its
 # own room and from those before it.
 ROOMS = """
-    errors resources progress output schemas
+    errors resources progress output processes schemas
     core.base core.robot core.effects core.config core.streams core.measured core.model core.model.trunk core.gait
     core.feedforward core.monitor core.observer core.evaluation core.predictor core.pipeline core
     messages topics policies bag warm_up offline check export

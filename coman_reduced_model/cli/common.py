@@ -51,6 +51,9 @@ NamespaceOption = Annotated[str, typer.Option("--namespace", metavar="NS", help=
 RemapOption = Annotated[
     list[str] | None, typer.Option("--remap", metavar="OLD:=NEW", help="Other name of a topic; repeatable.")
 ]
+BaselineOption = Annotated[
+    Path | None, typer.Option("--baseline", metavar="FILE", help="What is usual for this robot, by coman baseline.")
+]
 UrdfOption = Annotated[
     Path | None,
     typer.Option("--urdf", metavar="FILE", help="Robot, instead of the one that bag or configuration name."),

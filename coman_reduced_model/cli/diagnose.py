@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from .common import (
+    BaselineOption,
     ConfigOption,
     ForceOption,
     JsonOption,
@@ -42,10 +43,7 @@ def diagnose(
         list[str] | None,
         typer.Option("--assume", metavar="NAME[:where=PLACE]", help="Fit this effect instead of looking for one."),
     ] = None,
-    baseline: Annotated[
-        Path | None,
-        typer.Option("--baseline", metavar="FILE", help="What is usual for this robot, by coman baseline."),
-    ] = None,
+    baseline: BaselineOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
     urdf: UrdfOption = None,

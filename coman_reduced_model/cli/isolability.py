@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .common import (
+    BaselineOption,
     ConfigOption,
     JsonOption,
     NamespaceOption,
@@ -33,10 +34,7 @@ def isolability(
     size: Annotated[
         float, typer.Option("--size", min=0.01, max=2.0, help="Of the effects, as a share of what they can reach.")
     ] = 0.5,
-    baseline: Annotated[
-        Path | None,
-        typer.Option("--baseline", metavar="FILE", help="What is usual for this robot, by coman baseline."),
-    ] = None,
+    baseline: BaselineOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
     urdf: UrdfOption = None,

@@ -34,6 +34,7 @@ class StreamStatus:
     accepted: int
     rate_hz: float  # of the accepted stamps, smoothed; NaN before there are two
     age_s: float  # newest joint state minus the newest of this stream; NaN if there is none
+    late: int  # of the accepted: came when the samples of their stamps had gone without them
     incomplete: int  # samples that went without its value
 
 
@@ -204,6 +205,7 @@ class Pipeline:
                 stream.accepted,
                 1.0 / stream.period_s if stream.period_s else float("nan"),
                 (newest - stream.last) * 1e-9 if known else float("nan"),  # type: ignore[operator]
+                stream.overdue,
                 joiner.incomplete.get(name, 0),
             )
         return found

@@ -32,6 +32,7 @@ from .evaluation.horizons import HorizonJudge
 from .measured.computed_wrenches import ComputedWrenches
 from .measured.odometry import FootOdometry
 from .measured.sensor_zeros import SensorZeros
+from .measured.slope import LEVEL, Slope
 from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
 from .model.cartesian import Model
@@ -109,6 +110,9 @@ class Predictor:
         self.observer = Observer(robot, config.robot.gravity, load_nominal())
         self.support = SupportDetector(config.support, robot.mass * config.robot.gravity)
         self.odometry = FootOdometry()
+        # An effect that says the slope leaves nothing to be found.
+        known = any(effect.name == "ground_slope" for effect in effects)
+        self.slope = Slope(robot) if config.model.slope == "measured" and not known else None
         chosen = config.prediction
         self.judge = HorizonJudge(tuple(sorted(chosen.horizons)), chosen.reference != "none", chosen.blend)
         self._horizons = np.array(self.judge.horizons)
@@ -132,6 +136,8 @@ class Predictor:
         """Forget the past: the next sample is the first, odom starts again. Judged errors and zeros are kept."""
         self.support.reset()
         self.odometry.reset()
+        if self.slope is not None:
+            self.slope.reset()
         for effect in self.effects:
             effect.reset()
         self.judge.restart()
@@ -189,12 +195,13 @@ class Predictor:
             flags |= Flags.NOT_INITIALISED | (Flags.NO_SUPPORT if possible else Flags.REJECTED_STATE)
             measured = (com, com_vel) if possible else (_NAN3, _NAN3)
             return self._finish(sample, support, T_odom_sole, flags, *measured)
-        zmp = self._zmp(sample, foot) if self._needs_zmp else None
+        down = self._down(sample, foot, T_odom_sole)
+        zmp = self._zmp(sample, foot, T_odom_sole[:3, :3].T @ down, com[2]) if self._needs_zmp else None
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
         tilt = self.link.tilt(foot) if self.model.turning else _NAN2
-        now = Now(sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, tilt)
+        now = Now(sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down, tilt)
 
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
         horizons, found = None, []
@@ -208,6 +215,8 @@ class Predictor:
             found.append(ahead_flags)
         estimate = self._estimate(sample, foot, com, com_vel)
         found.append(self.observer.flags)
+        if self.slope is not None and self.slope.doubtful:
+            found.append(Flags.UNKNOWN_GROUND)
         for flag in found:
             if flag:  # joining flags takes longer than this
                 flags |= flag
@@ -355,7 +364,25 @@ class Predictor:
         every = self.config.prediction.reset_every_steps
         return every > 0 and self._steps % every == 0
 
-    def _zmp(self, sample: Sample, foot: Foot) -> Array | None:
+    def _down(self, sample: Sample, foot: Foot, T_odom_sole: Array) -> Array:
+        """(3,) direction of gravity in odom."""
+        if self.slope is None:
+            return LEVEL
+        self.slope.update(sample, self.link, foot, T_odom_sole)
+        return self.slope.down
+
+    def _zmp(self, sample: Sample, foot: Foot, down: Array, height: float) -> Array | None:
+        """The ZMP (3,) [m] in the support sole; on a slope, where it would be on level ground for the same motion.
+
+        Args:
+            sample: with wrenches.
+            foot: the support foot.
+            down: (3,) direction of gravity in its sole frame.
+            height: of the COM [m].
+        """
         other = self.link.sole_pose(foot, foot.other)
         poses = (_IDENTITY, other) if foot == Foot.LEFT else (other, _IDENTITY)
-        return zmp_from_wrenches(sample.left_wrench, sample.right_wrench, *poses)
+        zmp = zmp_from_wrenches(sample.left_wrench, sample.right_wrench, *poses)
+        if zmp is not None and (down[0] or down[1]):
+            zmp[:2] += height * down[:2] / down[2]
+        return zmp

@@ -23,11 +23,12 @@ import json
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
+from ..processes import workers
 from ..progress import Progress
 from ..sim.worlds.world import world_from_yaml
 from .cases import BAGS, BLOCK, HiddenCase, draw_case, write_healthy, write_seed
@@ -198,16 +199,12 @@ def run_all(
     work: Callable[..., None], tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress | None, what: str
 ) -> None:
     """Run `work(*task)` for each task in processes; the first error ends all."""
-    with ProcessPoolExecutor(max(1, jobs)) as pool:
+    with workers(jobs) as pool:
         futures = [pool.submit(work, *task) for task in tasks]
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                future.result()
-                if progress:
-                    progress(done / len(tasks), f"{done} of {len(tasks)} {what}")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        for done, future in enumerate(as_completed(futures), 1):
+            future.result()
+            if progress:
+                progress(done / len(tasks), f"{done} of {len(tasks)} {what}")
 
 
 def make_case(folder: RunFolder, seed: int, **fixed: Any) -> str:

@@ -37,6 +37,7 @@ _FLAGS = {
     "NO_SUPPORT": "in the air, or the phase is not known yet",
     "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
     "RESET": "the free run was initialised from the measurement",
+    "UNKNOWN_GROUND": "neither IMU nor plan knows the slope of the ground, and the feet bear forces as on one",
     "COMPUTED_WRENCH": "the foot wrenches are computed (streams.wrench_source), not measured",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
 }
@@ -361,13 +362,14 @@ def _inputs(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
                 name,
                 str(s.get("received", "–")),
                 str(s.get("accepted", "–")),
+                str(s.get("late", "–")),
                 _rate(s.get("rate_hz")),
                 str(s.get("incomplete", 0)),
             ]
             for name, s in streams.items()
             if s.get("received") or s.get("expected")
         ]
-        parts.append(Table(["stream", "messages", "accepted", "rate [Hz]", "samples without it"], rows))
+        parts.append(Table(["stream", "messages", "accepted", "late", "rate [Hz]", "samples without it"], rows))
     elif summary.get("incomplete"):
         rows = [[name, str(count)] for name, count in summary["incomplete"].items()]
         parts.append(Table(["stream", "samples without it"], rows, "Samples that went without a value of a stream."))

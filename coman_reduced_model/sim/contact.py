@@ -8,6 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..errors import ConfigError
 
@@ -64,7 +65,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Floor:
-    """Shape of the floor; a slope is a disturbance (`ground_slope`).
+    """Shape of the floor. A slope and a kerb are known to those who plan the walk; hidden ones are disturbances.
 
     Raises:
         ConfigError: a value is not possible.
@@ -73,12 +74,25 @@ class Floor:
     tile_height: float = 0.0  # [m] between the lowest and the highest possible tile; 0: a plane
     tile_size: float = 0.15  # [m] edge of a square tile
     seed: int = 0  # of the heights
+    roll: float = 0.0  # [rad] of the floor about x: it goes down to the right
+    pitch: float = 0.0  # [rad] about y: it goes down ahead
+    kerb: float = 0.0  # [m] by which the floor under the left foot is higher
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tile_height <= 0.02:
             raise ConfigError(f"floor: tile_height = {self.tile_height:g}: allowed: 0 to 0.02 m")
         if not 0.05 <= self.tile_size <= 1.0:
             raise ConfigError(f"floor: tile_size = {self.tile_size:g}: allowed: 0.05 to 1 m")
+        if not (abs(self.roll) <= 0.3 and abs(self.pitch) <= 0.3 and 0.0 <= self.kerb <= 0.1):
+            raise ConfigError("floor: allowed: roll and pitch -0.3 to 0.3 rad, kerb 0 to 0.1 m")
+        if self.kerb and self.tile_height:
+            raise ConfigError("floor: allowed: kerb or tile_height")
+
+    @property
+    def down(self) -> Any:
+        """(3,) direction of gravity in the axes of the floor."""
+        turn = Rotation.from_euler("xyz", [self.roll, self.pitch, 0.0])
+        return turn.inv().apply([0.0, 0.0, -1.0])
 
     def heights(self) -> Any:
         """Tops of the tiles (n, n) [m], about zero."""
@@ -89,6 +103,9 @@ class Floor:
         """Add the plane, and tiles that stand out of it; `geom`: arguments of the contact."""
         below = [0.0, 0.0, -0.5 * self.tile_height]
         world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=below, size=[10, 10, 0.1], **geom)
+        if self.kerb:
+            size = [5.0, 5.0, 0.5 * self.kerb]
+            world.add_geom(name="kerb", type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0.0, size[1], size[2]], size=size, **geom)
         if self.tile_height == 0.0:
             return
         heights, thick = self.heights(), 0.05

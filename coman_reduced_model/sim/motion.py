@@ -19,8 +19,9 @@ from scipy.linalg import solve_banded
 
 from ..core.base.types import Array, Reference
 from ..core.gait.gait import WalkPlan
-from ..core.gait.load_share import share_load, zmp_of
+from ..core.gait.load_share import share_load, support_height, zmp_of
 from ..errors import ConfigError
+from .contact import Floor
 from .describe import urdf
 from .robot_table import RobotTable
 from .upper_motion import UpperMotion
@@ -215,7 +216,12 @@ def _rz(angle: Array) -> Array:
 
 
 def plan_motion(
-    table: RobotTable, plan: WalkPlan, sag: float = 0.8, passes: int = 3, upper: UpperMotion | None = None
+    table: RobotTable,
+    plan: WalkPlan,
+    sag: float = 0.8,
+    passes: int = 3,
+    upper: UpperMotion | None = None,
+    floor: Floor | None = None,
 ) -> tuple[MotorMotion, WalkPlan]:
     """Motor positions that walk a plan, and the plan with the COM that they were made for.
 
@@ -226,11 +232,14 @@ def plan_motion(
         passes: corrections of the COM for the mass distribution; each leaves a small part of the error of the ZMP.
             With 0 the COM is followed as it is, whatever ZMP that takes.
         upper: how the upper body moves, if the robot has one; default: it does not.
+        floor: its slope, which the corrected COM leans against; default: level.
 
     Raises:
         ConfigError: the legs cannot do it.
     """
     legs = LegKinematics(table)
+    if floor is not None:
+        legs.model.gravity.linear = 9.81 * floor.down
     t = np.linspace(0.0, plan.duration_s, int(np.ceil(plan.duration_s / GRID)) + 1)
     above = (upper or UpperMotion()).angles(table, plan, t)
     for _ in range(passes):
@@ -238,7 +247,8 @@ def plan_motion(
         posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right, above)
         wrench = legs.ground_wrench(posture, *legs.derivatives(t, posture))
         com = point.com.copy()
-        com[:, :2] += _pendulum(point.zmp[:, :2] - zmp_of(wrench, 0.0), t[1] - t[0], plan.parameters.omega)
+        height = support_height(point.T_odom_left, point.T_odom_right, point.phase)
+        com[:, :2] += _pendulum(point.zmp[:, :2] - zmp_of(wrench, height), t[1] - t[0], plan.parameters.omega)
         plan = plan.with_com(t, com)
     point = plan.sample_many(t)
     posture = legs.inverse(point.com, point.T_odom_left, point.T_odom_right, above)

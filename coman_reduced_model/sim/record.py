@@ -159,18 +159,24 @@ def record(
     destination = _Destination(out, force)
     if progress:
         progress(0.0, "planning the motion")
-    motion, plan = planned or plan_recording(walk, robot, sag, upper)
+    motion, plan = planned or plan_recording(walk, robot, sag, upper, floor)
     return _run(body, motion, plan if reference else None, destination, plan.duration_s, progress)
 
 
 def plan_recording(
-    walk: GaitParameters, robot: RobotTable, sag: float = 0.8, upper: UpperMotion | None = None
+    walk: GaitParameters,
+    robot: RobotTable,
+    sag: float = 0.8,
+    upper: UpperMotion | None = None,
+    floor: Floor | None = None,
 ) -> tuple[MotorMotion, WalkPlan]:
-    """Motion of the motors and plan of a gait; the arguments of `record`."""
+    """Motion of the motors and plan of a gait, for the slope and the kerb of a floor; the arguments of `record`."""
     plan = plan_walk(walk)
+    if floor is not None and floor.kerb:
+        plan = plan.with_feet_at(floor.kerb, 0.0)
     if walk.steps:
-        return plan_motion(robot, plan, sag, upper=upper)
-    return plan_motion(robot, sway(plan), sag, passes=0, upper=upper)
+        return plan_motion(robot, plan, sag, upper=upper, floor=floor)
+    return plan_motion(robot, sway(plan), sag, passes=0, upper=upper, floor=floor)
 
 
 def record_motion(

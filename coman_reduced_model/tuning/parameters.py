@@ -7,9 +7,7 @@ For models without the paper's coefficients, such as the turning trunk: ratios o
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +18,7 @@ from ..core.base.types import Array
 from ..core.config.schema import Config, parameter_table
 from ..core.evaluation.run import Run, run_of
 from ..errors import ConfigError
+from ..processes import workers
 from ..progress import Progress
 from .recording import JoinedBag
 from .tune import Errors, Tuned, _known, _steps_of, describe, judged
@@ -152,11 +151,8 @@ def tune_parameters(
     low, high = np.array([k.low for k in chosen]), np.array([k.high for k in chosen])
     start = np.clip([k.start for k in chosen], low, high)
     report = progress or (lambda fraction, words: None)
-    method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     done = 0
-    with ProcessPoolExecutor(
-        processes, multiprocessing.get_context(method), _begin, (recordings, config, chosen, windows, axes)
-    ) as pool:
+    with workers(processes, _begin, (recordings, config, chosen, windows, axes)) as pool:
         known: dict[bytes, Array] = {}
 
         def evaluate(points: Sequence[Array]) -> list[Array]:

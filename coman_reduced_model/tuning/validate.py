@@ -8,9 +8,8 @@ nor noise have been seen. Bags of one's own take the place of the virtual robots
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from ..core.config.schema import OPTIONS, Config
 from ..core.evaluation.statistics import RunStatistics, by_axis
 from ..core.predictor import Predictor
 from ..errors import BagError, ConfigError
+from ..processes import workers
 from ..progress import Progress
 from .free_run import compile_loop
 from .parameters import tune_parameters
@@ -217,8 +217,7 @@ def validate(
     result = Validation([], {}, {}, {})
     if train:
         compile_loop()
-    method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
-    with ProcessPoolExecutor(processes, multiprocessing.get_context(method)) as pool:
+    with workers(processes) as pool:
 
         def collected(futures: dict[Any, tuple[RobotCase, str]], what: str) -> Any:
             nonlocal done

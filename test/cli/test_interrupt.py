@@ -1,27 +1,72 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C in `coman diagnose`, which has a second process, leaves no traceback and no process."""
+"""Ctrl-C, whenever it comes, leaves no traceback and no process, also where several processes work."""
 
 from __future__ import annotations
 
 import os
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from coman_reduced_model.resources import bag_path
 
+LOADING = """
+import os, signal, sys
 
-@pytest.mark.parametrize("after", [0.0, 1.5])
-def test_ctrl_c_ends_a_diagnosis_in_silence(tmp_path, start, after):
-    """The second process is at work; a terminal sends it to both."""
-    process = start("coman", "diagnose", bag_path("stand"), "--out", tmp_path / "out")
-    process.wait_for("diagnosing:")  # comes with the progress, after two seconds of work
-    time.sleep(after)
-    process.interrupt(times=2)
+module = sys.argv.pop(1)
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+from coman_reduced_model.cli.entry import main
+main()
+"""
+
+
+def goes_silently(process):
     assert process.wait() == 130, process.output
-    assert "Traceback" not in process.output and "Exception ignored" not in process.output, process.output
-    assert not (tmp_path / "out").exists() and not [*tmp_path.glob(".out.*")]
+    assert not any(words in process.output for words in ("Traceback", "Exception ignored", "Error")), process.output
     with pytest.raises(ProcessLookupError):  # nothing of its group goes on
         for _ in range(100):
             os.killpg(process.pid, 0)
             time.sleep(0.1)
+
+
+@pytest.mark.parametrize("module", ["typer", "rich.console", "numpy", "numba", "pinocchio"])
+def test_ctrl_c_while_modules_are_loaded(start, module):
+    process = start(sys.executable, "-c", LOADING, module, "check", bag_path("stand"))
+    goes_silently(process)
+    assert not process.output
+
+
+def test_ctrl_c_ends_the_workers_of_the_judge(tmp_path, start):
+    options = ("--seeds", "0:2", "--jobs", "2", "--out", tmp_path / "out")
+    process = start("coman", "judge", "prediction", *options)
+    end = time.monotonic() + 60.0
+    while not children(process.pid) and process.running and time.monotonic() < end:
+        time.sleep(0.05)
+    assert children(process.pid), process.output
+    process.interrupt(times=2)
+    goes_silently(process)
+
+
+def children(pid):
+    """How many processes a process has started that go on."""
+    return len(Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split())
+
+
+@pytest.mark.parametrize(("command", "after"), [("diagnose", 0.0), ("diagnose", 1.5), ("tune", 0.0)])
+def test_ctrl_c_ends_long_work_in_silence(tmp_path, start, command, after):
+    """The second process of a diagnosis is at work; a terminal sends it to both."""
+    process = start("coman", command, bag_path("test1"), "--out", tmp_path / "out")
+    process.wait_for("ing: ")  # comes with the progress, after two seconds of work
+    time.sleep(after)
+    process.interrupt(times=2)
+    goes_silently(process)
+    assert not (tmp_path / "out").exists() and not [*tmp_path.glob(".out.*")]

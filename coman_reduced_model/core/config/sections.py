@@ -82,6 +82,12 @@ class ModelConfig:
         "auto", "", "moving legs react on the trunk, with trunk_rotation; auto: as that", choices=CHOICES
     )
     lateral_compliance: str = par("auto", "", "deflection in y as well; auto: as trunk_rotation", choices=CHOICES)
+    slope: str = par(
+        "measured",
+        "",
+        "slope of the ground: that of IMU or plan, from 1.5 degrees on, or level",
+        choices=("measured", "level"),
+    )
     friction: float = par(0.7, "1", "between soles and ground, with trunk_rotation", 0.05, 2.0)
     stiffness: str = par(
         "full", "", "linear block of K_c (full) or trunk free to turn (condensed)", choices=("full", "condensed")
@@ -118,7 +124,7 @@ class ModelConfig:
     @property
     def of_the_point_mass(self) -> tuple[str, ...]:
         """What was chosen for the paper's model alone, and has no use with `trunk_rotation`."""
-        others = (*OPTIONS, "friction")
+        others = (*OPTIONS, "friction", "slope")
         return tuple(k for k, value in vars(self).items() if k not in others and value != getattr(ModelConfig, k))
 
 

@@ -47,6 +47,7 @@ class Now:
     T_odom_sole: Array  # (4, 4)
     began_ns: int  # stamp at which the phase began, or, if that is the last one's, the time of the support foot
     landed: bool  # the support foot is the one that has just landed, not the one of the last single support
+    down: Array  # (3,) direction of gravity in odom, as far as it is known
     tilt: Array  # (2,) measured roll and pitch of the trunk about x, y of the sole [rad]; NaN where no model needs it
 
     @property

@@ -125,16 +125,21 @@ def least_squares(C: Array, usable: Booleans, weights: Array) -> None:
 
 @compiled
 def blend(experience: Experience, ahead: Array, out: Array) -> None:
-    """Fill in the blend (n, 3) of predictions ahead (k, n, 3); without those that are not known now, NaN if none is."""
+    """Fill in the blend (n, 3) of predictions ahead (k, n, 3), of those that are known now; NaN if none is.
+
+    If none that has a weight is known, it is the first that is: the model's, as before there is any experience.
+    """
     for h in range(out.shape[0]):
         for axis in range(3):
-            value, sum_of_weights = 0.0, 0.0
+            value, sum_of_weights, first = 0.0, 0.0, np.nan
             for i in range(ahead.shape[0]):
-                weight = experience.weights[h, axis, i]
-                if weight > 0.0 and np.isfinite(ahead[i, h, axis]):
-                    value += weight * ahead[i, h, axis]
-                    sum_of_weights += weight
-            out[h, axis] = value / sum_of_weights if sum_of_weights > 0.0 else np.nan
+                each, weight = ahead[i, h, axis], experience.weights[h, axis, i]
+                if np.isfinite(each):
+                    first = each if np.isnan(first) else first
+                    if weight > 0.0:
+                        value += weight * each
+                        sum_of_weights += weight
+            out[h, axis] = value / sum_of_weights if sum_of_weights > 0.0 else first
 
 
 def covariance(errors: Array, known: float) -> Array:

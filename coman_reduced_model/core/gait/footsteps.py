@@ -7,6 +7,7 @@ the short way.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -120,6 +121,14 @@ class FootMotion:
         self._step = (np.arange(len(knots)) + 1) // 2 - 1
         self._pose = PPoly(c, [*knots, knots[-1] + 1.0])  # still intervals extend to any time
         self._rate = self._pose.derivative()
+
+    def raised(self, left: float, right: float) -> FootMotion:
+        """The same with each foot higher by so much [m]."""
+        feet = copy.copy(self)
+        c = self._pose.c.copy()
+        c[-1, :, :, 2] += left, right
+        feet._pose = PPoly(c, self._pose.x)
+        return feet
 
     def __call__(self, t: Array) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
         """Poses (n, 2, 4, 4) of the left and right sole, phase (n,) and step index (n,) at the times t (n,) [s]."""

@@ -104,6 +104,12 @@ class WalkPlan:
         plan._corrected = PPoly(np.stack(derivatives, axis=2), spline.x)  # one evaluation gives all three
         return plan
 
+    def with_feet_at(self, left: float, right: float) -> WalkPlan:
+        """The same walk with its feet on floors that are higher by these [m]."""
+        plan = copy.copy(self)
+        plan._feet = self._feet.raised(left, right)
+        return plan
+
     def _com(self, t: Array) -> Array:
         """COM, its velocity, its acceleration and the ZMP: (n, 4, 3)."""
         points = self._lipm(t)

@@ -8,8 +8,8 @@ import numpy as np
 from ..base.types import Array, Phase
 
 
-def zmp_of(wrench: Array, height: float) -> Array:
-    """Where wrenches (n, 6) about the origin press on the ground at that height: (n, 2) [m]."""
+def zmp_of(wrench: Array, height: float | Array) -> Array:
+    """Where wrenches (n, 6) about the origin press on the ground at that height [m] or heights (n,): (n, 2) [m]."""
     f, m = wrench[:, :3], wrench[:, 3:]
     x = (height * f[:, 0] - m[:, 1]) / f[:, 2]
     y = (height * f[:, 1] + m[:, 0]) / f[:, 2]
@@ -22,7 +22,7 @@ def share_load(wrench: Array, T_left: Array, T_right: Array, phase: Array) -> tu
     In single support one foot has it all. In double support the share follows the ZMP on its way from sole to sole.
     """
     left, right = T_left[:, :3, 3], T_right[:, :3, 3]
-    between, zmp = (left - right)[:, :2], zmp_of(wrench, 0.0)
+    between, zmp = (left - right)[:, :2], zmp_of(wrench, support_height(T_left, T_right, phase))
     along = np.einsum("ni,ni->n", zmp - right[:, :2], between) / np.einsum("ni,ni->n", between, between)
     share = np.clip(along, 0.0, 1.0)
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, share))[:, None]
@@ -37,3 +37,9 @@ def share_load(wrench: Array, T_left: Array, T_right: Array, phase: Array) -> tu
     parts[0][:, 3:] += share * rest
     parts[1][:, 3:] += (1.0 - share) * rest
     return parts[0], parts[1]
+
+
+def support_height(T_left: Array, T_right: Array, phase: Array) -> Array:
+    """(n,) [m] of the ground under the foot that bears; between both in double support."""
+    left, right = T_left[:, 2, 3], T_right[:, 2, 3]
+    return np.where(phase == Phase.LEFT, left, np.where(phase == Phase.RIGHT, right, 0.5 * (left + right)))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 LOADED = 0.25  # share of the load that each foot must bear
 SETTLED = 0.3  # [s] of double support after which both soles are flat: a step takes less
 MEMORY = 2.0  # [s] of standing that count
+STEP = 0.015  # [m] by which the height of a landing sole is off where the ground has a step
 LONGEST = 0.1  # [s] that one sample counts for at most
 _PLANE = [3, 0, 1]  # of the third row of a pose: height of the origin, and what x and y add to it
 
@@ -65,6 +66,13 @@ class StandingSoles:
             share = -expm1(-dt / min(self.seconds, MEMORY)) if known else 1.0
         for foot, plane in self._planes.items():
             plane += share * (link.sole_pose(foot, foot.other)[2, _PLANE] - plane)
+
+    def land(self, link: Posture) -> None:
+        """Take a landing, link side: where it shows a step, the ground is as high as the soles stand."""
+        for foot, plane in self._planes.items():
+            height = link.sole_pose(foot, foot.other)[2, 3]
+            if abs(height - plane[0]) > STEP:
+                plane[0] = height
 
     def planes(self) -> dict[Foot, Array]:
         """By support foot, the ground under the other sole (3,): height at its origin [m], by its x and y [1]."""

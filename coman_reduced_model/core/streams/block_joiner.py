@@ -118,6 +118,7 @@ class BlockJoiner(Joiner):
         states = [state for _, state in self._waiting] + [joints.value(i) for i in range(len(joints.stamps))]
         samples = self._samples(at[:count], states[:count], released, lanes)
         self._watch_block(lanes)
+        self._count_overdue_of(lanes, at, released)
         for name, lane in lanes.items():
             if len(lane.new):
                 lane.stream.accept_all(lane.new)
@@ -264,6 +265,15 @@ class BlockJoiner(Joiner):
                 last = np.concatenate(([stream.last or 0], lane.new))[arrived[fresh]]
                 leads = (last + stream.late - joints.stamps[fresh] - joints.stream.late) * 1e-9
                 self.clock_lead_s[name] = smoothed(self.clock_lead_s.get(name, np.nan), leads)
+
+    def _count_overdue_of(self, lanes: Mapping[str, _Lane], at: Integers, released: Integers) -> None:
+        """`Stream.take` counts, for all messages of a block; `at`: stamps of joint states, the released ones first."""
+        given = np.concatenate(([-_NEVER // 2 if self._given is None else self._given], at[: len(released)]))
+        for name, lane in lanes.items():
+            if name != JOINTS and len(lane.new):
+                ages = given[np.searchsorted(released, lane.came)] - lane.new
+                lane.stream.count_overdue(ages[ages > 0].tolist())
+        self._given = int(given[-1]) if len(released) else self._given
 
     # --- giving samples out ---
 

@@ -97,6 +97,7 @@ class Joiner:
         self._fields = [(self.streams[name], field) for name, field in expected_streams(config).items()]
         self._expected = tuple(each for each, _ in self._fields)
         for each in self.streams.values():
+            each.margin = 0 if each in self._expected else each.max_age
             each.late = round(1e9 * (delays or {}).get(each.name, 0.0))
         self._max_wait += max(0, *(each.late - self._joints.late for each in self._expected))
         self.incomplete = {each.name: 0 for each in self._expected}
@@ -111,6 +112,7 @@ class Joiner:
             name: Differentiator(limits.velocity_window, limits.restart_gap, size) for name in self._maps
         }
         self._waiting: deque[Item] = deque()
+        self._given: int | None = None  # stamp of the last sample, since the joint states went back
         self._wrench_maps: dict[tuple[Foot, str], Array | RobotError] = {}
 
     @property
@@ -144,7 +146,7 @@ class Joiner:
         """A joint state, motor side."""
         accepted = self._joint_items(self._motors, message)
         samples = self._went_back(self._motors) if self._motors.jumped else []
-        self._motors.items.extend(item for item in accepted if self._usable(MOTORS, *item))
+        self._motors.take([item for item in accepted if self._usable(MOTORS, *item)], self._given)
         return samples + self._ready()
 
     def add_wrench(self, foot: Foot, message: WrenchMessage) -> list[Sample]:
@@ -230,7 +232,7 @@ class Joiner:
     def _add(self, stream: Stream, stamp: int, value: object) -> list[Sample]:
         accepted = stream.accept(stream.true_stamp(stamp), value)
         samples = self._went_back(stream) if stream.jumped else []
-        stream.items.extend(accepted)
+        stream.take(accepted, self._given)
         if stream not in self._expected:  # nothing waits for it
             return samples
         return samples + self._ready() if samples else self._ready()
@@ -300,6 +302,7 @@ class Joiner:
         self._joints.jumped = False
         samples = self._drain()
         for stream in self._others:
+            stream.went_back = False
             if stream.last is not None and stream.last > stamp + self._gap:
                 stream.start_afresh()
                 if stream is self._motors:  # its first message was known by its stamp alone
@@ -307,6 +310,7 @@ class Joiner:
                     stream.items.clear()
                     stream.items.extend(item for item in first if self._usable(MOTORS, *item))
         self.clock_lead_s.clear()
+        self._given = None
         return samples
 
     def _went_back(self, stream: Stream) -> list[Sample]:
@@ -337,6 +341,7 @@ class Joiner:
         return samples
 
     def _sample(self, stamp: int, state: JointState) -> Sample:
+        self._given = stamp
         sample = Sample(
             stamp,
             state.q,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -70,6 +71,9 @@ class Stream:
         jumped: `accept` found that the clock went back (bag loop, restarted driver); the joiner clears it.
         late: by how much its stamps are later than the truth [ns]; taken off the stamp of each message.
         received, accepted: numbers of messages.
+        overdue: how many of the accepted came when the samples of their stamps had gone without them.
+        margin: how much older than a sample a message may come [ns]; more where nothing waits for it.
+        went_back: its clock went back, that of the joint states not yet; the joiner clears it.
         period_s: smoothed interval of the accepted stamps; NaN before there are two.
     """
 
@@ -80,10 +84,10 @@ class Stream:
         self._rejections = rejections
         self.items: deque[Item] = deque(maxlen=CAPACITY)
         self.last: int | None = None
-        self.late = 0
-        self.jumped = False
+        self.late = self.margin = 0
+        self.jumped = self.went_back = False
         self._suspect: Item | None = None
-        self.received = self.accepted = 0
+        self.received = self.accepted = self.overdue = 0
         self.period_s = float("nan")
 
     def start_afresh(self) -> None:
@@ -148,7 +152,8 @@ class Stream:
                 return ()
             self._reject_suspect(suspect[0], last)
             return self.accept(stamp, value)
-        self.jumped = self.jumped or not forward
+        if not forward:
+            self.jumped = self.went_back = True
         self.last = suspect[0]
         self.accepted += 1
         self.period_s = float("nan")
@@ -164,6 +169,18 @@ class Stream:
         else:
             self._suspect = (stamp, value)
         return ()
+
+    def take(self, items: Sequence[Item], given: int | None) -> None:
+        """Hold accepted messages; `given`: stamp of the last sample that was given out."""
+        self.items.extend(items)
+        if given is not None:
+            self.count_overdue(given - stamp for stamp, _ in items)
+
+    def count_overdue(self, ages: Iterable[int]) -> None:
+        """Count messages by their ages [ns] at the last sample that was given out before they came."""
+        # Where this clock has gone back before that of the joint states, its samples are still to come.
+        most = self._jump if self.went_back else None
+        self.overdue += sum(age > self.margin and (most is None or age <= most) for age in ages)
 
     def withdraw(self, reason: str, sentence: str) -> None:
         """A message that was accepted by its stamp is not used for its values."""

@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing import active_children, get_context
 from pathlib import Path
-from threading import current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -25,6 +22,7 @@ from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE, Effect, build_effects
 from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot
+from ...processes import workers
 from ...topics import TopicNames
 
 CONFIDENCE = 0.95
@@ -114,6 +112,7 @@ def free_run(
         config,
         prediction=dataclasses.replace(config.prediction, horizons=()),
         monitor=dataclasses.replace(config.monitor, enabled=False),
+        model=dataclasses.replace(config.model, slope="level"),  # a slope is an effect to be found
     )
     rows: list[tuple[float, ...]] = []
     positions: list[Array] = []
@@ -271,19 +270,8 @@ class FreeRuns:
 @contextmanager
 def free_runs_in_helper(urdf: str | Path | None, names: TopicNames | None) -> Iterator[FreeRuns]:
     """Free runs with a helper process; an exception, Ctrl-C among them, ends it."""
-    before = {process.pid for process in active_children()}
-    helper = ProcessPoolExecutor(1, get_context("spawn"))
-    with _interrupts_ignored():  # by the process that this starts: Ctrl-C goes to both, and ends it by way of us
-        helper.submit(int)
-    try:
+    with workers(1, method="spawn") as helper:
         yield FreeRuns(helper, urdf, names)
-    except BaseException:
-        for process in active_children():
-            if process.pid not in before:
-                process.terminate()
-        helper.shutdown(cancel_futures=True)
-        raise
-    helper.shutdown()
 
 
 class _Here(Executor):
@@ -299,16 +287,3 @@ class _Here(Executor):
 def free_runs_here(urdf: str | Path | None, names: TopicNames | None) -> Iterator[FreeRuns]:
     """Free runs without a second process: for a worker beside others that keep the cores busy."""
     yield FreeRuns(_Here(), urdf, names)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Processes that are started meanwhile ignore Ctrl-C; outside of the main thread they do not."""
-    if current_thread() is not main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)

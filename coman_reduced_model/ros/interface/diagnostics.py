@@ -141,6 +141,7 @@ class Diagnostics:
             values[f"{name}: age [s]"] = now - self._arrived[name] if name in self._arrived else math.nan
             values[f"{name}: received"] = stream.received
             values[f"{name}: accepted"] = stream.accepted
+            values[f"{name}: late"] = stream.late
             if stream.expected:
                 values[f"{name}: missing in samples"] = stream.incomplete
         values["foot wrenches"] = self._node.config.streams.wrench_source

@@ -158,6 +158,10 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
     "floor": (
         Kind("level", "a level plane", _nothing, 2.0, chosen_on=True),
         Kind("uneven", "tiles that differ by 1 to 2.5 mm", _uneven),
+        Kind("slope", "a slope of 6 degrees uphill and 3 to the left, which the plan knows",
+             lambda rng, world: {"floor": Floor(roll=-0.05, pitch=-0.1)}, 0.0, only_engine="mujoco"),
+        Kind("steps", "feet at different heights: the left one on a kerb of 5 cm, which the plan knows",
+             lambda rng, world: {"floor": Floor(kerb=0.05)}, 0.0, only_engine="mujoco"),
     ),
     "controller": (
         Kind("open_loop", "motors follow their plan, whatever happens", _nothing, chosen_on=True),

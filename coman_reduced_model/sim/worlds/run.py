@@ -11,7 +11,8 @@ from pathlib import Path
 from ...core.gait.gait import WalkPlan
 from ...core.gait.parameters import GaitParameters
 from ...progress import Progress
-from ..disturbances import Disturbance, Imperfections, Scatter
+from ..contact import Floor
+from ..disturbances import Disturbance, GroundSlope, Imperfections, Scatter
 from ..motion import MotorMotion
 from ..record import RecordedBag, plan_recording, record, robot_gait
 from ..upper_motion import UpperMotion
@@ -25,6 +26,8 @@ def clean_variations(world: World) -> list[Disturbance]:
     varied: list[Disturbance] = [Scatter(seed=world.seed)] if world.tolerances else []
     if world.imperfections > 0.0:
         varied.append(Imperfections(seed=world.seed, amount=world.imperfections))
+    if world.floor.roll or world.floor.pitch:
+        varied.append(GroundSlope(roll=world.floor.roll, pitch=world.floor.pitch))
     return varied
 
 
@@ -112,10 +115,13 @@ def _walk(world: World) -> GaitParameters:
 
 def planned(world: World) -> tuple[MotorMotion, WalkPlan]:
     """Motion of the motors, and the plan with the COM that it was made for; those of the last worlds are kept."""
-    return _plan(world.robot, world.upper_body, world.upper, _walk(world))
+    shape = Floor(roll=world.floor.roll, pitch=world.floor.pitch, kerb=world.floor.kerb)
+    return _plan(world.robot, world.upper_body, world.upper, _walk(world), shape)
 
 
 @functools.lru_cache(maxsize=64)
-def _plan(robot: str, upper_body: bool, upper: UpperMotion, walk: GaitParameters) -> tuple[MotorMotion, WalkPlan]:
+def _plan(
+    robot: str, upper_body: bool, upper: UpperMotion, walk: GaitParameters, floor: Floor
+) -> tuple[MotorMotion, WalkPlan]:
     table = World(robot=robot, upper_body=upper_body).table
-    return plan_recording(walk, table, upper=upper)
+    return plan_recording(walk, table, upper=upper, floor=floor)

@@ -14,7 +14,7 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.evaluation.baselines import BASELINES
-from coman_reduced_model.core.evaluation.blend import least_squares
+from coman_reduced_model.core.evaluation.blend import blend, least_squares, no_experience
 from coman_reduced_model.core.evaluation.horizons import HorizonJudge
 from coman_reduced_model.resources import bag_path
 
@@ -94,6 +94,14 @@ def test_what_is_not_known_has_no_weight_and_nothing_is_nan_without_reason():
     assert np.isfinite(walk.go(3.0, errors)).all()
     errors[:] = np.nan
     assert np.isnan(walk.go(0.1, errors)).all()
+
+
+def test_the_model_stands_in_where_what_has_all_the_weight_is_not_known():
+    experience, out = no_experience(1, 3), np.empty((1, 3))
+    ahead = np.ones((3, 1, 3)) * np.array([1.0, 2.0, np.nan])[:, None, None]
+    experience.weights[:] = [0.0, 0.0, 1.0]
+    blend(experience, ahead, out)
+    np.testing.assert_array_equal(out, 1.0)
 
 
 def test_errors_are_as_large_as_is_said():

@@ -44,7 +44,9 @@ def one_by_one(pipeline, raws, decoders):
 def state(pipeline):
     """What a joiner knows, as far as anybody sees it."""
     joiner = pipeline.joiner
-    streams = {name: (s.last, s.received, s.accepted, repr(s.period_s)) for name, s in joiner.streams.items()}
+    streams = {
+        name: (s.last, s.received, s.accepted, s.overdue, repr(s.period_s)) for name, s in joiner.streams.items()
+    }
     return streams, joiner.rejections.counts, joiner.incomplete, joiner.clock_lead_s, joiner.waiting
 
 

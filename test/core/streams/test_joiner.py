@@ -214,3 +214,28 @@ def test_a_stream_that_stopped_is_told_apart_from_a_clock_that_differs():
     warnings = pipeline.status().warnings
     (left,) = (each for each in warnings if each.stream == LEFT)
     assert left.kind is WarningKind.STOPPED and "no message for the last 1.4" in left.text
+
+
+def delayed(messages, streams, by):
+    """In the order of arrival where some streams come so many milliseconds later than their stamps say."""
+    arrival = [message.stamp_ns + (by * MS if stream in streams else 0) for stream, message in messages]
+    return [messages[i] for i in np.argsort(arrival, kind="stable")]
+
+
+@pytest.mark.parametrize(("by", "late"), [(0.0, False), (40.0, False), (90.0, True), (2000.0, True)])
+def test_messages_too_late_for_their_samples_are_counted(by, late):
+    """A joint state waits 50 ms; without, or with an older value, its sample goes, and the message is late."""
+    _, joiner = joined(delayed(steady(800), {LEFT}, by))
+    assert joiner.streams[LEFT].accepted == 800 and joiner.streams[RIGHT].overdue == 0
+    overdue = joiner.streams[LEFT].overdue
+    assert 780 - by / 5 <= overdue <= 800 if late else overdue == 0
+
+
+@pytest.mark.parametrize("jump_ms", [10_000.0, -10_000.0])
+def test_nothing_is_late_where_all_clocks_jump(jump_ms):
+    first = steady(400, start_ms=20_000.0)
+    second = steady(400, start_ms=22_000.0 + jump_ms)
+    feet_first = sorted(second, key=lambda each: (each[1].stamp_ns, each[0] == JOINTS))
+    for messages in (second, feet_first):
+        _, joiner = joined([*first, *messages])
+        assert [stream.overdue for stream in joiner.streams.values()] == [0] * len(joiner.streams)

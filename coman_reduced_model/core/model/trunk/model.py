@@ -29,6 +29,7 @@ from ...config.schema import Config
 from ...effects.catalogue import Effect
 from ...effects.hooks import Now, Push
 from ...measured.odometry import flat
+from ...measured.slope import LEVEL
 from ...measured.standing import StandingSoles
 from ...robot.robot import Robot
 from ..cartesian import Model
@@ -116,6 +117,7 @@ class TrunkModel(Dynamics):
         self._repeated: Array | None = None  # deflections ahead, if the robot repeats its stride
         self._above_rate: Array | None = None  # (nj,) of joints outside the legs at the last sample [rad/s]
         self._above_twist = np.zeros(6)  # of the root link by them
+        self._down = LEVEL  # gravity in odom, as known at the restart
         self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
 
     def prepare(self, now: Now) -> bool:
@@ -128,7 +130,7 @@ class TrunkModel(Dynamics):
         self.reference, self.reference_vel = motor_com(self.motor, now.foot)
         self._soles.update(now.link, now.support, now.dt)
         if self._free is None:
-            self._ground = self._soles.planes()
+            self._ground, self._down = self._soles.planes(), now.down
         if now.foot != self._foot:
             self._change_leg(now.foot)
         before, first = self._terms, self._filtered is None
@@ -162,7 +164,9 @@ class TrunkModel(Dynamics):
 
     def restart(self, now: Now) -> None:
         """From the filtered measurement."""
-        self._ground = self._soles.planes()
+        if now.support.phase == Phase.DOUBLE:
+            self._soles.land(now.link)
+        self._ground, self._down = self._soles.planes(), now.down
         assert self._filtered is not None
         self._free = copied(self._filtered)
         self._R_odom_sole = now.T_odom_sole[:3, :3]
@@ -246,6 +250,8 @@ class TrunkModel(Dynamics):
         last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
         pose = self._poses[foot]
         take_posture(block, last, pose, self._ground[foot], state.y, state.w, dt, v, a)
+        if self._down is not LEVEL:
+            self._tilt_gravity(made.terms.geometry.down, state.y[-3:], now)
         if len(self._above):
             self._move_above(now.dt)
         inertia, tau = pin.crba(self._pin, self._data, posture.configuration), self._no_torque
@@ -254,7 +260,7 @@ class TrunkModel(Dynamics):
         weight = self.model.mass * self.model.gravity
         share = support_share(state.P) if made.double else 1.0
         loads = share * weight, (1.0 - share) * weight
-        K, D, torque = self._springs(made.terms, loads, state, sample.motor_qd[order])
+        K, D, torque = self._springs(made.terms, loads, state, sample.motor_qd)
         assemble(
             block, inertia, tau, self.model.gravity, pose.columns, K, D, torque, loads,
             self.model.springs.gravity_stiffness,
@@ -274,6 +280,12 @@ class TrunkModel(Dynamics):
             posture.com, posture.J, posture.J_com, posture.R[foot], posture.p[foot], posture.R[other],
             posture.p[other], columns, edges,
         )  # fmt: skip
+
+    def _tilt_gravity(self, down: Array, turned: Array, now: Now) -> None:
+        """Fill in `Geometry.down` (3,) on a slope, the support sole turned against it by small angles (3,) [rad]."""
+        R_odom_sole = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
+        in_sole = R_odom_sole.T @ self._down
+        down[:] = self._posture.R[self._foot] @ (in_sole - np.cross(turned, in_sole))
 
     def _move_above(self, dt: float) -> None:
         """Move the joints outside the legs, accelerating as their motors did since the last sample.
@@ -309,12 +321,13 @@ class TrunkModel(Dynamics):
             terms: with their geometry.
             loads: weight on the support leg and on the other one [N].
             state: deflections are those of it.
-            motor_rate: (m,) [rad/s].
+            motor_rate: (nj,) [rad/s].
         """
         foot, springs, posture, g = self._foot, self.model.springs, self._posture, terms.geometry
         K, D, torque = self._K[foot], self._D[foot], self._no_spring_torque
         if springs.nominal:
             return K, D, torque
+        motor_rate = motor_rate[self._order[foot]]
         m, n = len(motor_rate), len(motor_rate) // 2
         K, D, torque = K.copy(), D.copy(), torque.copy()
         deflection, rate = state.y[:m] - terms.theta, state.w[:m] - motor_rate
