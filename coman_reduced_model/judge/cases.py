@@ -157,7 +157,8 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
                 temporary.mkdir()
                 break
         else:
-            (temporary / "robot.yaml").write_text(data_sheet(case.world.table), encoding="utf-8")
+            sheet = data_sheet(case.world.table, case.world.sensors.motor_states)
+            (temporary / "robot.yaml").write_text(sheet, encoding="utf-8")
             return answer(case)
     return None
 
@@ -220,8 +221,8 @@ def answer(case: HiddenCase) -> dict[str, Any]:
     }
 
 
-def data_sheet(table: RobotTable) -> str:
-    """The configuration file of a robot with nominal constants."""
+def data_sheet(table: RobotTable, motor_states: bool = True) -> str:
+    """The configuration file of a robot with nominal constants; without motor states, also what does without them."""
 
     def leg(side: str) -> dict[str, Any]:
         joints = [joint for joint in table.leg_joints() if joint.name[0] == side]
@@ -240,4 +241,5 @@ def data_sheet(table: RobotTable) -> str:
         "foot_length": table.foot_back + table.foot_front,
         "foot_width": table.foot_width,
     }
-    return yaml.safe_dump({"/**": {"ros__parameters": {"robot": robot}}}, sort_keys=False)
+    parameters = {"robot": robot} if motor_states else {"robot": robot, "prediction": {"reference": "none"}}
+    return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)

@@ -22,6 +22,7 @@ _WINDOW = 5  # looks, 0.1 s: over which the acceleration of the COM is taken
 _WINDOWS = 10  # on a foot before a warning: 1 s
 _STEADY = 0.02  # [m] between COM and ZMP by the acceleration, from which a window counts less
 _LOADED = 0.5  # of the weight on both feet together: less is no support
+_ZEROED = 0.2  # of the weight, by which both feet together may be off on average: else a ZMP by them says nothing
 _SMALL = 0.012  # [m] RMS distance of both ZMPs, below which nothing is said
 _BETTER = 0.6  # of that distance is left at most with the wrenches turned back
 _ANGLES = ("", "90 degrees counterclockwise", "180 degrees", "90 degrees clockwise")  # of what is measured, from above
@@ -42,6 +43,7 @@ class Turned:
         self._windows = dict.fromkeys(WRENCHES, 0)  # by support foot, as the following
         self._weights = dict.fromkeys(WRENCHES, 0.0)
         self._products = {foot: np.zeros((3, 3), dtype=complex) for foot in WRENCHES}
+        self._total, self._samples = 0.0, 0  # of both vertical forces [N], in all samples
         self._begin(Foot.NONE)
 
     def _begin(self, foot: Foot) -> None:
@@ -52,6 +54,8 @@ class Turned:
         assert sample.left_wrench is not None and sample.right_wrench is not None
         wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         total = float(sum(wrench[2] for wrench in wrenches.values()))
+        self._total += total
+        self._samples += 1
         foot = Foot.LEFT if wrenches[Foot.LEFT][2] >= wrenches[Foot.RIGHT][2] else Foot.RIGHT
         if total < _LOADED * self._weight or min(wrench[2] for wrench in wrenches.values()) < -0.1 * total:
             self._begin(Foot.NONE)
@@ -89,7 +93,9 @@ class Turned:
         return float(np.sqrt(max(squares, 0.0) / max(sum(self._weights[foot] for foot in feet), 1e-9)))
 
     def warnings(self) -> list[InputWarning]:
-        """Present warnings."""
+        """Present warnings; none where the sensors are so far from zero that they do not bear the weight."""
+        if abs(self._total - self._samples * self._weight) > _ZEROED * self._samples * self._weight:
+            return []
         turns = min(_TURNS[1:], key=self._distance)
         feet = [foot for foot, k in zip(WRENCHES, turns, strict=True) if k]  # a foot in the air shows nothing
         measured, least = self._distance(_TURNS[0], feet), self._distance(turns, feet)

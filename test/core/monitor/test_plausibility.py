@@ -141,8 +141,8 @@ def test_torques_motors_and_imu_must_agree_with_the_rest(change, kind, words):
     assert all(words in each.text and each.prevents_diagnosis for each in found)
 
 
-def warnings_with_turned_wrenches(bag, left, right, config=None):
-    """By quarters of a turn about the vertical, of each foot."""
+def warnings_with_turned_wrenches(bag, left, right, config=None, zero=0.0):
+    """By quarters of a turn about the vertical, of each foot, then with a zero (6,) of the left foot."""
     quarter = np.kron(np.eye(2), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     turns = [np.linalg.matrix_power(quarter, k) for k in (left, right)]
     with Session(bag, config or Config()) as session:
@@ -150,6 +150,7 @@ def warnings_with_turned_wrenches(bag, left, right, config=None):
         for sample in session.samples():
             if sample.left_wrench is not None and sample.right_wrench is not None:
                 sample.left_wrench, sample.right_wrench = turns[0] @ sample.left_wrench, turns[1] @ sample.right_wrench
+                sample.left_wrench = sample.left_wrench + zero
             plausibility.update(sample)
     return plausibility.warnings()
 
@@ -168,6 +169,13 @@ def test_wrenches_turned_about_the_vertical_are_reported(bag, left, right, words
     found = warnings_with_turned_wrenches(bag_path(bag), left, right)
     assert [each.kind for each in found] == [WarningKind.TURNED] * bool(words)
     assert all(each.text.startswith(words) and each.prevents_diagnosis for each in found)
+
+
+@pytest.mark.parametrize("force", [-150.0, 100.0, 300.0])
+def test_a_sensor_without_its_zero_is_not_taken_for_turned(force):
+    zero = np.array([80.0, -60.0, force, 10.0, -12.0, 5.0])
+    found = warnings_with_turned_wrenches(bag_path("test1"), 0, 0, zero=zero)
+    assert WarningKind.TURNED not in [each.kind for each in found]
 
 
 @pytest.mark.parametrize(
