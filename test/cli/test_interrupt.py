@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -43,22 +42,6 @@ def test_ctrl_c_while_modules_are_loaded(start, module):
     process = start(sys.executable, "-c", LOADING, module, "check", bag_path("stand"))
     goes_silently(process)
     assert not process.output
-
-
-def test_ctrl_c_ends_the_workers_of_the_judge(tmp_path, start):
-    options = ("--seeds", "0:2", "--jobs", "2", "--out", tmp_path / "out")
-    process = start("coman", "judge", "prediction", *options)
-    end = time.monotonic() + 60.0
-    while not children(process.pid) and process.running and time.monotonic() < end:
-        time.sleep(0.05)
-    assert children(process.pid), process.output
-    process.interrupt(times=2)
-    goes_silently(process)
-
-
-def children(pid):
-    """How many processes a process has started that go on."""
-    return len(Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split())
 
 
 @pytest.mark.parametrize(("command", "after"), [("diagnose", 0.0), ("diagnose", 1.5), ("tune", 0.0)])

@@ -212,10 +212,11 @@ def send(peer, publishers, messages, first, end, received, awaited, rng):
         stream, raw = messages[k]
         publishers[stream].publish(raw)
         due += period
+        if k < 100:  # until the readers of all topics have found these new publishers
+            peer.spin(0.02)
+            due = time.monotonic()
         if k % 20 == 0 and rng.random() < 0.9:
             peer.spin(max(0.0, due - time.monotonic()))
-        if k % 2000 == 0:  # nothing, and then what has gathered at once
-            peer.spin(0.1)
         if k % 500 == 499:
             for name, counts in awaited:
                 least = counts[max(0, k - 400)]
