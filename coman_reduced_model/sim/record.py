@@ -216,6 +216,8 @@ def _run(
     progress: Progress | None,
 ) -> RecordedBag:
     names = {stream: f"/{topic}" for stream, topic in INPUT_TOPICS.items() if plan or stream != REFERENCE}
+    if not robot.sensors.options.contact_switches:
+        names.pop(CONTACTS, None)
     topics = {f"/{DESCRIPTION}": STRING, **{name: INPUT_TYPES[stream] for stream, name in names.items()}}
     truths: list[Truth] = []
     fallen = None
