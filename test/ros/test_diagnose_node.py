@@ -41,8 +41,8 @@ def replayed(start, ros_domain):
 
 
 def test_the_found_model_predicts_the_held_out_walk_better_in_the_node(replayed, tmp_path):
-    """Springs of one leg that are 35 % too soft: found in one gait, and the other gait is predicted better live."""
-    hidden = [make("joint_stiffness", {"where": "left", "scale": 0.65})]
+    """Springs of one leg that are half as stiff: found in one gait, and the other gait is predicted better live."""
+    hidden = [make("joint_stiffness", {"where": "left", "scale": 0.5})]
     for seed, gait in enumerate(("test1", "test2")):
         record(gait, tmp_path / gait, disturbances=hidden, seed=seed, duration_s=8.0)
     train, held = tmp_path / "test1", tmp_path / "test2"

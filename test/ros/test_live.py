@@ -55,7 +55,7 @@ class PacedClock:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "compensate",
-    [False, pytest.param(True, marks=pytest.mark.xfail(reason="planned deflections come too late to lead the motors"))],
+    [False, pytest.param(True, marks=pytest.mark.xfail(reason="live, planned deflections come late"))],
 )
 def test_virtual_robot_walks_its_plan_and_the_prediction_follows(compensate, start, peer):
     """Robot, trajectory and predictor together, in simulated time; the motors lead by the robot's own lead or not."""
