@@ -18,7 +18,7 @@ _EVERY = 0.05  # [s] what is taken in between is not seen
 
 @contextmanager
 def memory_watched(megabytes: int, exceeded: Callable[[], object]) -> Iterator[None]:
-    """End this process, after a last call, as soon as it has more than so many MB in memory; 0: no limit."""
+    """End this process, after a last call, as soon as it has more than this in memory [MB]; 0: no limit."""
     if megabytes <= 0 or not _STATM.is_file():
         yield
         return

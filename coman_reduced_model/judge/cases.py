@@ -22,7 +22,6 @@ import yaml
 from ..errors import ConfigError, EngineError
 from ..output import OutputFolder
 from ..sim.disturbances import Disturbance, make
-from ..sim.robot_table import RobotTable
 from ..sim.worlds import World, draw_world, record_world, world_yaml
 from ..sim.worlds.kinds import GAITS
 from ..sim.worlds.run import with_gait
@@ -157,8 +156,7 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
                 temporary.mkdir()
                 break
         else:
-            sheet = data_sheet(case.world.table, case.world.sensors.motor_states)
-            (temporary / "robot.yaml").write_text(sheet, encoding="utf-8")
+            (temporary / "robot.yaml").write_text(data_sheet(case.world), encoding="utf-8")
             return answer(case)
     return None
 
@@ -221,8 +219,9 @@ def answer(case: HiddenCase) -> dict[str, Any]:
     }
 
 
-def data_sheet(table: RobotTable, motor_states: bool = True) -> str:
-    """The configuration file of a robot with nominal constants; without motor states, also what does without them."""
+def data_sheet(world: World) -> str:
+    """The configuration file of a world's robot with nominal constants; without motor states, it does without them."""
+    table = world.table
 
     def leg(side: str) -> dict[str, Any]:
         joints = [joint for joint in table.leg_joints() if joint.name[0] == side]
@@ -241,5 +240,6 @@ def data_sheet(table: RobotTable, motor_states: bool = True) -> str:
         "foot_length": table.foot_back + table.foot_front,
         "foot_width": table.foot_width,
     }
-    parameters = {"robot": robot} if motor_states else {"robot": robot, "prediction": {"reference": "none"}}
+    without_motors = {} if world.sensors.motor_states else {"prediction": {"reference": "none"}}
+    parameters = {"robot": robot, **without_motors}
     return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)

@@ -114,7 +114,7 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
         "detections": [],
     }
     config = bag.with_suffix(".yaml")
-    config.write_text(data_sheet(onset.world.table), encoding="utf-8")
+    config.write_text(data_sheet(onset.world), encoding="utf-8")
     try:
         row["fell"] = record_world(onset.world, bag, [onset.effect], onset.seed).fallen_s is not None
         with Session(bag, load_config(config).replaced({"prediction.horizons": []})) as session:

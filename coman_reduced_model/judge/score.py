@@ -213,7 +213,7 @@ def _by_world(rows: Sequence[Any]) -> dict[str, Any]:
 
 def _rankings(rows: Sequence[Any]) -> dict[str, Any]:
     """How often the oracle that knows the variability ranks the hidden effect first, or among the first three."""
-    ranked = [row for row in rows if row["rank"] is not None and row["kind"] == "single" and row["levels"][0] != "weak"]
+    ranked = [row for row in rows if row["rank"] is not None and _clear(row)]
     return {f"first_{n}": rate(sum(row["rank"] <= n for row in ranked), len(ranked)) for n in (1, 3)}
 
 
@@ -237,9 +237,14 @@ def _of_level(level: str, row: Any) -> bool:
     return bool(row["kind"] == "single" and row["levels"][0] == level)
 
 
+def _clear(row: Any) -> bool:
+    """A medium or strong single effect."""
+    return bool(row["kind"] == "single" and row["levels"][0] != "weak")
+
+
 def _clearly_shown(row: Any) -> bool:
-    """A medium or strong single effect that its own recordings show."""
-    return bool(row["kind"] == "single" and row["levels"][0] != "weak" and (row["size_shown"] or 0.0) >= SHOWN)
+    """One that its own recordings show."""
+    return _clear(row) and (row["size_shown"] or 0.0) >= SHOWN
 
 
 def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple[int, int]:
@@ -254,11 +259,8 @@ def _shares(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]
         chosen = [result(row) for row in rows if of(row)]
         return rate(sum(r in hits for r in chosen), len(chosen))
 
-    def clear(row: Any) -> bool:
-        return row["kind"] == "single" and row["levels"][0] != "weak"
-
     return {
-        "right_on_medium_and_strong": share(clear, "right"),
+        "right_on_medium_and_strong": share(_clear, "right"),
         "wrong_name": share(lambda row: row["kind"] in ("single", "pair"), "wrong"),
         "false_alarms_on_clean": share(lambda row: row["kind"] == "clean", "wrong", "unknown", "partly", "right"),
         "unknown_recall_on_strong": share(lambda r: r["kind"] == "unknown" and r["levels"][0] == "strong", "unknown"),

@@ -219,7 +219,7 @@ def test_a_nominal_robot_lacks_nothing(name, bags, diagnose):
 
 @pytest.mark.slow
 def test_what_no_effect_explains_is_said(bags, diagnose):
-    """Not every robot leaves so much, but so many do that the verdict may be either."""
+    """Enough nominal robots leave as much that the verdict may be either."""
     train, held = bags("late_clock")
     result, _ = diagnose(train, "--holdout", held)
     assert result["verdict"] in ("unknown", "none") and result["effects"] == [] and result["too_much"]

@@ -12,6 +12,7 @@ from ..base.compiled import compiled
 from ..base.types import Array
 from .baselines import BASELINES
 from .blend import KNOWN, Experience, blend, covariance, learn, no_experience, weigh
+from .statistics import NINETY
 
 Ints = NDArray[np.int64]
 # published: the blend of the model and its baselines. clairvoyant: a rigid robot that knows what its motors will do.
@@ -19,7 +20,6 @@ PREDICTORS = ("published", "model", *BASELINES, "clairvoyant")
 WITH_REFERENCE = ("planned", "deflected", "clairvoyant")
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
 _EVERY_NS = 20_000_000  # between new weights of the blend
-_NINETY = 1.645  # standard deviations within which 90 % of normal errors are
 
 
 class Pending(NamedTuple):
@@ -229,7 +229,7 @@ def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
             for k in range(off.shape[0]):
                 errors.sums[h, k, i] += off[k, i] ** 2
         if np.isfinite(sigma[i]) and np.isfinite(off[0, i]):
-            errors.expected[0, h, i] += abs(off[0, i]) <= _NINETY * sigma[i]
+            errors.expected[0, h, i] += abs(off[0, i]) <= NINETY * sigma[i]
             errors.expected[1, h, i] += 1
 
 

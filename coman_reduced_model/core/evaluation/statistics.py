@@ -11,6 +11,7 @@ import numpy as np
 from ..base.types import Array, Flags, Phase, Prediction
 
 AXES = ("x", "y", "z")
+NINETY = 1.645  # standard deviations within which 90 % of normal errors are
 
 
 class RunStatistics:

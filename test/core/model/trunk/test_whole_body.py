@@ -27,7 +27,7 @@ def walk(request, tmp_path_factory):
     """Configuration and samples of a robot whose arms swing together and whose waist turns and pitches."""
     world = World(robot=request.param, upper_body=True, upper=MOVING, duration_s=8.0, tolerances=False)
     folder = tmp_path_factory.mktemp("whole")
-    (folder / "robot.yaml").write_text(data_sheet(world.table))
+    (folder / "robot.yaml").write_text(data_sheet(world))
     config = load_config(folder / "robot.yaml")
     assert record_world(world, folder / "bag").fallen_s is None
     with Session(folder / "bag", config) as session:
