@@ -267,7 +267,9 @@ class Predictor:
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
             flags |= Flags.REJECTED_STATE
-        published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead)
+        published = self.judge.update(
+            now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, ready and dynamics.repeating
+        )
         if not ready:
             return None, flags
         return published, flags

@@ -30,6 +30,7 @@ class Pending(NamedTuple):
     poses: Array  # (n, slots, 4, 4) of the sole that predicted, in odom
     predicted: Array  # (n, slots, 8, 3) by PREDICTORS, in odom [m]
     sigma: Array  # (n, slots, 3) what the published ones were expected to be off by, in the sole [m]
+    kinds: Ints  # (n, slots) index of the experience that they belong to
     first: Ints  # (n,) oldest slot
     used: Ints  # (n,) slots in use
 
@@ -66,6 +67,7 @@ class HorizonJudge:
             np.zeros((n, _CAPACITY, 4, 4)),
             np.zeros((n, _CAPACITY, predictors, 3)),
             np.zeros((n, _CAPACITY, 3)),
+            np.zeros((n, _CAPACITY), dtype=np.int64),
             np.zeros(n, dtype=np.int64),
             np.zeros(n, dtype=np.int64),
         )
@@ -76,7 +78,10 @@ class HorizonJudge:
             np.array([rigid or name not in WITH_REFERENCE for name in PREDICTORS]),
             np.full((2, 3), np.nan),
         )
-        self.experience: Experience = no_experience(n, 1 + len(BASELINES))
+        k = 1 + len(BASELINES)
+        # Through a stride that is repeated the model is another one than without: each has its own errors.
+        self.experiences: tuple[Experience, Experience] = (no_experience(n, k), no_experience(n, k))
+        self._kind = 0
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -85,7 +90,15 @@ class HorizonJudge:
         self._errors.last[:] = np.nan
         self._weighed_ns = 0
 
-    def update(self, stamp_ns: int, T_odom_sole: Array, measured: Array, reference: Array, ahead: Array) -> Array:
+    def update(
+        self,
+        stamp_ns: int,
+        T_odom_sole: Array,
+        measured: Array,
+        reference: Array,
+        ahead: Array,
+        repeating: bool = False,
+    ) -> Array:
         """Judge what is due at this sample and take its predictions in.
 
         Args:
@@ -93,15 +106,17 @@ class HorizonJudge:
             T_odom_sole: (4, 4) pose of the support sole.
             measured, reference: (3,) COM now [m], in the sole frame; reference NaN if there is none.
             ahead: (6, n, 3) predictions [m] in the sole frame, of the model and by BASELINES; NaN where none.
+            repeating: the model went through a stride that is repeated.
 
         Returns:
             What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
         """
         reweigh = self._blended and stamp_ns - self._weighed_ns >= _EVERY_NS
+        self._kind = int(repeating)
         made = np.empty((ahead.shape[1], 5, 3))
         _update(
-            (self._pending, self._errors, self.experience), stamp_ns, self._last_ns, T_odom_sole, measured, reference,
-            ahead, made, self._blended, reweigh,
+            (self._pending, self._errors, *self.experiences), stamp_ns, self._last_ns, T_odom_sole, measured, reference,
+            ahead, made, (self._blended, reweigh), self._kind,
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
@@ -115,16 +130,17 @@ class HorizonJudge:
 
     def covariance(self, h: int) -> Array:
         """(3, 3) [m^2] of the published prediction at the horizon of an index; NaN while too little is known."""
-        return covariance(self.experience.errors[h], self.experience.known[h])
+        one, other = self.experiences
+        return covariance(one.errors[h] + other.errors[h], one.known[h] + other.known[h])
 
     def model_share(self, h: int) -> Array:
         """(3,) [1] of the model in the published prediction at the horizon of an index, by axis."""
-        return self.experience.weights[h, :, 0].copy()
+        return self.experiences[self._kind].weights[h, :, 0].copy()
 
     @property
     def simpler_is_better(self) -> bool:
         """Whether on some axis, at some horizon, a baseline has lately been better than the model."""
-        return bool(self.experience.worse.any())
+        return bool(self.experiences[self._kind].worse.any())
 
     def rmse(self) -> dict[str, dict[str, Array]]:
         """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged."""
@@ -161,33 +177,39 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 
 @compiled
 def _update(
-    known: tuple[Pending, Errors, Experience], stamp_ns: int, last_ns: int, pose: Array, measured: Array,
-    reference: Array, ahead: Array, made: Array, blended: bool, reweigh: bool,
+    known: tuple[Pending, Errors, Experience, Experience], stamp_ns: int, last_ns: int, pose: Array, measured: Array,
+    reference: Array, ahead: Array, made: Array, options: tuple[bool, bool], kind: int,
 ) -> None:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; `reweigh`: with new weights."""
-    pending, errors, experience = known
+    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights."""
+    blended, reweigh = options
+    pending, errors, experiences = known[0], known[1], known[2:]
+    experience = experiences[kind]
     published = made[:, 0]
     published[:] = ahead[0]
     now = np.empty((2, 3))
     _to_odom(pose, measured, now[0])
     _to_odom(pose, reference, now[1])
-    _judge_due(pending, errors, experience, stamp_ns, last_ns, now)
+    _judge_due(pending, errors, experiences, stamp_ns, last_ns, now)
     if reweigh:
-        weigh(experience)
+        weigh(experiences[0])
+        weigh(experiences[1])
     if blended:
         blend(experience, ahead, published)
-    _add(pending, experience, stamp_ns, pose, published, ahead)
+    squares = experiences[0].errors + experiences[1].errors  # of what was published, whatever the model did
+    shares = experiences[0].known + experiences[1].known
+    _add(pending, (squares, shares), kind, stamp_ns, pose, published, ahead)
     errors.last[:] = now
     for h in range(made.shape[0]):
-        share = experience.known[h]
-        made[h, 1:4] = experience.errors[h] / share if share > KNOWN else np.full((3, 3), np.nan)
+        share = shares[h]
+        made[h, 1:4] = squares[h] / share if share > KNOWN else np.full((3, 3), np.nan)
         made[h, 4] = experience.weights[h, :, 0]
 
 
 @compiled
 def _judge_due(
-    pending: Pending, errors: Errors, experience: Experience, stamp_ns: int, last_ns: int, now: Array
-) -> None:
+    pending: Pending, errors: Errors, experiences: tuple[Experience, Experience], stamp_ns: int, last_ns: int,
+    now: Array,
+) -> None:  # fmt: skip
     """Judge the predictions of stamps up to this one by measured and reference COM now (2, 3), in odom [m]."""
     first, used, capacity = pending.first, pending.used, pending.targets.shape[1]
     for h in range(pending.targets.shape[0]):
@@ -202,7 +224,7 @@ def _judge_due(
             values[-1] = true[1]  # the rigid robot is at its reference
             off = _errors_of(pending.poses[h, slot], values, true[0])
             _add_errors(errors, h, off, pending.sigma[h, slot])
-            learn(experience, h, off[1:-1], off[0], dt)
+            learn(experiences[pending.kinds[h, slot]], h, off[1:-1], off[0], dt)
             dt = 0.0  # of several that are due, the first one stands for the time
 
 
@@ -234,18 +256,21 @@ def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
 
 
 @compiled
-def _add(pending: Pending, experience: Experience, stamp_ns: int, pose: Array, published: Array, ahead: Array) -> None:
+def _add(
+    pending: Pending, off: tuple[Array, Array], kind: int, stamp_ns: int, pose: Array, published: Array, ahead: Array
+) -> None:
     """Take in predictions of a sample, (n, 3) and (6, n, 3); where all slots are in use they are dropped."""
-    capacity = pending.targets.shape[1]
+    capacity, (squares, shares) = pending.targets.shape[1], off
     for h in range(pending.targets.shape[0]):
         if pending.used[h] < capacity:
             slot = (pending.first[h] + pending.used[h]) % capacity
             pending.used[h] += 1
             pending.targets[h, slot] = stamp_ns + pending.ahead_ns[h]
             pending.poses[h, slot] = pose
+            pending.kinds[h, slot] = kind
             for i in range(3):
-                known = experience.known[h]
-                pending.sigma[h, slot, i] = np.sqrt(experience.errors[h, i, i] / known) if known > KNOWN else np.nan
+                known = shares[h]
+                pending.sigma[h, slot, i] = np.sqrt(squares[h, i, i] / known) if known > KNOWN else np.nan
             _to_odom(pose, published[h], pending.predicted[h, slot, 0])
             for k in range(ahead.shape[0]):
                 _to_odom(pose, ahead[k, h], pending.predicted[h, slot, 1 + k])
