@@ -35,7 +35,7 @@ from typing import Any
 import fire
 from markdown import AXES, honest_line, millimetres, table, trimmed, value, write_into_readme
 
-from coman_reduced_model.core.evaluation.baselines import BASELINES
+from coman_reduced_model.core.evaluation.baselines import best_baseline
 
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
@@ -189,8 +189,7 @@ def free_run(shared: Path) -> tuple[str, str]:
 def skills_of_model(errors: dict[str, Any]) -> dict[str, float]:
     """Skill of the model alone by axis, from RMSE by predictor and axis."""
     return {
-        axis: 1.0
-        - errors["model"][axis] / min(errors[name][axis] for name in BASELINES if errors[name][axis] is not None)
+        axis: 1.0 - errors["model"][axis] / best_baseline({name: by[axis] for name, by in errors.items()})[0]
         for axis in AXES
     }
 

@@ -210,11 +210,11 @@ class Predictor:
         else:
             dynamics.stop()
             found = [Flags.NO_REFERENCE | Flags.NOT_INITIALISED]
-        if len(self._horizons):
-            horizons, ahead_flags = self._ahead(now, ready)
-            found.append(ahead_flags)
         estimate = self._estimate(sample, foot, com, com_vel)
         found.append(self.observer.flags)
+        if len(self._horizons):
+            horizons, ahead_flags = self._ahead(now, ready, estimate)
+            found.append(ahead_flags)
         if self.slope is not None and self.slope.doubtful:
             found.append(Flags.UNKNOWN_GROUND)
         for flag in found:
@@ -254,15 +254,19 @@ class Predictor:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""
         return hypot(*com.tolist()) <= self._limits.reach and hypot(*com_vel.tolist()) <= self._limits.com_speed
 
-    def _ahead(self, now: Now, ready: bool) -> tuple[Array | None, Flags]:
+    def _ahead(self, now: Now, ready: bool, estimate: Estimate) -> tuple[Array | None, Flags]:
         """What is published for the horizons, as `HorizonJudge.update` returns it; None if the model has no input."""
         dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
         ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
+        com, com_vel = now.com, now.com_vel
+        if isfinite(estimate.com[0]) and not self.observer.flags:
+            com, com_vel = estimate.com, estimate.com_vel
+        plan = plan_ahead(now.sample, now.foot)
         if ready:
-            ahead[0] = dynamics.ahead(now, self._horizons)
+            ahead[0] = dynamics.ahead(now, com, com_vel, plan, self._horizons)
         ahead[1:] = predict_baselines(
-            now.com, now.com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
-            dynamics.reference, dynamics.reference_vel, *plan_ahead(now.sample, now.foot),
+            com, com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
+            dynamics.reference, dynamics.reference_vel, *plan,
         )  # fmt: skip
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:

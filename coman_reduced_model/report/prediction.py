@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.base.limits import DIVERGED, TOPPLED
 from ..core.config.schema import OPTIONS, config_from_flat
-from ..core.evaluation.baselines import BASELINES
+from ..core.evaluation.baselines import best_baseline
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
@@ -310,12 +310,8 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
 
 def _best_baseline(by: Mapping[str, Mapping[str, float | None]], axis: str) -> str:
     """Error in mm, and which."""
-    known = [(error, name) for name in BASELINES if (error := (by.get(name) or {}).get(axis)) is not None]
-    known = [each for each in known if math.isfinite(each[0])]
-    if not known:
-        return "–"
-    error, name = min(known)
-    return f"{millimetres(error).removesuffix(' mm')} ({name})"
+    error, name = best_baseline({name: (errors or {}).get(axis) for name, errors in by.items()})
+    return f"{millimetres(error).removesuffix(' mm')} ({name})" if name else "–"
 
 
 def _left(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from math import isfinite, nan
+
 import numpy as np
 
 from ..base.compiled import compiled
@@ -10,6 +13,12 @@ from ..base.types import Array
 from ..model.reference import look
 
 BASELINES = ("planned", "deflected", "persistence", "still", "lipm")
+
+
+def best_baseline(errors: Mapping[str, float | None]) -> tuple[float, str]:
+    """The least error by BASELINES, and whose it is; NaN and nothing where none is known."""
+    known = [(error, name) for name in BASELINES if (error := errors.get(name)) is not None and isfinite(error)]
+    return min(known, default=(nan, ""))
 
 
 @compiled
@@ -20,11 +29,12 @@ def predict_baselines(
     """Predictions (5, k, 3) [m] in the support sole, by BASELINES.
 
     planned: where the reference will be, by its preview or else at its velocity: a rigid robot. deflected: the same,
-    as far from it as now. persistence: p + p' h. still: p. lipm: from the measured state about the measured ZMP, its
-    height constant.
+    as far from it as now. persistence: p + p' h. still: p. lipm: from this state about the measured ZMP, its height
+    constant.
 
     Args:
-        com, com_vel, zmp: (3,) measured [m], [m/s]; NaN where not known.
+        com, com_vel: (3,) measured or estimated [m], [m/s].
+        zmp: (3,) measured [m]; NaN where not known.
         gravity: [m/s^2].
         horizons: (k,) [s].
         reference, reference_vel: (3,) COM of the rigid robot now; NaN if there is none.

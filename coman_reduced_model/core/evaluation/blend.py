@@ -21,9 +21,9 @@ KNOWN = 0.02  # of the whole memory, from which on it says something: 0.16 s
 SHRUNK = 0.2  # share by which the errors of two predictors are taken to be less correlated than they were
 WORSE = 1.2  # times the error of a simpler prediction, from which on the model is said to be worse
 LONG = 0.3  # of the whole memory, before which that is not said: 3 s
+GIVEN = 0.02  # share of another model's experience that one without any begins with
 LEAST = 1e-5  # [m] that any prediction is taken to be off by
 SWEEPS = 60  # of the search for the weights
-_UNKNOWN = np.full((3, 3), np.nan)
 NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
 
 
@@ -47,6 +47,12 @@ def no_experience(n: int, k: int) -> Experience:
     weights[:, :, 0] = 1.0
     moments, times = np.zeros((2, n, 3, k, k))
     return Experience(moments, times, weights, np.zeros((n, 3), np.bool_), np.zeros((n, 3, 3)), np.zeros(n))
+
+
+def begin_with(experience: Experience, other: Experience) -> None:
+    """Let one without experience begin with a little (`GIVEN`) of another one's."""
+    experience.moments[:], experience.times[:] = GIVEN * other.moments, GIVEN * other.times
+    experience.weights[:] = other.weights
 
 
 @compiled
@@ -142,6 +148,7 @@ def blend(experience: Experience, ahead: Array, out: Array) -> None:
             out[h, axis] = value / sum_of_weights if sum_of_weights > 0.0 else first
 
 
+@compiled
 def covariance(errors: Array, known: float) -> Array:
     """(3, 3) [m^2] about zero, by fading sums; NaN while too little is known."""
-    return errors / known if known > KNOWN else _UNKNOWN
+    return errors / known if known > KNOWN else np.full((3, 3), np.nan)

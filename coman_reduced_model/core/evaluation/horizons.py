@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..base.compiled import compiled
 from ..base.types import Array
-from .baselines import BASELINES
-from .blend import KNOWN, Experience, blend, covariance, learn, no_experience, weigh
+from .baselines import BASELINES, best_baseline
+from .blend import Experience, begin_with, blend, covariance, learn, no_experience, weigh
 from .statistics import NINETY
 
 Ints = NDArray[np.int64]
@@ -81,7 +81,7 @@ class HorizonJudge:
         k = 1 + len(BASELINES)
         # Through a stride that is repeated the model is another one than without: each has its own errors.
         self.experiences: tuple[Experience, Experience] = (no_experience(n, k), no_experience(n, k))
-        self._kind = 0
+        self._kind, self._repeated = 0, False
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -113,6 +113,9 @@ class HorizonJudge:
         """
         reweigh = self._blended and stamp_ns - self._weighed_ns >= _EVERY_NS
         self._kind = int(repeating)
+        if repeating and not self._repeated:
+            self._repeated = True
+            begin_with(self.experiences[1], self.experiences[0])
         made = np.empty((ahead.shape[1], 5, 3))
         _update(
             (self._pending, self._errors, *self.experiences), stamp_ns, self._last_ns, T_odom_sole, measured, reference,
@@ -130,8 +133,8 @@ class HorizonJudge:
 
     def covariance(self, h: int) -> Array:
         """(3, 3) [m^2] of the published prediction at the horizon of an index; NaN while too little is known."""
-        one, other = self.experiences
-        return covariance(one.errors[h] + other.errors[h], one.known[h] + other.known[h])
+        found: Array = _covariance(self.experiences, h)
+        return found
 
     def model_share(self, h: int) -> Array:
         """(3,) [1] of the model in the published prediction at the horizon of an index, by axis."""
@@ -152,8 +155,8 @@ class HorizonJudge:
         """1 - RMSE of what is published / RMSE of the best baseline, (3,) a horizon; NaN where nothing was judged."""
         skills = {}
         for h, errors in self.rmse().items():
+            best = [best_baseline({name: each[axis] for name, each in errors.items()})[0] for axis in range(3)]
             with np.errstate(invalid="ignore", divide="ignore"):
-                best = np.fmin.reduce([errors[name] for name in BASELINES])
                 skills[h] = 1.0 - errors["published"] / best
         return skills
 
@@ -195,14 +198,18 @@ def _update(
         weigh(experiences[1])
     if blended:
         blend(experience, ahead, published)
-    squares = experiences[0].errors + experiences[1].errors  # of what was published, whatever the model did
-    shares = experiences[0].known + experiences[1].known
-    _add(pending, (squares, shares), kind, stamp_ns, pose, published, ahead)
-    errors.last[:] = now
     for h in range(made.shape[0]):
-        share = shares[h]
-        made[h, 1:4] = squares[h] / share if share > KNOWN else np.full((3, 3), np.nan)
+        made[h, 1:4] = _covariance(experiences, h)
         made[h, 4] = experience.weights[h, :, 0]
+    _add(pending, made, kind, stamp_ns, pose, ahead)
+    errors.last[:] = now
+
+
+@compiled
+def _covariance(experiences: tuple[Experience, Experience], h: int) -> Array:
+    """(3, 3) [m^2] of what is published, whatever the model did."""
+    one, other = experiences
+    return covariance(one.errors[h] + other.errors[h], one.known[h] + other.known[h])
 
 
 @compiled
@@ -256,11 +263,9 @@ def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
 
 
 @compiled
-def _add(
-    pending: Pending, off: tuple[Array, Array], kind: int, stamp_ns: int, pose: Array, published: Array, ahead: Array
-) -> None:
-    """Take in predictions of a sample, (n, 3) and (6, n, 3); where all slots are in use they are dropped."""
-    capacity, (squares, shares) = pending.targets.shape[1], off
+def _add(pending: Pending, made: Array, kind: int, stamp_ns: int, pose: Array, ahead: Array) -> None:
+    """Take in what is published (n, 5, 3), and all predictions (6, n, 3); dropped if all slots are in use."""
+    capacity = pending.targets.shape[1]
     for h in range(pending.targets.shape[0]):
         if pending.used[h] < capacity:
             slot = (pending.first[h] + pending.used[h]) % capacity
@@ -269,8 +274,7 @@ def _add(
             pending.poses[h, slot] = pose
             pending.kinds[h, slot] = kind
             for i in range(3):
-                known = shares[h]
-                pending.sigma[h, slot, i] = np.sqrt(squares[h, i, i] / known) if known > KNOWN else np.nan
-            _to_odom(pose, published[h], pending.predicted[h, slot, 0])
+                pending.sigma[h, slot, i] = np.sqrt(made[h, 1 + i, i])
+            _to_odom(pose, made[h, 0], pending.predicted[h, slot, 0])
             for k in range(ahead.shape[0]):
                 _to_odom(pose, ahead[k, h], pending.predicted[h, slot, 1 + k])

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..base.types import Array, Flags
 from ..effects.hooks import Now
+from .reference import Plan
 
 
 class Dynamics(ABC):
@@ -52,8 +53,8 @@ class Dynamics(ABC):
         """Bring the free run to this sample, by plan or motors, support phase and switching times alone."""
 
     @abstractmethod
-    def ahead(self, now: Now, horizons: Array) -> Array:
-        """COM (k, 3) [m] at horizons (k,) ascending [s] from the measured state."""
+    def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
+        """COM (k, 3) [m] at horizons (k,) ascending [s], from COM and velocity (3,) as they are now [m], [m/s]."""
 
     def deflections(self, now: Now, horizons: int) -> Array:
         """Deflections now and at the horizons of the last `ahead`, (1 + k, 3 + m); NaN: the model does not know.

@@ -17,7 +17,7 @@ from .cartesian import Model, Terms
 from .dynamics import Dynamics
 from .horizon import predict_horizons
 from .integrator import Forcing, extrapolate, free_run_step, free_run_switch
-from .reference import motor_com, plan_ahead, planned_com
+from .reference import Plan, motor_com, planned_com
 from .zmp_filter import ZmpFilter
 
 References = dict[Foot, tuple[Array, Array]]  # COM and velocity (3,), (3,) by leg, in the support sole
@@ -143,12 +143,12 @@ class PointMass(Dynamics):
         state = free_run_step(self.state, terms.M, terms.axes, self._following, start, forcing, dt)
         self._take(now, state, forcing)
 
-    def ahead(self, now: Now, horizons: Array) -> Array:
+    def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
         terms = self._terms
         assert terms is not None
         return predict_horizons(
-            now.com, now.com_vel, horizons, terms.M, terms.K, terms.D, terms.axes, terms.force,
-            self.reference, self.reference_vel, *plan_ahead(now.sample, now.foot),
+            com, com_vel, horizons, terms.M, terms.K, terms.D, terms.axes, terms.force,
+            self.reference, self.reference_vel, *plan,
         )  # fmt: skip
 
     def _current_forcing(self) -> Forcing:
@@ -188,5 +188,5 @@ class Pendulum(PointMass):
         self._filter.update(now.sample.stamp_ns, now.T_odom_sole, now.com, now.zmp, self.model.gravity)
         return True
 
-    def ahead(self, now: Now, horizons: Array) -> Array:
-        return self._filter.ahead(now.com, horizons, self.model.gravity)
+    def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
+        return self._filter.ahead(com, horizons, self.model.gravity)

@@ -9,6 +9,7 @@ from ..base.compiled import compiled
 from ..base.types import Array, Foot, Reference, Sample
 from ..robot.robot import Posture
 
+Plan = tuple[Array, Array, float]  # what `plan_ahead` returns
 _NOTHING = np.empty((0, 3))
 
 
@@ -21,7 +22,7 @@ def planned_com(reference: Reference, foot: Foot) -> tuple[Array, Array]:
     return (reference.com - T[:3, 3]) @ T[:3, :3], reference.com_vel @ T[:3, :3]
 
 
-def plan_ahead(sample: Sample, foot: Foot) -> tuple[Array, Array, float]:
+def plan_ahead(sample: Sample, foot: Foot) -> Plan:
     """The preview of `com/reference` relative to its present point, in the axes of the planned sole of the foot.
 
     Returns:

