@@ -31,6 +31,22 @@ class References:
         )
 
 
+def test_a_plan_is_published_ahead_of_its_time(start, peer):
+    references = References(peer)
+    node = start.node("trajectory", use_sim_time=True, gait__ahead=0.3)
+    clock = peer.publisher(Clock, "/clock", qos.clock_output())
+    message = Clock()
+    message.clock.sec = 7
+
+    def arrived():
+        clock.publish(message)
+        return references.messages
+
+    peer.wait(arrived, "com/reference")
+    assert stamp_of(references.messages[0]) == 7_300_000_000
+    assert node.stop() == 0
+
+
 def test_trajectory_starts_stops_and_resets(start, peer):
     references = References(peer)
     node = start.node("trajectory", gait__autostart=False, gait__single_support=0.3, gait__double_support=0.1)

@@ -208,6 +208,9 @@ class GaitConfig:
     com_height: float = par(-1.0, "m", "height of the COM above the soles; -1: that of the named gait", -1.0, 3.0)
     zmp_offset_x: float = par(-1.0, "m", "ZMP ahead of the sole origin; -1: that of the named gait", -1.0, 0.5)
     rate: float = par(200.0, "Hz", "rate of com/reference", 1.0, 1000.0)
+    ahead: float = par(
+        0.0, "s", "how far com/reference is ahead of the clock, for those who need the plan early", 0.0, 2.0
+    )
     preview_interval: float = par(0.02, "s", "spacing of the preview", 0.001, 0.5, runtime=True)
     preview_length: int = par(25, "points", "number of preview points", 0, 500, runtime=True)
     autostart: bool = par(True, "", "start walking at once, without a call of ~/start")

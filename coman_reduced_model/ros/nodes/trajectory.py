@@ -41,6 +41,7 @@ class TrajectoryNode(ConfiguredNode):
         self.types = ros_types()
         self.walk = Walk(self.config)
         self._period = round(1e9 / self.config.gait.rate)
+        self._ahead = round(1e9 * self.config.gait.ahead)
         self._next = 0  # stamp of the next point; 0: no time yet
         self._published = 0
         self._reference = self.create_publisher(
@@ -71,6 +72,7 @@ class TrajectoryNode(ConfiguredNode):
         now = self.get_clock().now().nanoseconds
         if now <= 0:  # simulated time has not begun
             return
+        now += self._ahead
         if not self._next or not -_BACK_NS < now - self._next < _AHEAD_NS:
             self._begin(now)
         while self._next <= now:
@@ -91,7 +93,7 @@ class TrajectoryNode(ConfiguredNode):
         self._publish_path()
 
     def _now(self) -> int:
-        return self._next or self.get_clock().now().nanoseconds
+        return self._next or self.get_clock().now().nanoseconds + self._ahead
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._answer(response, self.walk.start(self._now()))

@@ -14,6 +14,7 @@ from coman_reduced_model.core.base.input_warning import WarningKind
 from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, Phase, Reference, WrenchMessage
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.gait.walk import Walk
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.streams.joiner import Joiner
@@ -202,6 +203,19 @@ def test_clocks_that_differ_are_told():
         told = [each.text for each in found]
         assert len(told) == 2 and all(pytest.approx(3600.0, abs=0.1) == float(line.split()[4]) for line in told)
         assert all(side.split()[-1] in line for line in told)
+
+
+@pytest.mark.parametrize(("early_s", "warned"), [(0.3, False), (3600.0, True), (-0.3, True)])
+def test_a_plan_may_come_early_and_not_late(early_s, warned):
+    pipeline = Pipeline(robot(), NO_MOTOR.replaced({"prediction.reference": "topic"}))
+    walk = Walk(pipeline.config)
+    for t in range(0, 500, 5):
+        pipeline.on_joint(joint(t)[1])
+        for stream, message in both(t):
+            pipeline.on_wrench(Foot.LEFT if stream == LEFT else Foot.RIGHT, message)
+        pipeline.on_reference(walk.reference(joint(t)[1].stamp_ns + round(1e9 * early_s)))
+    found = [each for each in pipeline.status().warnings if each.stream == REFERENCE]
+    assert [each.kind for each in found] == [WarningKind.CLOCK] * warned
 
 
 def test_a_stream_that_stopped_is_told_apart_from_a_clock_that_differs():
