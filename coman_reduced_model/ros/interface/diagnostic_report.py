@@ -16,6 +16,8 @@ _RATE = ": rate [Hz]"
 _REJECTED, _LAST = "rejected: ", ": last"
 _SKILL = "skill at {} s, {}"
 _RESTARTS = "restarts"
+REAL_TIME = "real-time factor"  # of the virtual robot
+IN_TIME = "planned deflections in time"  # share of them, since the first one came to the virtual robot
 
 
 class Level(IntEnum):

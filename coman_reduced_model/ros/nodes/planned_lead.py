@@ -13,21 +13,28 @@ from ...core.streams.stream import Refused
 
 _FADE_S = 0.5  # [s] in which the motors go over from their own lead, and back
 _MOST = 0.7  # [rad]
-_REACH_NS = 40_000_000  # a deflection that is late by less is continued in a line
 
 
 class PlannedLead:
     """Deflections by stamp, and motor positions that lead by them.
 
+    They may come as early as they like; each is kept until its stamp.
+
     Attributes:
         share: of that lead in the motor positions now, 0 to 1.
+        asked, in_time: motor positions since the first deflection came, and those of them whose deflection was known.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
         """`joints` are the names of the robot's joints, in its order."""
         self._index = {name: i for i, name in enumerate(joints)}
-        self._known: deque[tuple[int, Array]] = deque(maxlen=64)
+        self._known: deque[tuple[int, Array]] = deque(maxlen=1024)
         self._lead = np.zeros(len(joints))
+        self.share = 0.0
+        self.asked = self.in_time = 0
+
+    def restart(self) -> None:
+        """The robot is put somewhere and leads by its own lead: go over to this one as in the beginning."""
         self.share = 0.0
 
     def add(self, message: JointMessage) -> None:
@@ -58,7 +65,9 @@ class PlannedLead:
             own: (nj,) the robot's own motor positions for them, where no deflection is known.
         """
         deflection = self._at(stamp_ns)
+        self.asked += bool(self._known)
         if deflection is not None:
+            self.in_time += 1
             self._lead = links - deflection - own
         change = dt / _FADE_S if deflection is not None else -dt / _FADE_S
         self.share = min(1.0, max(0.0, self.share + change))
@@ -66,10 +75,9 @@ class PlannedLead:
 
     def _at(self, stamp_ns: int) -> Array | None:
         known = self._known
-        while len(known) > 2 and known[1][0] <= stamp_ns and known[2][0] <= stamp_ns:
+        while len(known) > 2 and known[1][0] <= stamp_ns:
             known.popleft()
-        if len(known) < 2 or not known[0][0] <= stamp_ns <= known[-1][0] + _REACH_NS:
+        if len(known) < 2 or not known[0][0] <= stamp_ns <= known[1][0]:
             return None
-        i = next((i for i in range(1, len(known)) if known[i][0] >= stamp_ns), len(known) - 1)
-        (t0, d0), (t1, d1) = known[i - 1], known[i]
+        (t0, d0), (t1, d1) = known[0], known[1]
         return d0 + (stamp_ns - t0) / (t1 - t0) * (d1 - d0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,13 @@ def at_rest(reference: Reference) -> bool:
     """Whether a plan stands still on both feet: only there can a robot be put without falling."""
     still = np.abs(reference.com_vel).max() < 1e-3 and np.abs(reference.com_acc).max() < 2e-2
     return bool(reference.phase == Phase.DOUBLE and still)
+
+
+class _Knot(NamedTuple):
+    stamp_ns: int
+    t: float  # [s] since the start of the motion
+    links: Array  # (nj,) [rad]
+    motors: Array  # (nj,) [rad] by the robot's own lead
 
 
 class StreamMotion:
@@ -66,12 +74,16 @@ class StreamMotion:
         theta, self.start = follow(legs, [first], sag, self._arms([first]))
         self._recent = deque([first], maxlen=2)
         self._knots: deque[tuple[float, Array]] = deque([(-1e-9 * SPACING_NS, theta)], maxlen=512)
+        self._ahead: deque[_Knot] = deque(maxlen=512)
+        if planned is not None:
+            planned.restart()
         self.used = 0
 
     @property
     def known_ns(self) -> int:
         """Until which stamp the motion is what it will stay [ns]: later references change the last cubic."""
-        return self._start_ns + round(1e9 * self._knots[-1][0]) - SPACING_NS
+        last = self._ahead[-1].t if self._ahead else self._knots[-1][0]
+        return self._start_ns + round(1e9 * last) - SPACING_NS
 
     def jumps(self, reference: Reference) -> bool:
         """Whether a reference does not continue those before it: the robot has to be put there."""
@@ -97,16 +109,23 @@ class StreamMotion:
         self._recent.append(reference)
         self.last = reference
         t = (middle.stamp_ns - self._start_ns) * 1e-9
-        if t <= self._knots[-1][0]:
+        if t <= (self._ahead[-1].t if self._ahead else self._knots[-1][0]):
             return
         # The torques of the moving legs need their accelerations, which only evenly spaced references give.
         even = abs(reference.stamp_ns + before.stamp_ns - 2 * middle.stamp_ns) < SPACING_NS // 10
         points = [before, middle, reference] if even else [middle]
         theta, links = follow(self._legs, points, self._sag, self._arms(points))
-        if self._planned is not None:
-            theta = self._planned.motors(middle.stamp_ns, t - self._knots[-1][0], links.q[0], theta)
-        self._knots.append((t, theta))
+        self._ahead.append(_Knot(middle.stamp_ns, t, links.q[0], theta))
         self.used += 1
+
+    def _fix(self, until: float) -> None:
+        """Have the two knots after a time [s] that its cubic needs; no more: a planned lead may come until then."""
+        while self._ahead and (len(self._knots) < 2 or self._knots[-2][0] <= until):
+            knot = self._ahead.popleft()
+            theta = knot.motors
+            if self._planned is not None:
+                theta = self._planned.motors(knot.stamp_ns, knot.t - self._knots[-1][0], knot.links, theta)
+            self._knots.append((knot.t, theta))
 
     def _swing_on(self, last: Reference, reference: Reference) -> None:
         """The swing of the arms rises while the robot walks, and falls when it stands."""
@@ -124,6 +143,7 @@ class StreamMotion:
 
     def __call__(self, times: Array) -> tuple[Array, Array]:
         """Motor positions [rad] and velocities [rad/s], each (n, nj), at times (n,) [s] that never go back."""
+        self._fix(times[-1])
         knots = self._knots
         while len(knots) > 3 and knots[2][0] <= times[0]:
             knots.popleft()

@@ -33,6 +33,7 @@ from ...sim.upper_motion import stride_s
 from ...sim.worlds import World, robot_of, world_for
 from ...topics import DESCRIPTION, INPUT_TOPICS, PLANNED_DEFLECTION
 from ..interface import qos
+from ..interface.diagnostic_report import IN_TIME, REAL_TIME
 from ..interface.parameters import ConfiguredNode, Own, declare
 from ..interface.report_timer import ReportTimer
 from .planned_lead import PlannedLead
@@ -213,7 +214,7 @@ class VirtualRobotNode(ConfiguredNode):
         elif self._problem:
             level, message = DiagnosticStatus.WARN, f"reference refused: {self._problem}"
         values = {
-            "real-time factor": f"{factor:.3f}",
+            REAL_TIME: f"{factor:.3f}",
             "lag [s]": f"{max(lag, 0.0):.4f}",
             "set forward": self._skipped,
             "references received": self._received,
@@ -221,6 +222,7 @@ class VirtualRobotNode(ConfiguredNode):
         }
         if self._planned is not None:
             values["share of the lead that is compensated"] = f"{self._planned.share:.2f}"
+            values[IN_TIME] = f"{self._planned.in_time / max(1, self._planned.asked):.3f}"
         self._problem = ""
         status = DiagnosticStatus(
             level=level,
