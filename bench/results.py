@@ -391,7 +391,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
-    "feedforward": script("The plan's deflection as a feedforward", ("feedforward",)),
+    "feedforward": script("The plan's deflection as a feedforward", ("feedforward",), ("feedforward_live",)),
     "engines": script("Two physics engines", ("engines",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results")),
     "archive": archive,

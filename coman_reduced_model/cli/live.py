@@ -14,6 +14,7 @@ from .common import ConfigOption, read_config, say_domain
 
 _START_S = 150.0
 _LOWERED = 0.5  # own lead of the robot where it is compensated: what is left if the predictor fails
+_AHEAD_S = 0.3  # and how far the plan is published ahead, so that its deflections come in time on a busy machine too
 
 
 def live(
@@ -72,12 +73,15 @@ def live(
     plan_walk(gait_of(settings.replaced(walk)))  # says what is wrong with it before anything is started
     try:
         with Nodes(config or config_path()) as nodes:
+            paced = {"use_sim_time": True}
             own: dict[str, Any] = {"virtual_robot.world": world} if world else {}
+            plan: dict[str, Any] = {"gait.repeat": True, "gait.autostart": False}
             if compensate:
                 own |= {"virtual_robot.compensate": True, "virtual_robot.lead": _LOWERED}
-            nodes.start("virtual_robot", {**walk, **own})
-            nodes.start("predictor")
-            nodes.start("trajectory", {**walk, "gait.repeat": True, "gait.autostart": False})
+                plan["gait.ahead"] = _AHEAD_S
+            nodes.start("virtual_robot", {**walk, **own, **paced})
+            nodes.start("predictor", paced)
+            nodes.start("trajectory", {**walk, **plan, **paced})
             stop.at_once = False
             _watch(nodes, duration, stop)
     except NodeFailed as error:
@@ -93,20 +97,27 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
     from ..bag.types import typestore
     from ..core.base.stream_names import REFERENCE
     from ..messages import COM_PREDICTION, prediction_from
+    from ..ros.interface.diagnostic_report import IN_TIME, REAL_TIME
     from ..ros.runtime.processes import NodeFailed
     from ..ros.tools.listener import Listener
     from ..ros.tools.live_view import LiveView
+    from ..ros.tools.paced_clock import PacedClock
     from ..ros.tools.tracking import Tracking
 
     view, store, tracking, decode = LiveView(), typestore(), Tracking(), decoder(REFERENCE)
+    clocks: list[PacedClock] = []
 
     def on_prediction(raw: bytes) -> None:
         prediction = prediction_from(store.deserialize_cdr(raw, COM_PREDICTION))
         view.add(prediction)
         tracking.add(prediction)
+        for clock in clocks:
+            clock.on_prediction(prediction.stamp_ns)
 
     console = Console()
     with Listener("live", on_prediction, lambda raw: tracking.add_plan(decode(raw))) as listener:
+        clocks.append(clock := PacedClock(listener.node))
+        clock.follow_real_time()
         starter = _Starter(listener.node)
         ends = None if duration is None else time.monotonic() + duration
         deadline, shown = time.monotonic() + _START_S, 0.0
@@ -132,6 +143,7 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
             if screen:
                 screen.stop()
         nodes.stop()
+    robot = listener.report("virtual_robot: simulation").values
     model, rigid = view.rms_mm()
     if not view.count:
         print("no predictions were made")
@@ -139,6 +151,9 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
     print(f"{view.count} predictions; RMS error of the last seconds, x, y, z [mm]:")
     print("  model", *(f"{value:.2f}" for value in model), "  rigid", *(f"{value:.2f}" for value in rigid))
     print("COM off its plan while that moves [mm]:", *(f"{value:.2f}" for value in tracking.rms_mm()))
+    for name in (REAL_TIME, IN_TIME):
+        if name in robot:
+            print(f"{name}: {robot[name]}")
 
 
 class _Starter:
