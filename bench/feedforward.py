@@ -136,7 +136,7 @@ def main() -> None:
     arguments = parser.parse_args()
     single, double = (Phase.LEFT, Phase.RIGHT), (Phase.DOUBLE,)
     rows: list[tuple[str, str, float, float, tuple[Phase, ...], int]] = [
-        *((f"own lead {lead:g}", "own", lead, 0.0, (), 0) for lead in (0.3, 0.5, 0.8, 1.0)),
+        *((f"own lead {lead:g}", "own", lead, 0.0, (), 0) for lead in (0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0)),
         ("planned", "planned", 0.0, 0.0, (), 0),
         *(
             (f"fed back {share:g}, {when}", "own", 0.5, share, phases, 0)

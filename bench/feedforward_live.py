@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The same in the loop of the nodes: virtual robot, trajectory and predictor, as `coman live` runs them.
 
-    python bench/feedforward_live.py [--duration 45]        # five minutes
+    python bench/feedforward_live.py [--duration 60]        # six minutes
 
 COM off its plan: RMS of measured COM minus plan in the support sole while the plan moves. That is not the true COM:
 a measured COM takes the sole as flat on the ground, so that what the sole rocks is not in it.
@@ -36,7 +36,7 @@ def walked(folder: Path, gait: str, lead: float, options: tuple[str, ...], durat
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--duration", type=float, default=45.0, help="of each run, start included [s]")
+    parser.add_argument("--duration", type=float, default=60.0, help="of each run, start included [s]")
     arguments = parser.parse_args()
     table = Table("motors lead by", "gait", "COM off its plan, x, y, z [mm]", *FACTS[1:])
     with tempfile.TemporaryDirectory() as folder:
