@@ -18,7 +18,7 @@ from ..core.base.nominal import Nominal, load_nominal
 from ..core.base.types import Array
 from ..core.config.schema import Config
 from ..core.effects.unknown import Unknown
-from ..errors import BagError
+from ..errors import BagError, ConfigError
 from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
@@ -79,6 +79,10 @@ def baseline(
     if len(bags) < LEAST_BAGS:
         raise BagError(f"{len(bags)} recording: at least {LEAST_BAGS} are needed to see what varies between them")
     refuse_repeated(bags)
+    if (source := config.streams.wrench_source) != "sensors":
+        raise ConfigError(
+            f"streams.wrench_source: {source}: a baseline needs measured foot wrenches (allowed: sensors)"
+        )
     report = progress or (lambda fraction, what: None)
     config, population = with_structure(config), population or load_nominal()
     readings = read_bags(bags, config, urdf, names, between(report, 0.0, READ))

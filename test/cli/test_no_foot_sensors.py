@@ -5,14 +5,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from synthetic import JOINTS, LEFT, RIGHT, walk, write_bag
 
-from coman_reduced_model import Config, bag_path, diagnose
+from coman_reduced_model import Config, bag_path
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.stream_names import CONTACTS
+from coman_reduced_model.diagnose.baseline import baseline
+from coman_reduced_model.diagnose.data.masks import masks
+from coman_reduced_model.diagnose.data.reading import Reading
+from coman_reduced_model.diagnose.data.recording import load
+from coman_reduced_model.diagnose.data.world import World
+from coman_reduced_model.diagnose.inference.check import check_recordings
+from coman_reduced_model.diagnose.physics.balance import evaluate
+from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.errors import BagError, ConfigError
 from coman_reduced_model.offline import predict_bag
+from coman_reduced_model.sim.record import record
+from coman_reduced_model.sim.sensors import SensorOptions
 
 
 def by(source: str) -> Config:
@@ -49,6 +60,33 @@ def test_results_say_the_source(tmp_path):
     assert summary["mismatches"] == []
 
 
-def test_a_diagnosis_needs_measured_wrenches():
-    with pytest.raises(ConfigError, match="wrench_source: torques: a diagnosis needs measured foot wrenches"):
-        diagnose([bag_path("stand")], config=by("torques"))
+@pytest.mark.parametrize(
+    ("source", "shown", "hidden"),
+    [
+        ("torques", ("joint_stiffness", "encoder_bias", "ground_slope"), ("payload", "wrench_bias", "joint_friction")),
+        ("contacts", ("encoder_bias", "ground_slope"), ("joint_stiffness", "payload", "ground_compliance")),
+    ],
+)
+def test_a_diagnosis_by_computed_wrenches_offers_what_they_do_not_hide(source, shown, hidden, tmp_path):
+    if source == "torques":
+        bag = bag_path("test1")
+    else:
+        record(
+            "stand", bag := tmp_path / "bag", sensors=SensorOptions(effort=False, contact_switches=True), duration_s=4.0
+        )
+    recording, robot = load(bag, by(source))
+    world = World.nominal(robot, by(source).with_joints_of(robot))
+    offered = {each.effect for each in candidates(unknowns(recording, world))}
+    assert offered >= set(shown) and not offered & set(hidden)
+    residuals = evaluate(recording, world, masks(recording, world)).residuals
+    said = {name.partition("/")[0] for name, values in residuals.items() if np.isfinite(values).any()}
+    assert said >= {"feet", "tilt"} and ("spring" in said) == (source == "torques")
+    assert not said & {"force", "moment", "torque", "landing", "unloaded"}
+    assert f"foot wrenches are computed from {source}: they hold the balance" in recording.warnings[-1]
+    with pytest.raises(ConfigError, match=f"--assume {hidden[0]}: cannot be fitted to these bags"):
+        check_recordings([Reading(bag, recording, robot)], 1, by(source), [(hidden[0], "")])
+
+
+def test_a_baseline_needs_measured_wrenches():
+    with pytest.raises(ConfigError, match="wrench_source: torques: a baseline needs measured foot wrenches"):
+        baseline([bag_path("test1"), bag_path("test2")], by("torques"))

@@ -126,6 +126,14 @@ def com_is_shown(result: dict) -> None:
 
 
 @pytest.mark.slow
+def test_backlash_is_found_without_foot_sensors(bags, diagnose):
+    train, held = bags("backlash")
+    result, _ = diagnose(train, "--holdout", held, "--set", "streams.wrench_source=torques")
+    assert named(result, "backlash", "RKneeSag")["width"]["value"] == pytest.approx(0.026, rel=0.3)
+    assert any("foot wrenches are computed from torques" in line for line in result["not_checked"])
+
+
+@pytest.mark.slow
 def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tmp_path, capsys):
     train, held = bags("backlash")
     result, out = diagnose(train, "--holdout", held)

@@ -22,9 +22,10 @@ from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
 from ...core.predictor import Predictor
 from ...core.robot.robot import Robot
-from ...errors import BagError, ConfigError
+from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames
+from .computed import NOT_SHOWN, with_computed_wrenches
 from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
@@ -55,6 +56,7 @@ class Recording:
         valid: (n,) bool, no gap here.
         count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
         period: between samples [s], in the median.
+        computed: whether the wrenches are: laws that contain them say nothing then.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Recording:
     yaw: dict[Foot, Array]
     warnings: tuple[str, ...] = ()
     period: float = 1.0 / RATE
+    computed: bool = False
 
     @property
     def rate(self) -> float:
@@ -99,15 +102,8 @@ def load(
     """Read a bag; the robot has the loads, and the recording the corrections, of effects that are configured already.
 
     Raises:
-        ComanError: the bag, the robot or the configuration cannot be used, it is too short to say anything, or its
-            wrenches are computed.
+        ComanError: the bag, the robot or the configuration cannot be used, or it is too short to say anything.
     """
-    if config.streams.wrench_source != "sensors":
-        raise ConfigError(
-            f"streams.wrench_source: {config.streams.wrench_source}: a diagnosis needs measured foot wrenches; "
-            "computed ones hold the balance of forces by construction, so that neither foot sensors nor forces, masses "
-            "and springs can be judged by them (allowed: sensors)"
-        )
     with Session(path, config, urdf=urdf, names=names) as session:
         bag, pipeline = session.bag, session.pipeline
         samples: list[Sample] = []
@@ -133,8 +129,13 @@ def load(
                 effect.correct(sample)
         for sample in samples:
             pipeline.plausibility.update(sample)
-        zeros = _zeros(samples, pipeline.predictor)
+        computed = pipeline.predictor.computed
         warnings = session.warnings
+        if computed is None:
+            zeros = _zeros(samples, pipeline.predictor)
+        else:
+            samples, zeros = with_computed_wrenches(samples, computed, pipeline.robot, config), np.zeros(2)
+            warnings = (*warnings, f"foot wrenches are computed from {config.streams.wrench_source}: {NOT_SHOWN}")
         for warning in pipeline.status().warnings:
             if warning.prevents_diagnosis:
                 raise BagError(f"{bag.path.name}: {warning}; until that is mended nothing can be learnt of the robot")
@@ -205,7 +206,7 @@ def _grid(
         phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
         away < _REACH, counts, _yaws(robot, q, supports[later], begins),
-        warnings, float(np.median(np.diff(at))),
+        warnings, float(np.median(np.diff(at))), config.streams.wrench_source != "sensors",
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ import pinocchio as pin
 from scipy.ndimage import gaussian_filter1d
 
 from ...core.base.types import Array, Foot, Integers
+from ..data.computed import owing_to_wrenches
 from ..data.landings import slide_lengths
 from ..data.masks import TICKS, Masks, sure_torque
 from ..data.recording import FEET, RATE, WRENCH, Recording
@@ -162,6 +163,8 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     for foot in FEET:
         for k, name in enumerate(WRENCH):
             out[f"unloaded/{foot.name.lower()}/{name}"] = np.where(where.air[foot], wrench[foot][:, k], np.nan)
+    if recording.computed:
+        out |= dict.fromkeys(owing_to_wrenches(out), np.full(len(ticks), np.nan))
     return State(recording, world, motion, up, free, inertial, rest, R, balance, feet, slid, out, smoothed)
 
 

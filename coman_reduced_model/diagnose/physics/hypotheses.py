@@ -15,6 +15,7 @@ from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.com_offset import lever_plus
 from ...core.effects.unknown import LINKS, PLAN, About, Change, Unknown, columns_minus, world_plus
 from ...core.effects.wrench_bias import wrench_minus
+from ..data.computed import not_shown
 from ..data.recording import WRENCH, Recording
 from ..data.world import World
 
@@ -80,7 +81,9 @@ def unknowns(recording: Recording, world: World, nominal: Nominal | None = None)
         line, k = _LINE.get(unknown.effect, last)
         return line, places.get(unknown.where, len(places)), k
 
-    found = sorted((each for effect in CATALOGUE.values() for each in effect.unknowns(about)), key=order)
+    hidden = not_shown(about.efforts) if recording.computed else ()
+    shown = [effect for name, effect in CATALOGUE.items() if name not in hidden]
+    found = sorted((each for effect in shown for each in effect.unknowns(about)), key=order)
     scatter: dict[str, list[Unknown]] = {}
     for beside, each in _scatter(recording, about):
         scatter.setdefault(beside, []).append(each)
