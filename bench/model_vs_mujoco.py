@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 import time
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -49,8 +50,16 @@ class Replay:
         return q, qd
 
 
-def main() -> None:
-    gait = sys.argv[1] if len(sys.argv) > 1 else "test1"
+class Compared(NamedTuple):
+    """A walk by all models: errors (n, 3) [m] of the COM, CPU time of each step [s], and the simulation."""
+
+    errors: dict[str, list[np.ndarray]]
+    seconds: dict[str, list[float]]
+    physics: mujoco.MjModel
+
+
+def compared(gait: str) -> Compared:
+    """Errors and costs on a shipped walk."""
     plain = Config().replaced({"prediction.horizons": []})
     recording = read_recording(bag_path(gait), plain)
     models = {n: Predictor(recording.robot, plain.replaced({"model.trunk_rotation": e})) for n, e in MODELS.items()}
@@ -90,7 +99,13 @@ def main() -> None:
         com = (data.subtree_com[0] - sole.xpos) @ sole.xmat.reshape(3, 3)
         errors["MuJoCo"].append(made.measured_com - com)
         errors["rigid robot"].append(made.measured_com - made.reference_com)
+    return Compared(errors, seconds, physics)
 
+
+def main() -> None:
+    gait = sys.argv[1] if len(sys.argv) > 1 else "test1"
+    errors, seconds, physics = compared(gait)
+    dt = physics.opt.timestep
     cost = {name: float(np.median(values)) for name, values in seconds.items()}
     one, full = cost["MuJoCo"], cost["MuJoCo"] * 0.005 / dt
     cost["MuJoCo"] = full

@@ -2,13 +2,14 @@
 """Write the figures of the documentation, doc/results/PAGE.md: each with its command, commit and machine.
 
     python bench/results.py                          # all pages; some two hours
-    python bench/results.py free_run update          # these pages; free_run takes some two minutes
+    python bench/results.py free_run update          # these pages; free_run takes some ten minutes
     python bench/results.py --list
 
 `judge`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED
 names; they are written only when they are named, as are `fuzz` and `soak`, runs of long tests. A page holds what a
 command prints, or a table made of what it writes.
-`free_run` also writes the table of the README and the picture beside it. Recordings that are not part of the
+`free_run` also writes the table of the README and the picture beside it; WORLDS_MADE is a folder of recordings of its
+worlds, which are made if they are not there. Recordings that are not part of the
 project are read from ../shared, or --shared DIR; a page says which of them it went without.
 """
 
@@ -26,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib.metadata import version
@@ -34,8 +36,6 @@ from typing import Any
 
 import fire
 from markdown import AXES, honest_line, millimetres, table, trimmed, value, write_into_readme
-
-from coman_reduced_model.core.evaluation.baselines import best_baseline
 
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
@@ -64,6 +64,7 @@ RECORDINGS = (
 )
 PENDULUM = Recording("real iCub walking, no motor encoders", "real/icub_walk", "config/icub.yaml", shared=True)
 PICTURE_BAG = "bags/test2"
+GAITS = ("test1", "test2")  # of the first recordings, which the full simulation repeats
 GROWTH = "doc/results/offline_growth.png"
 
 
@@ -125,73 +126,55 @@ def machine() -> str:
 
 
 def free_run(shared: Path) -> tuple[str, str]:
-    """Errors and skills of each recording; also the table of the README and the picture."""
-    rows, phases, missing = [], [], []
-    ahead: list[list[str]] = []
-    alone: list[list[str]] = []
-    within: list[list[str]] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for number, recording in enumerate((*RECORDINGS, PENDULUM)):
-            root = shared if recording.shared else ROOT
-            if not (root / recording.path).exists():
-                missing.append(recording.path)
-                continue
-            config = root / recording.config if (root / recording.config).exists() else ROOT / recording.config
-            out = Path(folder) / str(number)
-            default = predict(root / recording.path, config, out / "default")
-            bag = f"`{recording.path}`"
-            of_model = {h: skills_of_model(by) for h, by in default["horizon_rmse_m"].items()}
-            shares = {h: {axis: 100.0 * part[axis] for axis in AXES} for h, part in default["within_90"].items()}
-            for target, by in ((ahead, default["skill"]), (alone, of_model), (within, shares)):
-                cells = (", ".join(value(by[h][axis]) for h in by) for axis in AXES)
-                target.append([recording.title, *cells])
-            if recording is PENDULUM:
-                continue
-            paper = predict(root / recording.path, config, out / "paper", "model.trunk_rotation=without")
-            errors = (default["rmse_rigid_m"], paper["rmse_m"], default["rmse_m"])
-            rows.append([recording.title, bag, *(millimetres(each) for each in errors)])
-            for phase, by in default["by_phase"].items():
-                if by.get("samples"):
-                    phases.append([
-                        recording.title, phase.lower(), str(by["samples"]), millimetres(by["rmse_rigid_m"]),
-                        millimetres(by["rmse_m"]),
-                    ])  # fmt: skip
-            if recording.path == PICTURE_BAG:
-                draw(out / "default", out / "paper", DOC / "results" / "free_run.png")
-    head = ["recording", "bag", "rigid robot", "the paper's model", "the default model"]
-    write_into_readme(ROOT / "README.md", "free_run", table([head[0], *head[2:]], [[row[0], *row[2:]] for row in rows]))
+    """Errors and skills of recordings and worlds; also the table of the README and the picture."""
+    import numpy as np
+    from free_run import KINDS, WORLDS, by_phase, figures, in_world, mm, tables
+    from model_vs_mujoco import compared
+    from picture import draw
+
+    from coman_reduced_model import load_config
+
+    jobs, missing, names = [], [], (*KINDS, *WORLDS)
+    for recording in (*RECORDINGS, PENDULUM):
+        root = shared if recording.shared else ROOT
+        if not (root / recording.path).exists():
+            missing.append(recording.path)
+            continue
+        config = root / recording.config if (root / recording.config).exists() else ROOT / recording.config
+        jobs.append((recording.title, root / recording.path, load_config(config)))
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor() as pool:
+        made = Path(os.environ.get("WORLDS_MADE", folder))
+        of_recordings = [pool.submit(figures, *job) for job in jobs]
+        of_worlds = [pool.submit(in_world, name, made) for name in names]
+        for variant, change in (("default", ()), ("paper", ("model.trunk_rotation=without",))):
+            predict(ROOT / PICTURE_BAG, ROOT / "config/coman.yaml", Path(folder) / variant, *change)
+        draw(Path(folder) / "default", Path(folder) / "paper", DOC / "results" / "free_run.png")
+        full = [np.sqrt(np.nanmean(np.square(compared(gait).errors["MuJoCo"]), axis=0)) for gait in GAITS]
+        rows, walks = [each.result() for each in of_recordings], [each.result() for each in of_worlds]
+    for row, error in zip(rows, full, strict=False):
+        row.full = error
+    recorded = [row for row in rows if row.title != PENDULUM.title]
+    rows += [walk for walk in walks if walk is not None]
+    fallen = [name for name, walk in zip(names, walks, strict=True) if walk is None]
+    short = [[row.title, mm(row.rigid), mm(row.paper), mm(row.default)] for row in recorded]
+    head = ["recording", "rigid robot", "the paper's model", "the default model"]
+    write_into_readme(ROOT / "README.md", "free_run", table(head, short))
     parts = [
-        "Constants are those of the data sheet; nothing is tuned. The free run restarts from the measurement at each "
-        "touchdown. Rigid robot: the COM is where the motors, without springs, would put it.",
-        "## Free run",
-        "RMS of measured minus predicted COM over the whole recording, x, y, z [mm]:",
-        table(head, rows),
+        "Constants are those of the data sheets; nothing is tuned. The free run restarts from the measurement at each "
+        "touchdown. Rigid robot: the COM is where the motors, without springs, would put it. Only virtual robots "
+        f"hold a plan with a preview. {PENDULUM.title}: the filtered pendulum of `prediction.reference: none`, as in "
+        "worlds without motors; no rigid robot among the baselines.",
+        "Kinds of [worlds](../worlds.md) are the plain virtual robot but for that; `world SEED` are worlds drawn by "
+        "seed, on which nothing was chosen.",
+        *tables(rows),
         "## Free run by support phase",
-        "The same, of the default model:",
-        table(["recording", "phase", "samples", "rigid robot", "the default model"], phases),
-        "## Ahead of time",
-        "What is published 0.1, 0.2 and 0.4 s ahead, of whole recordings. Skill: 1 - RMSE / RMSE of the best baseline "
-        "(rigid robot whose motors go on as announced or at their speed, the same with the present deflection, "
-        "persistence, standing still, LIPM). 1 is perfect, 0 as good as the best baseline, below 0 worse. Only the "
-        "bags of the virtual robot hold a plan with a preview.",
-        f"{PENDULUM.title}: the filtered pendulum of `prediction.reference: none`; no rigid robot among the baselines.",
-        table(["recording", *AXES], ahead),
-        "The same of the model alone, without the blend:",
-        table(["recording", *AXES], alone),
-        "Share of what is published that is within its 90 % interval [%]:",
-        table(["recording", *AXES], within),
+        by_phase(recorded),
     ]
+    if fallen:
+        parts.append(f"Left out, for the robot falls: {', '.join(fallen)}.")
     if missing:
         parts.append(f"Not at hand: {', '.join(f'`{path}`' for path in missing)}.")
     return "Free run and predictions ahead", "\n\n".join(parts)
-
-
-def skills_of_model(errors: dict[str, Any]) -> dict[str, float]:
-    """Skill of the model alone by axis, from RMSE by predictor and axis."""
-    return {
-        axis: 1.0 - errors["model"][axis] / best_baseline({name: by[axis] for name, by in errors.items()})[0]
-        for axis in AXES
-    }
 
 
 def predict(bag: Path, config: Path, out: Path, *changes: str) -> dict[str, Any]:
@@ -199,57 +182,6 @@ def predict(bag: Path, config: Path, out: Path, *changes: str) -> dict[str, Any]
     out.parent.mkdir(exist_ok=True)
     settings = [option for change in changes for option in ("--set", change)]
     return dict(json.loads(run([*COMAN, "predict", bag, "--config", config, "--out", out, "--json", *settings])))
-
-
-def draw(default: Path, paper: Path, target: Path) -> None:
-    """What springs do to the COM, and what the models say of it: 4 s in mid-walk, deflection from the motors' COM."""
-    import numpy as np
-    from matplotlib.figure import Figure
-
-    curves = {}
-    for name, folder in (("default", default), ("paper", paper)):
-        curves[name] = deflections(folder / "predictions")
-    figure = Figure((9.0, 4.2), layout="constrained")
-    axes = figure.subplots(2, 1, sharex=True)
-    for axis, column, direction in zip(axes, (0, 2), ("fore-aft x", "vertical z"), strict=True):
-        times, measured, predicted = curves["default"]
-        shown = (times > 4.0) & (times < 8.0)
-        axis.plot(times[shown], measured[shown, column], color="#1a1c21", linewidth=1.8, label="measured")
-        axis.plot(times[shown], predicted[shown, column], "--", color="#d55e00", linewidth=1.6, label="default model")
-        times, _, predicted = curves["paper"]
-        shown = (times > 4.0) & (times < 8.0)
-        axis.plot(
-            times[shown], predicted[shown, column], ":", color="#0072b2", linewidth=1.4, label="the paper's model"
-        )
-        axis.axhline(0.0, color="#5b606b", linewidth=0.8, label="rigid robot")
-        axis.set_ylabel(f"{direction} [mm]")
-        axis.grid(color="#d9dce3", linewidth=0.6)
-    limit = np.nanmax(np.abs(measured[:, 0]))
-    axes[0].set_ylim(-2.2 * limit, 2.2 * limit)
-    axes[1].set_xlabel("time [s]")
-    axes[0].legend(ncols=4, fontsize="small", loc="upper center")
-    figure.suptitle("COM against where the motors, without springs, would put it (bags/test2)", fontsize="medium")
-    figure.savefig(target, dpi=110, metadata={"Software": None})
-
-
-def deflections(bag: Path) -> tuple[Any, Any, Any]:
-    """Time (n,) [s], measured and predicted minus reference COM (n, 3) [mm] of a bag of predictions."""
-    import numpy as np
-    from rosbags.highlevel import AnyReader
-
-    times, measured, predicted = [], [], []
-    with AnyReader([bag]) as reader:
-        chosen = [connection for connection in reader.connections if connection.topic == "/com/prediction"]
-        for connection, stamp, raw in reader.messages(chosen):
-            message = reader.deserialize(raw, connection.msgtype)
-            reference, found, said = (
-                np.array([point.x, point.y, point.z])
-                for point in (message.reference_position, message.measured_position, message.predicted_position)
-            )
-            times.append(stamp)
-            measured.append(1e3 * (found - reference))
-            predicted.append(1e3 * (said - reference))
-    return (np.array(times) - times[0]) * 1e-9, np.array(measured), np.array(predicted)
 
 
 # --- options of the model, on three virtual robots ---
