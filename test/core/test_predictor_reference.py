@@ -10,8 +10,11 @@ import pytest
 from predictor_tools import CONFIG, ROBOT, T0, WEIGHT, column, motor, run, sample
 from robots import bent
 
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Flags, Foot, Phase, Reference, Sample
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.resources import bag_path
 
 # --- sources of the reference ---
 
@@ -127,3 +130,16 @@ def test_predictions_own_their_arrays():
         np.testing.assert_array_equal(p.measured_com, measured)
         np.testing.assert_array_equal(p.predicted_com, predicted)
         np.testing.assert_array_equal(p.reference_com, reference)
+
+
+def test_predictions_ahead_start_from_the_estimate():
+    """A COM that keeps its velocity: that of the estimate is nearer to what comes than that of the encoders."""
+    h, ahead, errors = 0.1, 20, []
+    with Session(bag_path("test1"), Config().replaced({"prediction.horizons": [h]})) as session:
+        made = list(session.predictions())
+    for now, then in zip(made, made[ahead:], strict=False):
+        if now.frame_id == then.frame_id and abs(then.stamp_ns - now.stamp_ns - h * 1e9) < 1e6:
+            errors.append(now.measured_com + h * now.measured_com_vel - then.measured_com)
+    from_encoders = np.sqrt(np.nanmean(np.square(errors), axis=0))
+    from_the_estimate = session.pipeline.judge.rmse()["0.1"]["persistence"]
+    assert (from_the_estimate < 0.9 * from_encoders).all()
