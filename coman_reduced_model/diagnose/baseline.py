@@ -92,7 +92,7 @@ def baseline(
     cases = []
     for i, each in enumerate(checked.train):
         report(READ + (1.0 - READ) * i / len(bags), f"learning from {each[0].name}")
-        cases.append(examine(each, known, nothing))
+        cases.append(examine(each, known, nothing, nominal=population))
     return of_cases(cases, population)
 
 

@@ -4,7 +4,8 @@
     coman judge --seeds 0:120 --out RUN --no-oracle         # or only the bags of a run
     python -m coman_reduced_model.judge.learn RUN... --out config/nominal.yaml --jobs 2
 
-1. How much nominal robots vary, from the clean cases (expectation maximisation, diagnose/inference/variability.py).
+1. How much nominal robots vary, from the clean cases (expectation maximisation, diagnose/inference/variability.py), and
+   what the laws leave on them that repeats with each stride. --keep-widths: as in the file that ships.
 2. What the laws leave on them, and the first comparison of explanations of every case, with these widths.
 3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
 4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
@@ -18,7 +19,7 @@ import argparse
 import json
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +34,7 @@ from ..core.base.types import Array
 from ..core.config.files import load_config
 from ..diagnose.baseline import baseline
 from ..diagnose.data.reading import read_bags
-from ..diagnose.inference.case import examine
+from ..diagnose.inference.case import Case, evidence_of, examine, with_known
 from ..diagnose.inference.case_cache import CaseCache
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.compare import compare
@@ -42,8 +43,10 @@ from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.evidence import Evidence
 from ..diagnose.inference.explanation import UNKNOWN, by_law, features
 from ..diagnose.inference.finding import Finding
+from ..diagnose.inference.floor import law_of, unit_of
+from ..diagnose.inference.noise import repeated
 from ..diagnose.inference.search import rivals_of
-from ..diagnose.inference.variability import learn_widths
+from ..diagnose.inference.variability import adapted, learn_widths
 from ..diagnose.physics.hypotheses import candidates, unknowns
 from ..errors import ComanError
 from .cases import BAGS
@@ -87,20 +90,44 @@ def checked_case(bags: Path) -> Checked:
     return check_recordings(readings, 1, config, [])
 
 
-def linear_evidence(bags: Path, stored: Path) -> list[Evidence] | None:
-    """Evidence of each recording of a case, linear about nominal; kept in a file."""
+def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[Evidence], dict[str, float]] | None:
+    """Evidence of each recording of a clean case, linear about nominal, and its `repeats`; kept in a file."""
     if not stored.is_file():
         try:
             checked = checked_case(bags)
         except ComanError:
             return None
         recordings = [*checked.train, *checked.select, *checked.confirm]
-        known = unknowns(recordings[0][0], recordings[0][1])
-        evidence = [examine(each, known, np.zeros(len(known))).evidence for each in recordings]
+        known = unknowns(recordings[0][0], recordings[0][1], nominal)
+        cases = [examine(each, known, np.zeros(len(known)), nominal=nominal) for each in recordings]
         light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
-        stored.write_bytes(pickle.dumps([replace(each, unknowns=light) for each in evidence]))
-    found: list[Evidence] = pickle.loads(stored.read_bytes())
+        evidence = [replace(case.evidence, unknowns=light) for case in cases]
+        stored.write_bytes(pickle.dumps((evidence, repeats(cases, nominal))))
+    found: tuple[list[Evidence], dict[str, float]] = pickle.loads(stored.read_bytes())
     return found
+
+
+def repeats(cases: Sequence[Case], nominal: Nominal) -> dict[str, float]:
+    """By law, what repeats with each stride although all that varies on nominal robots is fitted; see `unit_of`."""
+    known = adapted([case.evidence for case in cases], nominal)
+    cases = [with_known(case, known) for case in cases]
+    fit = evidence_of(cases).fit()
+    squares: dict[str, list[float]] = {}
+    for case in cases:
+        world = case.state.world
+        weight = world.robot.mass * world.gravity
+        for key, left in case.left(case.own(fit, [])).items():
+            law = law_of(key)
+            value = repeated(left, case.problem.stride.get(key)) / unit_of(law, weight, world.gravity)
+            squares.setdefault(law, []).append(value**2)
+    return {law: float(np.sqrt(np.mean(values))) for law, values in squares.items()}
+
+
+def learn_repeats(robots: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Of the `repeats` of clean robots, the median by law."""
+    laws = sorted({law for each in robots for law in each})
+    medians = {law: float(np.median([each[law] for each in robots if law in each])) for law in laws}
+    return {law: value for law, value in medians.items() if value > 0.0}
 
 
 def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[str, Any]] | None:
@@ -267,15 +294,16 @@ def cases_of(run: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def learn(runs: Sequence[Path], nominal: Nominal, jobs: int) -> tuple[Nominal, list[Example], list[Example]]:
+def learn(
+    runs: Sequence[Path], nominal: Nominal, jobs: int, keep_widths: bool = False
+) -> tuple[Nominal, list[Example], list[Example]]:
     """A new record of nominal variability, the examples that it was learnt from, and those with baselines."""
     cases = [(run, name, answer) for run in runs for name, answer in cases_of(run).items()]
     for run in runs:
         (run / "learn").mkdir(exist_ok=True)
     with ProcessPoolExecutor(jobs) as pool:
-        clean = [(run / "bags" / name, run / "learn" / f"{name}.pkl") for run, name, a in cases if a["kind"] == "clean"]
-        evidence = [each for each in pool.map(linear_evidence, *zip(*clean, strict=True)) if each]
-        nominal = replace(nominal, widths=learn_widths(evidence, replace(nominal, widths=nominal.sheets)))
+        if not keep_widths:
+            nominal = _with_widths(nominal, cases, pool)
         places = [(run / "bags" / name, run / "learn" / f"{name}.json") for run, name, _ in cases]
         found = list(pool.map(partial(first_comparison, nominal=nominal), *zip(*places, strict=True)))
         examples = [Example(a, nominal, rows) for (_, _, a), rows in zip(cases, found, strict=True) if rows]
@@ -290,11 +318,23 @@ def learn(runs: Sequence[Path], nominal: Nominal, jobs: int) -> tuple[Nominal, l
     baselines = [Example(a, *each) for (_, _, a), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
     source = {
-        "commit": commit(), "robots": len(evidence), "cases": len(examples), "baselines": len(baselines),
-        "seeds": [seeds[0], seeds[-1]],
+        "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]],
+        "widths": nominal.source.get("widths", {}), "with_baseline": nominal.source.get("with_baseline", {}),
     }  # fmt: skip
     nominal = replace(nominal, source=source, **_decisions(examples))
-    return replace(nominal, with_baseline=_decisions(baselines) if baselines else {}), examples, baselines
+    if baselines:
+        source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
+        nominal = replace(nominal, source=source, with_baseline=_decisions(baselines))
+    return nominal, examples, baselines
+
+
+def _with_widths(nominal: Nominal, cases: Sequence[tuple[Path, str, Mapping[str, Any]]], pool: Executor) -> Nominal:
+    """How much the clean robots vary, and what the laws leave on them."""
+    clean = [(run / "bags" / name, run / "learn" / f"{name}.pkl") for run, name, a in cases if a["kind"] == "clean"]
+    found = [each for each in pool.map(partial(linear_evidence, nominal=nominal), *zip(*clean, strict=True)) if each]
+    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(found)}}
+    widths = learn_widths([evidence for evidence, _ in found], replace(nominal, widths=nominal.sheets))
+    return replace(nominal, source=source, widths=widths, repeats=learn_repeats([each for _, each in found]))
 
 
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
@@ -309,8 +349,10 @@ def main() -> None:
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--keep-widths", action="store_true", help="learn only the weights, and what the laws leave")
     asked = parser.parse_args()
-    nominal, *several = learn([run.absolute() for run in asked.runs], load_nominal(), asked.jobs)
+    runs = [run.absolute() for run in asked.runs]
+    nominal, *several = learn(runs, load_nominal(), asked.jobs, asked.keep_widths)
     asked.out.write_text(header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
     for title, examples in zip(("population", "with a baseline"), several, strict=True):
         found = list(left_out(examples))
@@ -327,6 +369,8 @@ def header() -> str:
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most.
+# repeats: by law, what it leaves that repeats with each stride, in the median. In weights for N, weights times m for
+#     Nm, mass times m/s for Ns, else SI.
 # leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm.
 # decision: weights by which an effect is named, with recordings that help to choose and alone. with_baseline: the same
 #     where the robot's own baseline is known.

@@ -16,6 +16,7 @@ from coman_reduced_model.judge.learn import (
     interval_factor,
     learn_decision,
     learn_leftover,
+    learn_repeats,
     outcome,
     summary,
 )
@@ -65,6 +66,11 @@ def test_without_selecting_recordings_their_evidence_has_no_weight(examples):
 def test_what_laws_leave_is_learnt_from_clean_robots_alone(examples):
     median, scatter = learn_leftover(examples)["spring|single"]
     assert median == pytest.approx(1.0, rel=0.25) and 0.15 <= scatter < 0.6
+
+
+def test_what_repeats_is_the_median_of_clean_robots():
+    robots = [{"spring|any": 1e-4, "torque|any": 0.0}, {"spring|any": 2e-4, "torque|any": 0.0}, {"spring|any": 1.0}]
+    assert learn_repeats(robots) == {"spring|any": 2e-4}
 
 
 def test_intervals_become_as_long_as_they_must_be():

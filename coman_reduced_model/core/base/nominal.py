@@ -18,8 +18,8 @@ from ...errors import ConfigError
 from ...resources import config_path
 
 SECTIONS = (
-    "source", "widths", "sheets", "most", "leftover", "decision", "interval_factor", "with_baseline", "parameters",
-    "monitor",
+    "source", "widths", "sheets", "most", "repeats", "leftover", "decision", "interval_factor", "with_baseline",
+    "parameters", "monitor",
 )  # fmt: skip
 
 
@@ -32,6 +32,8 @@ class Nominal:
         sheets: by the same names, by data sheets and what is common: where learning begins, and what it shrinks to.
         most: by the same names, what physics allows at most.
         source: where the figures come from.
+        repeats: by law, what it leaves on nominal robots that repeats with each stride, in the median. In weights for
+            N, weights times m for Nm, mass times m/s for Ns, else SI.
         leftover: by law and kind of support (`spring|single`), median, and standard deviation of the logarithm, of what
             the laws leave on nominal robots [noise floors].
         decision: weights of the features by which an effect is named (diagnose/inference/decide.py).
@@ -45,6 +47,7 @@ class Nominal:
     sheets: Mapping[str, float] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
+    repeats: Mapping[str, float] = field(default_factory=dict)
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     interval_factor: float = 1.0
@@ -105,6 +108,7 @@ def _load(path: str) -> Nominal:
             sheets={name: float(value) for name, value in (document.get("sheets") or {}).items()},
             most={name: float(value) for name, value in (document.get("most") or {}).items()},
             source=document.get("source") or {},
+            repeats={name: float(value) for name, value in (document.get("repeats") or {}).items()},
             leftover={k: (float(a), float(b)) for k, (a, b) in (document.get("leftover") or {}).items()},
             decision={
                 name: {key: float(value) for key, value in weights.items()}

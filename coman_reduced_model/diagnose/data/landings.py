@@ -12,13 +12,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ...core.base.types import Array, Booleans, Foot, Integers, Phase
 from ...core.effects.foot_slip import SLIPS_TO, glide
 from .recording import FEET, RATE, Recording
+from .strides import SWING_S
 from .world import World
 
 CONTACT_S = 0.06  # [s] around a change of contact where the balance is left out: rigid bodies do not explain impacts
 _BLOW, _BESIDE = 3, 2  # samples that a blow lasts at most, and before and after it, where the load is felt
 _LANDING_S = 0.16  # [s] after a foot has touched the ground until its blow is over: its edge may touch long before
 _SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be seen
-_SWING_S = 0.15  # [s] in the air, after which a foot lands: else it only chatters
 _LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
 _SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
 _SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
@@ -88,7 +88,7 @@ def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
         return out
     for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
         end = min(i + round(_LANDING_S * RATE), leaves)
-        if i - left >= _SWING_S * RATE and recording.valid[i - 1 : end].all():
+        if i - left >= SWING_S * RATE and recording.valid[i - 1 : end].all():
             out[tick] = blow(recording.wrench[landed][i:end, 2])
     # A blow that comes after the next foot has left is not seen: most landings decide, if they are alike.
     seen = np.flatnonzero(np.isfinite(out))

@@ -13,6 +13,7 @@ from ...core.base.types import Array, Booleans, Foot, Integers, Phase
 from .landings import CONTACT_S, Slide, blows, usual_slides
 from .recording import RATE, Recording
 from .signals import SMOOTHING, lagged, smooth
+from .strides import in_stride
 from .world import World
 
 TICKS = 25.0  # [Hz] at which residuals are looked at
@@ -41,6 +42,7 @@ class Masks:
     slides: tuple[Slide, ...]  # landings that show whether the foot slides
     blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
+    stride: Array  # (m,) strides so far
     staggers: bool = False  # nearly always on the edge of a foot
 
 
@@ -73,7 +75,10 @@ def masks(recording: Recording, world: World) -> Masks:
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
     blow, taken_up = blows(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
     slides = usual_slides(recording, ticks, world)
-    return Masks(ticks, steady[ticks], ~gap[ticks], air, double, touchdown, share, segment, slides, blow, taken_up)
+    stride = in_stride(phase, RATE)[ticks]
+    return Masks(
+        ticks, steady[ticks], ~gap[ticks], air, double, touchdown, share, segment, slides, blow, taken_up, stride
+    )  # fmt: skip
 
 
 def supports(channel: str) -> tuple[str, ...]:

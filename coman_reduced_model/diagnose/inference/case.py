@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...core.base.nominal import Nominal, load_nominal
 from ...core.base.types import Array
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE, Effect
@@ -31,7 +32,7 @@ from .evidence import (
     shifts_of,
     weigh,
 )
-from .floor import floor
+from .floor import floor, unit_of
 from .noise import Noise
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
@@ -131,12 +132,18 @@ def with_known(case: Case, known: list[Unknown]) -> Case:
 
 
 def examine(
-    prepared: Prepared, known: list[Unknown], at: Array, like: Case | None = None, fresh: Sequence[int] | None = None
+    prepared: Prepared,
+    known: list[Unknown],
+    at: Array,
+    like: Case | None = None,
+    fresh: Sequence[int] | None = None,
+    nominal: Nominal | None = None,
 ) -> Case:
     """Evidence of a recording, linear around deviations `at` (P,) of the parameters from nominal.
 
     With a case `like` it and some parameters that are `fresh`, only the derivatives by these are computed again, and
-    its noise is where that of this case begins.
+    its noise is where that of this case begins. What repeats at least is that of `like`, or of `nominal` robots, by
+    default of the shipped population.
     """
     recording, world, where = prepared
     near = like if fresh is not None else None
@@ -144,7 +151,8 @@ def examine(
         base = like.reference
     else:
         base = reference(recording, world, where, known, at)
-    problem = assemble(base, where, known, at, near.problem if near else None, fresh or ())
+    misfit = like.problem.misfit if like else _misfit(nominal or load_nominal(), world)
+    problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), misfit)
     evidence, noise, _ = weigh(problem, at, near.noise if near else None)
     if near:
         return Case(near.recording, where, near.state, problem, evidence, noise, base, near.floor)
@@ -152,3 +160,9 @@ def examine(
     masked = with_taken_up(where, recording, moved, world)
     state = evaluate(moved, world, masked) if at.any() else base.measured
     return Case(recording, masked, state, problem, evidence, noise, base, like.floor if like else None)
+
+
+def _misfit(nominal: Nominal, world: World) -> dict[str, float]:
+    """By law, what nominal robots leave that repeats with each stride [SI], for a robot of this weight."""
+    weight = world.robot.mass * world.gravity
+    return {law: value * unit_of(law, weight, world.gravity) for law, value in nominal.repeats.items()}

@@ -31,7 +31,7 @@ class CaseCache:
         self.train, self.hold, self.nominal = train, hold, nominal or load_nominal()
         population = unknowns(train[0][0], train[0][1], self.nominal)
         prepared = [*train, *hold]
-        first = [examine(each, population, np.zeros(len(population))) for each in prepared]
+        first = [examine(each, population, np.zeros(len(population)), nominal=self.nominal) for each in prepared]
         self.known = adapted([case.evidence for case in first], self.nominal)
         cases = [with_known(case, self.known) for case in first]
         self.converged: dict[tuple[Any, ...], Array] = {}

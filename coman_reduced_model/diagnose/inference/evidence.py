@@ -10,8 +10,8 @@ knee's stiffness with both legs', a mass with a sensor's gain) thereby counts ag
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 
@@ -27,7 +27,19 @@ from ..data.signals import without_noise
 from ..data.world import World
 from ..physics.balance import State, balanced, evaluate
 from ..physics.hypotheses import Candidate
-from .noise import ORDER, Noise, first_guess, free_of_offsets, mean_offset, no_less, whiten, yule_walker
+from .floor import law_of
+from .noise import (
+    ORDER,
+    Noise,
+    first_guess,
+    free_of_offsets,
+    free_of_repeats,
+    mean_offset,
+    no_less,
+    repeated,
+    whiten,
+    yule_walker,
+)
 
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
@@ -52,6 +64,8 @@ class Problem:
     pieces: dict[str, Integers]
     times: dict[str, Integers]
     resolution: dict[str, float]  # by channel, what one count of an encoder is
+    stride: dict[str, Array] = field(default_factory=dict)  # by group (n,), strides so far
+    misfit: Mapping[str, float] = field(default_factory=dict)  # by law, what repeats at least [SI]
 
 
 @dataclass(frozen=True)
@@ -93,6 +107,7 @@ def assemble(
     at: Array,
     like: Problem | None = None,
     fresh: Sequence[int] = (),
+    misfit: Mapping[str, float] | None = None,
 ) -> Problem:
     """Residuals under a hypothesis and, by difference quotients, what a unit of each unknown has put into them.
 
@@ -100,6 +115,7 @@ def assemble(
         reference: the recording; where: the ticks at which its residuals mean something.
         known: all unknowns; at: (P,) their deviations from nominal. Of those without one, what is usual is taken off.
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
+        misfit: by law, what nominal robots leave that repeats with each stride [SI].
     """
     usual = np.array([unknown.usual for unknown in known]) * (at == 0.0)
     rest = at - reference.shifts
@@ -139,7 +155,8 @@ def assemble(
             pieces[key] = alone[:1] if name in NEIGHBOURS else alone
     names, counts = reference.measured.world.robot.joint_names, reference.measured.recording.count
     resolution = {f"spring/{name}": float(count) for name, count in zip(names, counts, strict=True)}
-    return Problem(known, rows, columns, pieces, times, resolution)
+    stride = {key: where.stride[ticks] for key, ticks in times.items()}
+    return Problem(known, rows, columns, pieces, times, resolution, stride, misfit or {})
 
 
 @dataclass
@@ -234,6 +251,8 @@ def weigh(
         key: Noise(no_less(first_guess(row, problem.pieces[key]), key), resolution[key])
         for key, row in problem.rows.items()
     }
+    usual = {key: max(problem.misfit.get(law_of(key), 0.0), resolution[key]) for key in problem.rows}
+    noise = {key: replace(each, repeats=max(each.repeats, usual[key])) for key, each in noise.items()}
     for _ in range(ROUNDS_NEAR if like else ROUNDS):
         evidence = weighed(problem, at, noise)
         # Everything released: the noise must not hold what some unknown explains.
@@ -243,6 +262,7 @@ def weigh(
             key: Noise(
                 no_less(yule_walker(left, problem.pieces[key]), key),
                 max(resolution[key], mean_offset(left, problem.pieces[key])),
+                max(repeated(left, problem.stride.get(key)), usual[key]),
             )
             for key, left in remainder.items()
         }
@@ -258,6 +278,7 @@ def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
         stacked = np.column_stack([row, problem.columns[key][:, some]])
         white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
         white = free_of_offsets(white, problem.pieces[key], noise[key])
+        white = free_of_repeats(white, problem.stride.get(key), problem.pieces[key], noise[key])
         A, r = white[:, 1:], white[:, 0]
         gram[np.ix_(some, some)] += A.T @ A
         moment[some] += A.T @ r

@@ -11,6 +11,7 @@ import numpy as np
 from ...core.base.nominal import Nominal
 from ..physics.hypotheses import Candidate
 from .evidence import Fit
+from .floor import law_of
 
 MOST = 8.0  # what a feature counts at most: beyond, it is sure anyway
 UNKNOWN = "unknown"  # something that no effect of the catalogue explains
@@ -63,15 +64,6 @@ def features(
 def compressed(nats: float) -> float:
     """Evidence on a scale where much more of it hardly counts."""
     return float(np.arcsinh(0.5 * nats))
-
-
-def law_of(key: str) -> str:
-    """What the residuals of a group share on any robot: `spring|single` of `spring/LKneeSag|single`."""
-    channel, _, part = key.partition("|")
-    law, _, rest = channel.partition("/")
-    if law in ("spring", "torque"):
-        return f"{law}|{part}"
-    return f"{law}/{rest.rpartition('/')[2][0]}|{part}" if law == "unloaded" else f"{channel}|{part}"
 
 
 def by_law(leftover: Mapping[str, float]) -> dict[str, float]:

@@ -88,3 +88,20 @@ def _between(samples: Array, stride: int, n: int) -> Array:
         return samples
     at = np.arange(n) / stride
     return np.column_stack([np.interp(at, np.arange(len(samples)), column) for column in samples.T])
+
+
+def law_of(key: str) -> str:
+    """What the residuals of a group share on any robot: `spring|single` of `spring/LKneeSag|single`."""
+    channel, _, part = key.partition("|")
+    law, _, rest = channel.partition("/")
+    if law in ("spring", "torque"):
+        return f"{law}|{part}"
+    return f"{law}/{rest.rpartition('/')[2][0]}|{part}" if law == "unloaded" else f"{channel}|{part}"
+
+
+def unit_of(law: str, weight: float, gravity: float) -> float:
+    """What figures of a law are given in for robots of any size: weights, weights times m, mass times m/s; else SI."""
+    name = law.partition("|")[0]
+    if name == "landing/z":
+        return weight / gravity
+    return weight if name.startswith(("force", "moment", "torque", "unloaded")) else 1.0

@@ -15,17 +15,25 @@ from ...core.base.compiled import compiled
 from ...core.base.types import Array, Integers
 from ..data.masks import TICKS
 from ..data.signals import SMOOTHING
+from ..data.strides import repeating
 from .floor import least
 
 ORDER = 3  # of the autoregression
+RIDGE = 0.05  # where a stride has gaps
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Of one group of rows: autoregression (1 + ORDER,), and standard deviation of what a whole piece is off by."""
+    """Of one group of rows.
+
+    Attributes:
+        autoregression: (1 + ORDER,) standard deviation of the innovations, coefficients.
+        offset: standard deviation of what a whole piece is off by; repeats: of what repeats with each stride.
+    """
 
     autoregression: Array
     offset: float
+    repeats: float = 0.0
 
 
 def no_less(autoregression: Array, key: str) -> Array:
@@ -70,6 +78,37 @@ def _without_offsets(white: Array, one: Array, pieces: Integers, offset: float) 
             for j in range(white.shape[1]):
                 out[i, j] = white[i, j] - shrink * one[i] * common[j]
     return out
+
+
+def repeated(remainder: Array, stride: Array | None) -> float:
+    """Standard deviation of the part of a remainder (n,) that repeats with each stride, as `repeating` functions do.
+
+    By the product of what they find in strides of even and of odd number: what does not repeat has no part in it.
+    """
+    if stride is None or not np.isfinite(stride).all():
+        return 0.0
+    halves = [np.floor(stride) % 2 == parity for parity in (0, 1)]
+    if min(half.sum() for half in halves) < 2 * ORDER:
+        return 0.0
+    found = []
+    for half in halves:
+        A = repeating(stride[half])
+        found.append(np.linalg.solve(A.T @ A + RIDGE * len(A) * np.eye(A.shape[1]), A.T @ remainder[half]))
+    return float(np.sqrt(max(float(found[0] @ found[1]), 0.0)))
+
+
+def free_of_repeats(white: Array, stride: Array | None, pieces: Integers, noise: Noise) -> Array:
+    """Whitened rows (n, k) when something that the model misses repeats with each stride as well.
+
+    Many strides tell little more of an effect than one if the model is as far off in each of them.
+    """
+    if not noise.repeats or stride is None or not np.isfinite(stride).all():
+        return white
+    waves = repeating(stride)
+    scaled = whiten(waves * (noise.repeats / np.sqrt(waves.shape[1])), pieces, noise.autoregression)
+    scaled = free_of_offsets(scaled, pieces, noise)
+    U, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(white - (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ (U.T @ white))
 
 
 def first_guess(values: Array, pieces: Integers) -> Array:

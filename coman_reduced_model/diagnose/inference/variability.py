@@ -21,6 +21,7 @@ from .evidence import Evidence, pooled, prior_variance
 MEMBERS = 4  # of a width, from which on their median says how much a robot varies
 MEDIAN = 0.455  # of the square of a standard normal value
 LEAST = 0.4  # of the width of the population, that a robot varies at least
+TAILS = 2.0  # degrees of freedom of what no effect explains: in one robot of some it may be far off (an IMU's mounting)
 OUTLIER = 2.0  # widths, as which a robot that varies more counts: few whose sensors are off must not blind all others
 ROUNDS, POPULATION_ROUNDS = 4, 15
 ANCHOR = 4.0  # robots that the width of the data sheets is worth
@@ -57,7 +58,7 @@ def adapted(evidences: Sequence[Evidence], nominal: Nominal) -> list[Unknown]:
         nominal: the population.
     """
     known = list(evidences[0].unknowns)
-    groups = _alike(known)
+    groups, rare = _alike(known), _heavy_tailed(known, nominal)
     start = np.array([unknown.spread for unknown in known])
     for _ in range(ROUNDS):
         square, variance = squares([replace(each, unknowns=known) for each in evidences])
@@ -68,6 +69,11 @@ def adapted(evidences: Sequence[Evidence], nominal: Nominal) -> list[Unknown]:
                 name = known[i].widths["spread"]
                 most = nominal.most.get(name, np.inf) / nominal.widths[name]
                 known[i] = replace(known[i], spread=float(start[i]) * float(np.clip(factor, LEAST, max(most, 1.0))))
+        for members in rare.values():
+            total = float(np.sum((square[members] + variance[members]) / start[members] ** 2))
+            factor = float(np.sqrt((TAILS + total) / (TAILS + len(members))))
+            for i in members:
+                known[i] = replace(known[i], spread=float(start[i]) * max(factor, 1.0))
     return known
 
 
@@ -77,6 +83,18 @@ def _alike(known: Sequence[Unknown]) -> dict[str, list[int]]:
     for name, members in widths_of(known).items():
         groups.setdefault("zero" if name.startswith("zero_") else name, []).extend(members)
     return {name: members for name, members in groups.items() if len(members) >= MEMBERS}
+
+
+def _heavy_tailed(known: Sequence[Unknown], nominal: Nominal) -> dict[str, list[int]]:
+    """Indices of the few parameters of a width that no effect has, and to which data sheets set no bound."""
+    return {
+        name: members
+        for name, members in widths_of(known).items()
+        if len(members) < MEMBERS
+        and name not in nominal.most
+        and not name.startswith("zero_")
+        and not any(known[i].effect for i in members)
+    }
 
 
 def learn_widths(robots: Sequence[Sequence[Evidence]], nominal: Nominal) -> dict[str, float]:

@@ -49,7 +49,9 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
     finding = search(cache, assumed or None, progress)
     assert finding.fit is not None
     train, selecting = finding.before
-    nominal_cases = [examine(each, cache.known, train[0].evidence.at) for each in checked.confirm]
+    nominal_cases = [
+        examine(each, cache.known, train[0].evidence.at, nominal=cache.nominal) for each in checked.confirm
+    ]
     finding.before = train, [*selecting, *nominal_cases]
     confirming = [
         examine(each, cache.known, finding.at, case) for each, case in zip(checked.confirm, nominal_cases, strict=True)

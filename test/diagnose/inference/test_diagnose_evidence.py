@@ -14,9 +14,18 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from coman_reduced_model.diagnose.data.strides import repeating
 from coman_reduced_model.diagnose.inference.evidence import Evidence, Problem, prior_variance, scores, weigh
 from coman_reduced_model.diagnose.inference.floor import least
-from coman_reduced_model.diagnose.inference.noise import ORDER, Noise, free_of_offsets, whiten, yule_walker
+from coman_reduced_model.diagnose.inference.noise import (
+    ORDER,
+    Noise,
+    free_of_offsets,
+    free_of_repeats,
+    repeated,
+    whiten,
+    yule_walker,
+)
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
 ROWS = 40
@@ -123,6 +132,37 @@ def test_offsets_of_pieces_are_part_of_the_noise(seed, offset):
     for a, b in ((0, 9), (9, 30), (30, ROWS)):
         C[a:b, a:b] += offset**2 * np.outer(one[a:b], one[a:b])
     assert out.T @ out == pytest.approx(white.T @ np.linalg.solve(C, white), abs=1e-8)
+
+
+@few
+@given(seeds, st.floats(0.1, 5.0))
+def test_what_repeats_with_each_stride_is_part_of_the_noise(seed, repeats):
+    rng = np.random.default_rng(seed)
+    pieces, noise, stride = np.array([0]), np.array([0.7, 0.4, 0.0, 0.0]), np.arange(ROWS) / 13.0
+    white = rng.normal(size=(ROWS, 2))
+    out = free_of_repeats(white, stride, pieces, Noise(noise, 0.0, repeats))
+    waves = whiten(repeating(stride), pieces, noise)
+    C = np.eye(ROWS) + repeats**2 / waves.shape[1] * waves @ waves.T
+    assert out.T @ out == pytest.approx(white.T @ np.linalg.solve(C, white), abs=1e-6)
+
+
+def test_strides_without_end_say_no_more_than_one_where_the_model_is_off_in_each():
+    """An effect that has the form of what repeats is known no better than that, however long the robot walks."""
+    noise, information = np.array([1.0, 0.0, 0.0, 0.0]), []
+    for strides in (10, 1000):
+        stride = np.arange(25 * strides) / 25.0
+        column = np.cos(2.0 * np.pi * stride)[:, None]
+        white = free_of_repeats(column, stride, np.array([0]), Noise(noise, 0.0, 1.0))
+        information.append(float((white.T @ white)[0, 0]))
+    assert information[1] == pytest.approx(information[0], rel=0.1)
+
+
+def test_what_repeats_is_told_from_noise_that_does_not():
+    rng, stride = np.random.default_rng(5), np.arange(500) / 25.0
+    noise = rng.normal(size=len(stride))
+    assert repeated(noise, stride) < 0.3
+    assert repeated(noise + 2.0 * np.sin(2.0 * np.pi * stride), stride) == pytest.approx(np.sqrt(2.0), abs=0.3)
+    assert repeated(noise, np.full(len(stride), np.nan)) == 0.0  # it stands
 
 
 def problem(values, pieces) -> Problem:

@@ -65,6 +65,18 @@ def test_a_robot_whose_zeros_are_all_large_varies_more_but_one_large_zero_stands
     assert adapted(recordings(rng, 5.0, 1.0), POPULATION)[0].spread <= 0.5 + 1e-9  # no more than is plausible
 
 
+@pytest.mark.parametrize(("off", "least"), [(0.005, 1.0), (0.05, 4.0)])
+def test_an_imu_that_is_mounted_otherwise_widens_what_an_imu_may_be_off_by(off, least):
+    imu = [
+        replace(made_up("", 0.004, 0.004, where=axis), widths={"spread": "imu.spread"}) for axis in ("roll", "pitch")
+    ]
+    known, x = [*figures(), *imu], np.concatenate([np.zeros(2 * JOINTS), [off, 0.0]])
+    A = np.random.default_rng(3).normal(size=(200, len(known)))
+    one = Evidence(known, np.zeros(len(known)), 1e6 * A.T @ A, 1e6 * A.T @ A @ x, 1e6 * float(x @ A.T @ A @ x), 200)
+    found = adapted([one], replace(POPULATION, widths=POPULATION.widths | {"imu.spread": 0.004}))[-2:]
+    assert all(least * 0.004 <= each.spread <= 1.5 * off for each in found)
+
+
 def test_spreads_are_relative_to_what_their_parameter_says():
     (one,) = with_widths([replace(figures()[0], relative=3.0)], {"play.spread": 0.2})
     assert one.spread == pytest.approx(0.6)
