@@ -142,8 +142,8 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
         finally:
             if screen:
                 screen.stop()
+        robot = listener.report("virtual_robot: simulation").values  # time goes on for all of them
         nodes.stop()
-    robot = listener.report("virtual_robot: simulation").values
     model, rigid = view.rms_mm()
     if not view.count:
         print("no predictions were made")
