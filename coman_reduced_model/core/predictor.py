@@ -47,6 +47,7 @@ from .robot.robot import Robot
 
 _NAN2, _NAN3 = np.full(2, np.nan), np.full(3, np.nan)
 _IDENTITY = np.eye(4)
+SHORTEST_SWING = 0.1  # [s] a foot that is back on the ground so soon has made no step
 
 
 class Predictor:
@@ -149,7 +150,7 @@ class Predictor:
         self._phase = Phase.FLIGHT
         self._foot = Foot.NONE
         self._stance = Foot.NONE  # the foot of the last single support
-        self._steps = 0
+        self._steps, self._phase_time = 0, 0.0
         self._T_odom_sole = np.full((4, 4), np.nan)
 
     def reconfigure(self, config: Config) -> None:
@@ -337,7 +338,7 @@ class Predictor:
         state: Array | None = None,
         horizons: Array | None = None,
     ) -> Prediction:
-        self._stamp_ns = sample.stamp_ns
+        self._stamp_ns, self._phase_time = sample.stamp_ns, support.phase_time
         self._phase, self._foot, self._T_odom_sole = support.phase, support.support_foot, T_odom_sole
         if support.phase in (Phase.LEFT, Phase.RIGHT):
             self._stance = support.support_foot
@@ -365,6 +366,8 @@ class Predictor:
         """Whether a step ends at this sample: the swing foot lands, or stance changes without double support."""
         before, now = self._phase, support.phase
         if before == now or before not in (Phase.LEFT, Phase.RIGHT):
+            return False
+        if now == Phase.DOUBLE and self._phase_time < SHORTEST_SWING:  # it still swings from the lift-off
             return False
         self._steps += 1
         every = self.config.prediction.reset_every_steps
