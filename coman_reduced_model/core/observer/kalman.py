@@ -38,18 +38,14 @@ def advance(
         slow: (3, 3) covariance of n [m^2].
         tau: time constant of n [s].
     """
-    keep = np.exp(-dt / tau)
-    A = np.eye(SIZE)
+    keep, far, fast = np.exp(-dt / tau), 0.5 * dt * dt / mass, dt / mass
     for i in range(3):
-        A[C + i, V + i] = dt
-        A[C + i, F + i] = 0.5 * dt * dt / mass
-        A[V + i, F + i] = dt / mass
-        A[N + i, N + i] = keep
         push = force[i] / mass - (gravity if i == 2 else 0.0)
         x[C + i] += dt * x[V + i] + 0.5 * dt * dt * (push + x[F + i] / mass)
         x[V + i] += dt * (push + x[F + i] / mass)
         x[N + i] *= keep
-    P[:] = mul(mul(A, P), A.T.copy())
+    _lead(P, dt, far, fast, keep)
+    _lead(P.T, dt, far, fast, keep)
     for i in range(3):
         q = noise[0, i] / mass**2
         P[C + i, C + i] += q * dt**3 / 3.0
@@ -59,6 +55,16 @@ def advance(
         P[F + i, F + i] += noise[1, i] * dt
         for j in range(3):
             P[N + i, N + j] += (1.0 - keep * keep) * slow[i, j]
+
+
+@compiled
+def _lead(P: Array, dt: float, far: float, fast: float, keep: float) -> None:
+    """Multiply P by the matrix that leads from sample to sample, in place."""
+    for i in range(3):
+        for j in range(SIZE):
+            P[C + i, j] += dt * P[V + i, j] + far * P[F + i, j]
+            P[V + i, j] += fast * P[F + i, j]
+            P[N + i, j] *= keep
 
 
 @compiled

@@ -94,6 +94,17 @@ def test_without_a_wrench_nothing_is_estimated():
         assert np.isnan(p.estimate.com).all() and np.isnan(p.estimate.force).all()
 
 
+def test_after_a_wrench_that_is_not_finite_it_begins_again():
+    samples = iter(range(10_000))
+
+    def spoil(sample: Sample) -> None:
+        if next(samples) == 500 and sample.left_wrench is not None:
+            sample.left_wrench[:] = np.nan
+
+    known = [np.isfinite(p.estimate.force).all() for p in walk(spoil, seconds=4.0)]
+    assert 1 <= known.count(False) <= 5 and known[-1]
+
+
 def test_masses_and_zeros_of_encoders_are_in_the_covariance(plain):
     """A tenth of a millimetre is what the noise of the encoders alone would make."""
     sigma = np.sqrt(np.diag(plain[-1].estimate.covariance)[:3])

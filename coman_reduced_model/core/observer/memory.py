@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the observer does at one sample, compiled: the filter, and what it learns of its own noise."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.compiled import all_finite, apply, compiled, mul
+from ..base.types import Array
+from .kalman import SIZE, C, F, N, V, advance, correct, net_force, turned
+
+WALKS = (0.01, 0.3)  # of the weight: how far an external force wanders in the root of a second, least and most
+WANDERED, LEARNT = 0.05, 1.5  # [s] over which corrections of the force add up, and memory of what they add up to
+LASTS = 0.1  # [s] for which an error by a step of an encoder lasts
+FASTEST = 2.0  # [s] memory of the white noise
+LEAST = 1e-5  # [m] of white noise at least
+JUDGED = 2.0  # [s] memory of the NIS
+BEGINS, GOES_ON, CHANGES = 0, 1, 2  # at a sample: the filter begins, or goes on, by the same sole or by the other one
+ROWS = 21  # of what is known at a sample, as `take` fills it in
+
+
+class Memory(NamedTuple):
+    """What is remembered from sample to sample, axes of the support sole; views of one array by `memory_of`."""
+
+    x: Array  # (12,) state and
+    P: Array  # (12, 12) covariance, as in `kalman.py`
+    slow: Array  # (3, 3) covariance of what steps of encoders make of the measured COM [m^2]
+    constants: Array  # (3, 3) of what masses and zeros of encoders make of it [m^2]
+    past: Array  # (4, 3) measured COM, newest last [m]
+    white: Array  # (3,) its variance without what lasts [m^2], times the share of the memory that is known
+    walks: Array  # (3,) how the external force wanders [N^2 / s]
+    wandered: Array  # (3,) sum of the corrections of that force, fading [N]
+    force: Array  # (3,) of the ground at the last sample [N]
+    constant: Array  # (3,) variance of an external force by what is constant [N^2]
+    scalars: Array  # (3,) share of the memory of `white` that is known; mean NIS; NIS of the last sample [1]
+
+
+class Noise(NamedTuple):
+    """What does not change from sample to sample."""
+
+    mass: float  # [kg]
+    gravity: float  # [m/s^2]
+    force: float  # that neither sensors nor gains explain [N^2 s]
+    gain: float  # [1] spread of the gains of wrenches
+    delay: float  # [s] and of their delays
+
+
+SIZES = (SIZE, SIZE * SIZE, 9, 9, 12, 3, 3, 3, 3, 3, 3)  # of the fields of `Memory`
+
+
+@compiled
+def memory_of(block: Array) -> Memory:
+    """The views of an array as long as the sum of SIZES."""
+    P, at = block[SIZE : SIZE + SIZE * SIZE].reshape(SIZE, SIZE), SIZE + SIZE * SIZE
+    slow, constants, past = block[at : at + 9], block[at + 9 : at + 18], block[at + 18 : at + 30]
+    at += 30
+    return Memory(
+        block[:SIZE], P, slow.reshape(3, 3), constants.reshape(3, 3), past.reshape(4, 3), block[at : at + 3],
+        block[at + 3 : at + 6], block[at + 6 : at + 9], block[at + 9 : at + 12], block[at + 12 : at + 15],
+        block[at + 15 : at + 18],
+    )  # fmt: skip
+
+
+@compiled
+def take(
+    block: Array, noise: Noise, step: tuple[int, float], own: Array, other: Array, R: Array, R_other: Array,
+    com: Array, com_vel: Array, out: Array,
+) -> None:  # fmt: skip
+    """Bring the filter to a sample.
+
+    Args:
+        block: of `Memory`.
+        noise: constants.
+        step: BEGINS, GOES_ON or CHANGES, and the time since the last sample [s].
+        own, other: wrenches (6,) on the support foot and on the other one, in the axes of their soles.
+        R, R_other: (3, 3) orientations of these soles in the base frame.
+        com, com_vel: (3,) measured [m], [m/s].
+        out: (ROWS, 3), filled in: COM [m], velocity [m/s], external force [N]; covariances (3, 3) of the measured COM
+            and of the force, (6, 6) of COM and velocity.
+    """
+    memory, (what, dt) = memory_of(block), step
+    force = net_force(R, R_other, own, other)
+    if what == BEGINS:
+        _begin(memory, com, com_vel)
+    else:
+        if what == CHANGES:
+            _change(memory, R, R_other, com)
+        _follow(memory, noise, force, com, dt)
+    memory.force[:] = force
+    _write(memory, out)
+
+
+@compiled
+def _begin(memory: Memory, com: Array, com_vel: Array) -> None:
+    x, P = memory.x, memory.P
+    x[:], P[:], memory.past[:] = 0.0, 0.0, np.nan
+    x[C:V], x[V:F] = com, com_vel
+    P[C:V, C:V] = P[N:, N:] = memory.slow
+    for i in range(3):
+        P[V + i, V + i], P[F + i, F + i] = 0.05**2, memory.constant[i]
+
+
+@compiled
+def _change(memory: Memory, R: Array, R_other: Array, com: Array) -> None:
+    """The other sole is the support: what the encoders were believed to be off by stays as sure as it was."""
+    turn = mul(R.T.copy(), R_other.copy())
+    x, P = memory.x, memory.P
+    off = apply(turn, x[C:V] - memory.past[3])
+    x[:], P[:] = turned(x, P, turn)
+    if all_finite(off):
+        x[C:V] = com + off
+    x[N:] = 0.0
+    P[N:, :] = 0.0
+    P[:, N:] = 0.0
+    P[N:, N:] = memory.slow
+    P[C:V, C:V] += memory.slow
+    memory.past[:] = np.nan
+
+
+@compiled
+def _follow(memory: Memory, noise: Noise, force: Array, com: Array, dt: float) -> None:
+    """From the last sample to this one, at which the COM is measured."""
+    x, last, scalars = memory.x, memory.force, memory.scalars
+    mean, power = np.empty(3), np.empty((2, 3))
+    for i in range(3):
+        swing = force[i] - (noise.mass * noise.gravity if i == 2 else 0.0)
+        mean[i] = 0.5 * (force[i] + last[i])
+        power[0, i] = noise.force + LASTS * ((noise.gain * swing) ** 2 + (noise.delay * (force[i] - last[i]) / dt) ** 2)
+        power[1, i] = memory.walks[i]
+    advance(x, memory.P, mean, dt, noise.mass, noise.gravity, power, memory.slow, LASTS)
+    _learn_white(memory, com, dt)
+    before, white = x[F:N].copy(), np.zeros((3, 3))
+    for i in range(3):
+        white[i, i] = memory.white[i] / max(scalars[0], 1e-9) + LEAST**2
+    scalars[2] = correct(x, memory.P, com, white)
+    scalars[1] += (1.0 - np.exp(-dt / JUDGED)) * (scalars[2] - scalars[1])
+    _learn_walk(memory, x[F:N] - before, noise.mass * noise.gravity, dt)
+
+
+@compiled
+def _learn_white(memory: Memory, com: Array, dt: float) -> None:
+    """By third differences of the measured COM (3,) [m]."""
+    past, share = memory.past, 1.0 - np.exp(-dt / FASTEST)
+    third = np.empty(3)
+    for i in range(3):
+        for k in range(3):
+            past[k, i] = past[k + 1, i]
+        past[3, i] = com[i]
+        third[i] = past[3, i] - 3.0 * past[2, i] + 3.0 * past[1, i] - past[0, i]
+    if all_finite(third):
+        for i in range(3):
+            memory.white[i] += share * (third[i] * third[i] / 20.0 - memory.white[i])
+        memory.scalars[0] += share * (1.0 - memory.scalars[0])
+
+
+@compiled
+def _learn_walk(memory: Memory, correction: Array, weight: float, dt: float) -> None:
+    """How far the force wanders, by corrections (3,) [N]: where it is as assumed, their sum has its variance."""
+    share, fade = 1.0 - np.exp(-dt / LEARNT), np.exp(-dt / WANDERED)
+    for i in range(3):
+        memory.wandered[i] = memory.wandered[i] * fade + correction[i]
+        walk = memory.walks[i] + share * (2.0 / WANDERED * memory.wandered[i] ** 2 - memory.walks[i])
+        memory.walks[i] = min(max(walk, (WALKS[0] * weight) ** 2), (WALKS[1] * weight) ** 2)
+
+
+@compiled
+def _write(memory: Memory, out: Array) -> None:
+    x, P, covariance = memory.x, memory.P, out[9:].reshape(6, 6)
+    for i in range(3):
+        out[0, i], out[1, i], out[2, i] = x[C + i], x[V + i], x[F + i]
+        for j in range(3):
+            out[3 + i, j] = memory.slow[i, j] + memory.constants[i, j]
+            out[6 + i, j] = P[F + i, F + j]
+        out[3 + i, i] += memory.white[i] / max(memory.scalars[0], 1e-9)
+        out[6 + i, i] += memory.constant[i]
+    for i in range(6):
+        for j in range(6):
+            covariance[i, j] = P[i, j] + (memory.constants[i, j] if i < 3 and j < 3 else 0.0)
+
+
+@compiled
+def learn_steps(encoders: Array, q: Array) -> None:
+    """The smallest change of each encoder is its resolution: encoders (2, nj) are that and the last positions [rad]."""
+    for j in range(q.shape[0]):
+        step = abs(q[j] - encoders[1, j])
+        if step >= 1e-9 and step < encoders[0, j]:
+            encoders[0, j] = step
+        encoders[1, j] = q[j]
