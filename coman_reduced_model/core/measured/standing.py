@@ -68,11 +68,16 @@ class StandingSoles:
             plane += share * (link.sole_pose(foot, foot.other)[2, _PLANE] - plane)
 
     def land(self, link: Posture) -> None:
-        """Take a landing, link side: where it shows a step, the ground is as high as the soles stand."""
+        """Take a landing, link side: where it shows a step, the ground is as high as the soles stand.
+
+        On a step one sole sees the other as far up as it is seen down. A foot that only brushes the ground is aslant.
+        """
+        heights = {foot: link.sole_pose(foot, foot.other)[2, 3] for foot in self._planes}
+        if abs(sum(heights.values())) > STEP:
+            return
         for foot, plane in self._planes.items():
-            height = link.sole_pose(foot, foot.other)[2, 3]
-            if abs(height - plane[0]) > STEP:
-                plane[0] = height
+            if abs(heights[foot] - plane[0]) > STEP:
+                plane[0] = heights[foot]
 
     def planes(self) -> dict[Foot, Array]:
         """By support foot, the ground under the other sole (3,): height at its origin [m], by its x and y [1]."""

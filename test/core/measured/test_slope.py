@@ -142,6 +142,15 @@ def test_a_landing_shows_a_step_and_odom_goes_up_with_the_foot():
     assert odometry.update(Foot.RIGHT, *both)[2, 3] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_foot_that_brushes_the_ground_aslant_shows_no_step():
+    q = BENT.copy()
+    q[[0, 3, 4]] = -0.6, 1.2, -0.6
+    q[5] += 0.3  # ankle roll
+    soles = StandingSoles()
+    soles.land(posture(q))
+    assert not any(plane.any() for plane in soles.planes().values())
+
+
 def rms(bag, **changes) -> np.ndarray:
     with Session(bag, Config().replaced({"prediction.horizons": [], **changes})) as session:
         predictions = list(session.predictions())
