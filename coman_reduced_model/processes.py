@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -16,7 +17,7 @@ from typing import Any
 def workers(
     count: int, begin: Callable[..., None] | None = None, arguments: tuple[Any, ...] = (), method: str = "fork"
 ) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the block; an exception, Ctrl-C among them, ends them at once.
+    """Processes that end with the block; an exception, Ctrl-C among them, ends them at once, with what they started.
 
     Args:
         count: how many work at a time.
@@ -25,7 +26,7 @@ def workers(
     """
     before = {process.pid for process in active_children()}
     context = get_context(method if method in get_all_start_methods() else "spawn")
-    pool = ProcessPoolExecutor(max(1, count), context, begin, arguments)
+    pool = ProcessPoolExecutor(max(1, count), context, _begin, (begin, arguments))
     with _interrupts_ignored():  # by what this starts
         pool.submit(int)
     try:
@@ -37,6 +38,13 @@ def workers(
         pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
+
+
+def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+    """A process that is to end leaves its work by an exception: a command that it waits for is ended too."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    if begin is not None:
+        begin(*arguments)
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import argparse
 import json
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -49,6 +49,7 @@ from ..diagnose.inference.search import rivals_of
 from ..diagnose.inference.variability import adapted, learn_widths
 from ..diagnose.physics.hypotheses import candidates, unknowns
 from ..errors import ComanError
+from ..processes import workers
 from .cases import BAGS
 from .families import class_of, of_this_catalogue
 from .seeds import commit
@@ -301,7 +302,7 @@ def learn(
     cases = [(run, name, answer) for run in runs for name, answer in cases_of(run).items()]
     for run in runs:
         (run / "learn").mkdir(exist_ok=True)
-    with ProcessPoolExecutor(jobs) as pool:
+    with workers(jobs) as pool:
         if not keep_widths:
             nominal = _with_widths(nominal, cases, pool)
         places = [(run / "bags" / name, run / "learn" / f"{name}.json") for run, name, _ in cases]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 import yaml
 
 from ..errors import ComanError
+from ..processes import workers
 from ..sim.worlds import World
 from ..sim.worlds.world import world_from_yaml
 from .families import FAMILIES, SIZES, Family, working_stretch
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str]) -> None:
         if path != folder.seeds and (answer := json.loads(path.read_text(encoding="utf-8")))["kind"] == "clean":
             tasks.append((folder.bags(path.stem), answer["world"]))
     found: dict[str, list[float]] = {}
-    with ProcessPoolExecutor(2) as pool:
+    with workers(2) as pool:
         for sizes in pool.map(_deviations_of_case, tasks):
             for name, values in sizes.items():
                 found.setdefault(name, []).extend(values)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Processes that work for a command end with it, and so does what they have started."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from coman_reduced_model.processes import workers
+
+
+def wait_for_a_command(started: str) -> None:
+    """Write the number of a process that lasts, and wait for it."""
+    code = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(60)"
+    subprocess.run([sys.executable, "-c", code, started], check=False)
+
+
+def runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def until(condition, seconds: float = 20.0) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not condition():
+        time.sleep(0.05)
+    return bool(condition())
+
+
+def test_an_interrupt_ends_processes_and_the_commands_that_they_wait_for(tmp_path: Path):
+    started = tmp_path / "pid"
+    with pytest.raises(KeyboardInterrupt), workers(1) as pool:
+        pool.submit(wait_for_a_command, str(started))
+        assert until(lambda: started.is_file() and started.read_text())
+        raise KeyboardInterrupt
+    assert until(lambda: not runs(int(started.read_text())))
+
+
+def begin(path: str) -> None:
+    Path(path).touch()
+
+
+def test_a_process_begins_with_what_it_is_given_and_gives_results(tmp_path: Path):
+    with workers(1, begin, (str(tmp_path / "begun"),)) as pool:
+        assert pool.submit(sum, [1, 2]).result() == 3
+    assert (tmp_path / "begun").is_file()
