@@ -161,7 +161,7 @@ class Pipeline:
             self.reset()
             self._last_stamp = sample.stamp_ns
         self.samples += 1
-        self.plausibility.update(sample)
+        self.plausibility.update(sample, self.predictor.zeros)
         prediction = self.predictor.update(sample)
         if self.monitor is not None:
             assert self.predictor.sample is not None

@@ -236,13 +236,13 @@ def test_what_no_effect_explains_is_said(bags, diagnose):
 
 @pytest.mark.slow
 def test_an_effect_that_spoils_the_predicted_com_is_not_in_the_model(tmp_path, diagnose):
-    """Joint states that are 30 ms late, of which it is assumed that the ground gives way."""
+    """Joint states that are 30 ms late, of which it is assumed that the trunk carries something."""
     for seed, gait in enumerate(("test1", "test2")):
         hidden = [make("encoder_delay", {"delay": 0.03})]
         record(gait, tmp_path / gait, disturbances=hidden, seed=seed, duration_s=SECONDS)
-    result, out = diagnose(tmp_path / "test1", "--holdout", tmp_path / "test2", "--assume", "ground_compliance")
+    result, out = diagnose(tmp_path / "test1", "--holdout", tmp_path / "test2", "--assume", "payload")
     (effect,) = result["effects"]
-    assert effect["name"] == "ground_compliance" and effect["parameters"]
+    assert effect["name"] == "payload" and effect["parameters"]
     assert load_config(out / result["model"]).active == ()
     assert not effect["in_model"] and effect["com"]["after"]["x"] > 1.01 * effect["com"]["before"]["x"]
     assert "makes the predicted COM of held-out walks worse" in result["sentence"]
@@ -266,6 +266,15 @@ def stepping(tmp_path_factory):
 
 def test_a_bag_given_twice_confirms_nothing(stepping, refused):
     assert "given twice" in refused(stepping, "--holdout", stepping)
+
+
+def test_a_sensor_is_turned_where_most_recordings_show_it(diagnose, refused, tmp_path):
+    quarters = [make("sensor_rotation", {"where": foot, "angle": 1.571}) for foot in ("left", "right")]
+    record("test1", tmp_path / "right", seed=1, duration_s=7.0)
+    record("test1", tmp_path / "wrong", disturbances=quarters, seed=2, duration_s=7.0)
+    result, _ = diagnose(tmp_path / "right", "--holdout", tmp_path / "wrong")
+    assert any(line.startswith("wrong: wrenches: turned about the vertical") for line in result["not_checked"])
+    assert "wrong: wrenches: turned about the vertical" in refused(tmp_path / "wrong", out="other")
 
 
 def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_path):

@@ -2,7 +2,7 @@
 """Checks for faults that no single message shows: wrong signs and units, swapped feet, bias of an unloaded foot.
 
 They are reported, never corrected: the user decides what is wrong. Wrenches are looked at as they came, before large
-zeros are taken off (`measured/sensor_zeros.py`).
+zeros are taken off (`measured/sensor_zeros.py`); only where they point to is looked at without any zeros.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import JOINTS, MOTORS, WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
-from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS
+from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS, SensorZeros
 from ..streams.possible import Refusals
 from .signs import Signs
 from .turned import Turned
@@ -73,8 +73,8 @@ class Plausibility:
         self._other_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}  # of the other foot meanwhile
         self._swapped = 0
 
-    def update(self, sample: Sample) -> None:
-        """Take one sample; stamps must increase between resets."""
+    def update(self, sample: Sample, zeros: SensorZeros | None = None) -> None:
+        """Take one sample as it was measured, and zeros of its foot sensors; stamps must increase between resets."""
         if sample.stamp_ns < self._next:
             return
         self._next = sample.stamp_ns + _INTERVAL_NS
@@ -92,7 +92,10 @@ class Plausibility:
             self._negative[foot] += force < -_NEGATIVE * self._weight
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
-        self._turned_wrenches.update(self._posture, sample)
+        wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
+        if zeros is not None:
+            wrenches = {foot: wrench - zeros.of(foot) for foot, wrench in wrenches.items()}
+        self._turned_wrenches.update(self._posture, sample.stamp_ns, wrenches)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
         if abs(height) <= CLEARANCE:
             return

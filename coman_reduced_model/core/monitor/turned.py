@@ -9,13 +9,13 @@ alike, or one of them) is one quadratic form of the same products.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import WRENCHES
-from ..base.types import Foot, Sample
+from ..base.types import Array, Foot
 from ..robot.robot import Posture
 
 _WINDOW = 5  # looks, 0.1 s: over which the acceleration of the COM is taken
@@ -24,7 +24,7 @@ _STEADY = 0.02  # [m] between COM and ZMP by the acceleration, from which a wind
 _LOADED = 0.5  # of the weight on both feet together: less is no support
 _ZEROED = 0.2  # of the weight, by which both feet together may be off on average: else a ZMP by them says nothing
 _SMALL = 0.012  # [m] RMS distance of both ZMPs, below which nothing is said
-_BETTER = 0.6  # of that distance is left at most with the wrenches turned back
+_BETTER = 0.55  # of that distance is left at most with the wrenches turned back
 _ANGLES = ("", "90 degrees counterclockwise", "180 degrees", "90 degrees clockwise")  # of what is measured, from above
 _TURNS = [(0, 0), *((a, b) for k in (1, 2, 3) for a, b in ((k, k), (k, 0), (0, k)))]  # quarters, left and right
 _BACK = 1j ** -np.arange(4)  # that turn it back
@@ -49,10 +49,8 @@ class Turned:
     def _begin(self, foot: Foot) -> None:
         self._foot, self._looks, self._mean = foot, 0, np.zeros(3, dtype=complex)
 
-    def update(self, posture: Posture, sample: Sample) -> None:
-        """Take a look: a sample with both wrenches and the posture of its joints."""
-        assert sample.left_wrench is not None and sample.right_wrench is not None
-        wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
+    def update(self, posture: Posture, stamp_ns: int, wrenches: Mapping[Foot, Array]) -> None:
+        """Take a look: the posture of the joints, and the wrenches (6,) of both feet without what is known of zeros."""
         total = float(sum(wrench[2] for wrench in wrenches.values()))
         self._total += total
         self._samples += 1
@@ -71,12 +69,12 @@ class Turned:
         feet = (own, turn * other) if foot is Foot.LEFT else (turn * other, own)
         velocity = complex(com_vel[0], com_vel[1])
         if self._looks == 0:
-            self._since, self._first = sample.stamp_ns, velocity
+            self._since, self._first = stamp_ns, velocity
         self._mean += np.array([asked, *feet])
         self._looks += 1
         if self._looks < _WINDOW:
             return
-        seconds = 1e-9 * (sample.stamp_ns - self._since)
+        seconds = 1e-9 * (stamp_ns - self._since)
         look = self._mean / self._looks
         lead = com[2] / self._gravity * (velocity - self._first) / seconds
         look[0] -= lead

@@ -14,7 +14,7 @@ from ...core.robot.robot import Robot
 from ...errors import BagError
 from ...progress import Progress, between
 from ...topics import TopicNames
-from .recording import Recording, load
+from .recording import MENDED_FIRST, Recording, load
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ def read_bags(
     """Recordings of all bags.
 
     Raises:
-        ComanError: a bag, the robot or the configuration cannot be used, or the bags are of different robots.
+        ComanError: a bag, the robot or the configuration cannot be used, the bags are of different robots, or most of
+            them show a foot sensor that is turned.
     """
     readings: list[Reading] = []
     for i, path in enumerate(paths):
@@ -52,7 +53,15 @@ def read_bags(
         if readings:
             _refuse_another_robot(reading, readings[0])
         readings.append(reading)
+    _refuse_turned([reading.recording for reading in readings])
     return readings
+
+
+def _refuse_turned(recordings: Sequence[Recording]) -> None:
+    """Foot sensors that are turned are turned in every recording, as most of them show: in one it may be chance."""
+    found = [each for each in recordings if each.turned]
+    if 2 * len(found) > len(recordings):
+        raise BagError(f"{found[0].name}: {found[0].turned}; {MENDED_FIRST}")
 
 
 def _refuse_another_robot(reading: Reading, first: Reading) -> None:

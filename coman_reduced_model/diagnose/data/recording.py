@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from ...bag.session import Session
+from ...core.base.input_warning import WarningKind
 from ...core.base.stream_names import IMU
 from ...core.base.types import Array, Booleans, Foot, Integers, Phase, Sample
 from ...core.config.schema import Config
@@ -33,6 +34,7 @@ _REACH = 0.02  # [s] a grid point farther than this from any sample is not used
 _SHORTEST = 2.0  # [s] of recording
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
+MENDED_FIRST = "until that is mended nothing can be learnt of the robot"
 FEET = (Foot.LEFT, Foot.RIGHT)
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -57,6 +59,7 @@ class Recording:
         count: (nj,) what one count of a link encoder is [rad]; 0 where none shows.
         period: between samples [s], in the median.
         computed: whether the wrenches are: laws that contain them say nothing then.
+        turned: what makes its wrenches look turned about the vertical; empty: nothing.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Recording:
     warnings: tuple[str, ...] = ()
     period: float = 1.0 / RATE
     computed: bool = False
+    turned: str = ""
 
     @property
     def rate(self) -> float:
@@ -127,20 +131,22 @@ def load(
         for effect in pipeline.predictor.effects:
             for sample in samples:
                 effect.correct(sample)
-        for sample in samples:
-            pipeline.plausibility.update(sample)
-        computed = pipeline.predictor.computed
+        computed, measured, zeros = pipeline.predictor.computed, samples, np.zeros(2)
         warnings = session.warnings
         if computed is None:
             zeros = _zeros(samples, pipeline.predictor)
         else:
-            samples, zeros = with_computed_wrenches(samples, computed, pipeline.robot, config), np.zeros(2)
+            samples = with_computed_wrenches(samples, computed, pipeline.robot, config)
             warnings = (*warnings, f"foot wrenches are computed from {config.streams.wrench_source}: {NOT_SHOWN}")
-        for warning in pipeline.status().warnings:
-            if warning.prevents_diagnosis:
-                raise BagError(f"{bag.path.name}: {warning}; until that is mended nothing can be learnt of the robot")
+        for sample in measured:
+            pipeline.plausibility.update(sample, pipeline.predictor.zeros)
+        suspect = [each for each in pipeline.status().warnings if each.prevents_diagnosis]
+        for warning in suspect:
+            if warning.kind is not WarningKind.TURNED:
+                raise BagError(f"{bag.path.name}: {warning}; {MENDED_FIRST}")
     robot = pipeline.robot
-    return _grid(Path(path).name, samples, zeros, imu, imu_frame, robot, config, warnings), robot
+    recording = _grid(Path(path).name, samples, zeros, imu, imu_frame, robot, config, warnings)
+    return recording.changed(turned=str(suspect[0]) if suspect else ""), robot
 
 
 def _zeros(samples: list[Sample], predictor: Predictor) -> Array:

@@ -164,5 +164,6 @@ def limitations(prepared: Sequence[Prepared], held_out: bool) -> list[str]:
     if not held_out:
         lines.append("no held-out bag: what is found is confirmed on the last third of the same recording")
     for recording in recordings:
-        lines += [f"{recording.name}: {warning}" for warning in recording.warnings]
+        turned = (recording.turned,) if recording.turned else ()
+        lines += [f"{recording.name}: {warning}" for warning in (*recording.warnings, *turned)]
     return lines

@@ -34,17 +34,23 @@ def settle(
 
     A step is at most one reach long, and half as long after each change of sign: a spring of a quarter of its nominal
     stiffness is far from linear. After a long way, as with delays, all derivatives are computed again, in at most
-    `rounds` linearisations.
+    `rounds` linearisations, as long as the evidence grows: values that the next linearisation would leave again for
+    worse ones are kept.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
     at[list(released)] = finding.at[list(released)]
     near, far_off = finding.at, FAR_OFF
+    best: tuple[Array, list[Case], Fit] | None = None
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases)
         if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
             break
         near, far_off, cases = at, CONVERGED, cache.at(at, "train")
+        again = evidence_of(cases).fit(released)
+        if best and again.log <= best[2].log:
+            return best
+        best = at, cases, again
     return at, cases, fit
 
 

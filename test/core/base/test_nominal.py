@@ -16,7 +16,7 @@ def test_the_shipped_population_is_whole():
     assert all(value > 0.0 for value in nominal.widths.values())
     for weights in nominal.decision.values():
         assert {"one", "train", "select", "ways", "leftover", "pulled", "unknown"} == set(weights)
-    assert {"commit", "seeds", "cases", "robots"} <= set(nominal.source)
+    assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
     assert nominal.interval_factor >= 1.0
     assert all(median > 0.0 and scatter > 0.0 for median, scatter in nominal.leftover.values())
 
