@@ -22,7 +22,7 @@ from ..errors import BagError, ConfigError
 from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
-from .inference.case import Case, examine
+from .inference.case import Case, examine, repeats_of, with_known
 from .inference.check import check_recordings
 from .inference.compare import pulls
 from .inference.effects import with_structure
@@ -99,7 +99,8 @@ def baseline(
 def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     """The baseline of examined recordings of one robot, linear about nominal."""
     known = adapted([case.evidence for case in cases], population)
-    evidences = [replace(case.evidence, unknowns=known) for case in cases]
+    cases = [with_known(case, known) for case in cases]
+    evidences = [case.evidence for case in cases]
     fit = pooled(evidences).fit()
     own = np.array([unknown.own for unknown in known])
     shared = np.where(own, prior_variance(known), np.diag(fit.covariance) + 1e-18)
@@ -122,7 +123,8 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
     learnt = replace(
         population, source={"recordings": len(cases)}, sheets={}, with_baseline={},
-        parameters=parameters, leftover=_leftover(left, population), **population.with_baseline,
+        parameters=parameters, leftover=_leftover(left, population),
+        repeats=_repeats(repeats_of(cases, fit), len(cases), population), **population.with_baseline,
     )  # fmt: skip
     return Baseline(learnt, len(cases), pulled)
 
@@ -144,6 +146,15 @@ def _plausible(value: float, unknown: Unknown, population: Nominal) -> float:
         return value
     most = PLAUSIBLE * population.most[name] * unknown.relative
     return float(np.clip(value, -most, most))
+
+
+def _repeats(own: Mapping[str, float], count: int, population: Nominal) -> dict[str, float]:
+    """By law, what this robot leaves that repeats with each stride, by `count` recordings; shrunk likewise."""
+    usual = population.repeats
+    return {
+        law: float(np.sqrt((count * value**2 + POPULATION * usual.get(law, value) ** 2) / (count + POPULATION)))
+        for law, value in own.items()
+    }
 
 
 def _leftover(each: Sequence[Mapping[str, float]], population: Nominal) -> dict[str, tuple[float, float]]:

@@ -34,7 +34,7 @@ from ..core.base.types import Array
 from ..core.config.files import load_config
 from ..diagnose.baseline import baseline
 from ..diagnose.data.reading import read_bags
-from ..diagnose.inference.case import Case, evidence_of, examine, with_known
+from ..diagnose.inference.case import Case, evidence_of, examine, repeats_of, with_known
 from ..diagnose.inference.case_cache import CaseCache
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.compare import compare
@@ -43,8 +43,6 @@ from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.evidence import Evidence
 from ..diagnose.inference.explanation import UNKNOWN, by_law, features
 from ..diagnose.inference.finding import Finding
-from ..diagnose.inference.floor import law_of, unit_of
-from ..diagnose.inference.noise import repeated
 from ..diagnose.inference.search import rivals_of
 from ..diagnose.inference.variability import adapted, learn_widths
 from ..diagnose.physics.hypotheses import candidates, unknowns
@@ -109,19 +107,10 @@ def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[Ev
 
 
 def repeats(cases: Sequence[Case], nominal: Nominal) -> dict[str, float]:
-    """By law, what repeats with each stride although all that varies on nominal robots is fitted; see `unit_of`."""
+    """By law, what repeats with each stride although all that varies on nominal robots is fitted."""
     known = adapted([case.evidence for case in cases], nominal)
     cases = [with_known(case, known) for case in cases]
-    fit = evidence_of(cases).fit()
-    squares: dict[str, list[float]] = {}
-    for case in cases:
-        world = case.state.world
-        weight = world.robot.mass * world.gravity
-        for key, left in case.left(case.own(fit, [])).items():
-            law = law_of(key)
-            value = repeated(left, case.problem.stride.get(key)) / unit_of(law, weight, world.gravity)
-            squares.setdefault(law, []).append(value**2)
-    return {law: float(np.sqrt(np.mean(values))) for law, values in squares.items()}
+    return repeats_of(cases, evidence_of(cases).fit())
 
 
 def learn_repeats(robots: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -66,6 +66,8 @@ def test_with_a_baseline_of_the_robot_its_recordings_lack_nothing_and_more_is_se
     usual = tmp_path / "usual.yaml"
     bags = [str(tmp_path / name) for name in ("well_1", "well_2")]
     assert run(["baseline", *bags, "--out", str(usual)]) == 0
+    own, population = load_nominal(usual).repeats, load_nominal().repeats
+    assert own["spring|any"] < population["spring|any"] and own["tilt/roll|single"] < population["tilt/roll|single"]
 
     def evidence(bag: str, *options: str) -> tuple[str, float]:
         out = tmp_path / "out"

@@ -32,8 +32,8 @@ from .evidence import (
     shifts_of,
     weigh,
 )
-from .floor import floor, unit_of
-from .noise import Noise
+from .floor import floor, law_of, unit_of
+from .noise import Noise, repeated
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
@@ -166,3 +166,16 @@ def _misfit(nominal: Nominal, world: World) -> dict[str, float]:
     """By law, what nominal robots leave that repeats with each stride [SI], for a robot of this weight."""
     weight = world.robot.mass * world.gravity
     return {law: value * unit_of(law, weight, world.gravity) for law, value in nominal.repeats.items()}
+
+
+def repeats_of(cases: Sequence[Case], fit: Fit) -> dict[str, float]:
+    """By law, what recordings leave that repeats with each stride, in units as `Nominal.repeats` has them."""
+    squares: dict[str, list[float]] = {}
+    for case in cases:
+        world = case.state.world
+        weight = world.robot.mass * world.gravity
+        for key, left in case.left(case.own(fit, [])).items():
+            law = law_of(key)
+            value = repeated(left, case.problem.stride.get(key)) / unit_of(law, weight, world.gravity)
+            squares.setdefault(law, []).append(value**2)
+    return {law: float(np.sqrt(np.mean(values))) for law, values in squares.items()}
