@@ -10,6 +10,8 @@ import numpy as np
 from ..base.types import Array, Foot, Sample, SupportState
 from ..robot.robot import Posture
 
+STANDS = 1.0  # [s] after which a phase is part of no step
+
 
 @dataclass(slots=True)
 class LegSprings:
@@ -54,6 +56,11 @@ class Now:
     def foot(self) -> Foot:
         """The support foot."""
         return self.support.support_foot
+
+    @property
+    def standing(self) -> bool:
+        """Whether the robot, on one foot or on both, has not stepped for longer than a step takes."""
+        return self.support.phase_time > STANDS
 
 
 @dataclass(slots=True)

@@ -185,7 +185,8 @@ class TrunkModel(Dynamics):
     def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
         """Through the stride before, if the robot repeats it.
 
-        Else as planned from here (without a plan as fast as now), while the horizontal deflection fades.
+        Else as planned from here (without a plan as fast as now), while the horizontal deflection fades, unless the
+        robot stands.
         """
         assert self._terms is not None and self._filtered is not None
         terms = self._terms
@@ -194,7 +195,8 @@ class TrunkModel(Dynamics):
         self._repeated, self.repeating = None if repeated is None else repeated[:, 3:], repeated is not None
         if repeated is not None:
             return repeated[:, :3]
-        left = np.outer(np.exp(-horizons / _FADES), np.ones(3))  # of the deflection
+        fading = 0.0 if now.standing else 1.0 / _FADES
+        left = np.outer(np.exp(-fading * horizons), np.ones(3))  # of the deflection
         left[:, 2] = 1.0  # the sag stays
         left[:, self._following] = 0.0
         moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])

@@ -199,3 +199,13 @@ def test_a_robot_that_must_topple_is_predicted_again_and_never_by_nan():
     assert sum(bool(r.flags & Flags.REJECTED_STATE) for r in results) >= 1
     error = np.array([r.residual for r in results])
     assert np.isfinite(error).all() and np.linalg.norm(error, axis=1).max() < 0.5
+
+
+def test_a_robot_that_stands_keeps_its_deflection():
+    """Its predictions ahead, of a walk that is not repeated, are as good as those of the deflection that stays."""
+    with Session(bag_path("stand"), Config()) as session:
+        for _ in session.predictions():
+            pass
+        errors = session.pipeline.judge.rmse()["0.2"]
+    assert errors["planned"][0] > 1.5e-3
+    assert errors["model"][0] < 1.2 * errors["deflected"][0]
