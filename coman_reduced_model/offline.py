@@ -227,6 +227,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},
         "wrench_source": config.streams.wrench_source,
         "ground": _ground(pipeline),
+        "adapted": _adapted(pipeline),
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},
         "within_90": {h: by_axis(share) for h, share in judge.within().items()},
@@ -258,6 +259,14 @@ def _ground(pipeline: Pipeline) -> dict[str, Any]:
         return {"source": "configuration", "roll_rad": None, "pitch_rad": None}
     ground = slope.known()
     return {"source": ground.source, "roll_rad": ground.roll, "pitch_rad": ground.pitch}
+
+
+def _adapted(pipeline: Pipeline) -> dict[str, Any] | None:
+    """What `prediction.adapt` has learnt, at the end."""
+    adaptation = pipeline.predictor.adaptation
+    if adaptation is None:
+        return None
+    return {name: {"stiffness_ratio": k, "zero_rad": zero} for name, (k, zero) in adaptation.known().items()}
 
 
 _SELDOM = 0.01  # share of samples: a free run may fall now and then

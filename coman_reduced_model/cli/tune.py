@@ -70,7 +70,7 @@ def tune(
 
     check_file(out, force)
     began = time.perf_counter()
-    bare = settings.replaced({"prediction.horizons": ()})
+    bare = settings.replaced({"prediction.horizons": (), "prediction.adapt": False})
     names = tuning.chosen(bare, parameters)
     if names and stages:
         raise ConfigError(
@@ -87,7 +87,9 @@ def tune(
                 recordings, shared, steps, not stages, lambda f, w: report(0.2 + 0.8 * f, w)
             )
     warn([f"{recording.bag}: {line}" for recording in recordings for line in recording.warnings])
-    final = tuned.config.replaced({"prediction.horizons": settings.prediction.horizons})
+    final = tuned.config.replaced(
+        {"prediction.horizons": settings.prediction.horizons, "prediction.adapt": settings.prediction.adapt}
+    )
     save_config(final, out, f"tuned on {', '.join(bag.name for bag in bags)}", force)
     result = _result(tuned, shares, bags, out, time.perf_counter() - began)
     if json:

@@ -40,6 +40,7 @@ from .model.dynamics import Dynamics
 from .model.horizon import drop_impossible
 from .model.point_mass import Pendulum, PointMass
 from .model.reference import plan_ahead
+from .model.trunk.adaptation import Adaptation
 from .model.trunk.model import TrunkModel
 from .observer.observer import Observer
 from .robot.limits import limits_of
@@ -66,6 +67,7 @@ class Predictor:
         computed: what computes the wrenches, where no sensor measures them; None: they are measured.
         sample: the last one, without these zeros, and without computed wrenches; None: there was none.
         judge: the errors of the horizons so far.
+        adaptation: what it learns of springs and encoders, with `prediction.adapt`; else None.
 
     Example:
         >>> import coman_reduced_model as coman
@@ -96,9 +98,9 @@ class Predictor:
         config = config.with_joints_of(robot)
         if effects is None:
             effects, robot = build_effects(config.effects, robot)
-        self.robot = robot
-        self.config = config
-        self.effects = effects
+        self.robot, self.config = robot, config
+        self.adaptation = Adaptation(robot, load_nominal()) if config.prediction.adapt and config.turning else None
+        self.effects = effects = [*effects, self.adaptation] if self.adaptation else effects
         self.model = Model(robot, config, effects)
         self.dynamics = self._dynamics()
         self.link = robot.posture()

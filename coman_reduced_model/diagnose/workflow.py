@@ -55,6 +55,7 @@ def diagnose(
     began = time.perf_counter()
     nominal = load_nominal(baseline)
     report = progress or (lambda fraction, what: None)
+    config = config.replaced({"prediction.adapt": False})  # what it would learn is to be found
     config, assumed, paths = with_structure(config), [parse_assumed(text) for text in assume], [*train, *hold]
     refuse_repeated(paths)
     free_runs_of = free_runs_in_helper if second_process else free_runs_here

@@ -143,7 +143,7 @@ def tune_parameters(
 
     Arguments and errors as in `tune_coefficients`.
     """
-    config = config.replaced({"prediction.horizons": ()})
+    config = config.replaced({"prediction.horizons": (), "prediction.adapt": False})
     chosen = knobs(config, names)
     windows = judged(recordings, steps_only)
     lateral = config.uses("lateral_compliance")

@@ -144,6 +144,9 @@ class PredictionConfig:
     blend: bool = par(
         True, "", "blend the model's predictions ahead with simpler ones, by how wrong each has lately been"
     )
+    adapt: bool = par(
+        False, "", "learn joint stiffness and zeros of encoders slowly, within nominal variability; with trunk_rotation"
+    )
 
 
 @dataclass(frozen=True)
