@@ -65,7 +65,7 @@ RECORDINGS = (
 PENDULUM = Recording("real iCub walking, no motor encoders", "real/icub_walk", "config/icub.yaml", shared=True)
 PICTURE_BAG = "bags/test2"
 GAITS = ("test1", "test2")  # of the first recordings, which the full simulation repeats
-GROWTH = "doc/results/offline_growth.png"
+GROWTH, ONE_LEG = "doc/results/offline_growth.png", "doc/results/one_leg.png"
 
 
 def main() -> None:
@@ -315,6 +315,17 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("no_force_sensors", "--worlds", "7100", "7101", "7102", "7103"),
         ("no_force_sensors", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
         needs="other_robot/walk_003",
+    ),
+    "adaptation": script(
+        "Slow adaptation",
+        ("adaptation", "bags/test1", "bags/test2", "--worlds", *(str(seed) for seed in range(7112, 7124))),
+        ("adaptation", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
+        needs="other_robot/walk_003",
+    ),
+    "one_leg": script(
+        "A real robot on one leg",
+        ("one_leg", "{shared}/real/icub_yoga/zeroed", "{shared}/real/icub_yoga/icub02.yaml", "--picture", ONE_LEG),
+        needs="real/icub_yoga",
     ),
     "ground": script("Slopes and steps", ("ground",)),
     "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),
