@@ -25,6 +25,7 @@ from .variability import MEMBERS, widths_of
 
 CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # alike until linearised there
 LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
+FROM = (1.0, 0.25)  # of the reach of a shift in time, where it is looked for
 STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
 
@@ -78,15 +79,21 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
 
 
 def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:
-    """Where a shift in time begins to be looked for: a reach away, if it does not show from where the others are."""
+    """Where a shift in time begins to be looked for: some way off, if it does not show from where the others are."""
     (linear,) = scores(evidence_of(finding.train), [rival], finding.released)
     if linear.physical and linear.gain > LEAST_SHOWN:
         return finding
-    at = finding.at.copy()
-    for i, value in zip(rival.unknowns, linear.values, strict=True):
-        unknown = finding.known[i]
-        at[i] = unknown.reach if unknown.low == 0.0 else np.copysign(unknown.reach, value)
-    return replace(finding, at=at, train=cache.at(at, "train"))
+    released = [*finding.released, *rival.unknowns]
+    found = []
+    for share in FROM:
+        at = finding.at.copy()
+        for i, value in zip(rival.unknowns, linear.values, strict=True):
+            unknown = finding.known[i]
+            at[i] = share * (unknown.reach if unknown.low == 0.0 else np.copysign(unknown.reach, value))
+        train = cache.at(at, "train")
+        found.append((evidence_of(train).fit(released).log, at, train))
+    _, at, train = max(found, key=lambda each: each[0])
+    return replace(finding, at=at, train=train)
 
 
 def shown(evidence: Evidence, option: Candidate) -> bool:
