@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from coman_reduced_model.core.model.trunk.adaptation import Adapted
 from coman_reduced_model.ros.interface.diagnostic_report import (
     Level,
     Report,
+    adapted_values,
     rate_value,
     rejected_values,
     restart_value,
@@ -27,6 +29,7 @@ def sent(values: dict, level: Level = Level.WARN) -> Report:
 def test_numbers_come_back():
     skill = {"0.1": np.array((0.123456, -1.5, np.nan)), "1": np.zeros(3)}
     counts, last = {"joint_states/nan": 3, "imu/frame": 1}, {"joint_states/nan": "of 7 rad", "imu/frame": "no link: x"}
+    learnt = {"LKneeSag": Adapted(0.9375, -0.00125), "RKneeSag": Adapted(1.0, 0.0)}
     report = sent(
         {
             "samples": 4,
@@ -34,12 +37,14 @@ def test_numbers_come_back():
             **rejected_values(counts, last),
             **skill_values(skill),
             **restart_value(2),
+            **adapted_values(learnt),
         }
     )
     assert report.level is Level.WARN and report.message
     assert report.rates() == {"left_foot/wrench": 199.875}
     assert report.rejected() == counts
     assert report.restarts() == 2
+    assert report.adapted() == learnt
     read = report.skill(("0.1", "0.4", "1"))
     assert list(read) == ["0.1", "1"]
     for h, values in read.items():
@@ -49,7 +54,7 @@ def test_numbers_come_back():
 def test_nothing_was_reported():
     report = Report()
     assert report.level is Level.OK and not report.rates() and not report.rejected() and not report.skill(("0.1",))
-    assert report.restarts() == 0
+    assert report.restarts() == 0 and not report.adapted()
 
 
 @pytest.mark.parametrize("level", Level)

@@ -11,11 +11,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from ...core.base.types import Array
 from ...core.evaluation.statistics import AXES, by_axis
+from ...core.model.trunk.adaptation import Adapted
 
 _RATE = ": rate [Hz]"
 _REJECTED, _LAST = "rejected: ", ": last"
 _SKILL = "skill at {} s, {}"
 _RESTARTS = "restarts"
+_ADAPTED, _STIFFNESS, _ZERO = "adapted ", "stiffness ratio", "zero [rad]"
 REAL_TIME = "real-time factor"  # of the virtual robot
 IN_TIME = "planned deflections in time"  # share of them, since the first one came to the virtual robot
 
@@ -63,6 +65,13 @@ class Report:
             if set(by.values()) <= set(self.values)
         }
 
+    def adapted(self) -> dict[str, Adapted]:
+        """What `prediction.adapt` has learnt, by joint; nothing: it is off."""
+        end = f": {_STIFFNESS}"
+        joints = [key.removeprefix(_ADAPTED).removesuffix(end) for key in self.values if key.endswith(end)]
+        names = {joint: [f"{_ADAPTED}{joint}: {key}" for key in (_STIFFNESS, _ZERO)] for joint in joints}
+        return {joint: Adapted(*(float(self.values[name]) for name in both)) for joint, both in names.items()}
+
     def restarts(self) -> int:
         """How often the joint states were interrupted or jumped back."""
         return int(self.values.get(_RESTARTS, "0"))
@@ -85,6 +94,15 @@ def rejected_values(counts: Mapping[str, int], last: Mapping[str, str]) -> dict[
 def skill_values(skill: Mapping[str, Array]) -> dict[str, float]:
     """The values that `Report.skill` reads, from the skill (3,) by horizon."""
     return {_SKILL.format(h, axis): value for h, by in skill.items() for axis, value in by_axis(by).items()}
+
+
+def adapted_values(known: Mapping[str, Adapted]) -> dict[str, float]:
+    """The values that `Report.adapted` reads."""
+    return {
+        f"{_ADAPTED}{joint}: {key}": value
+        for joint, each in known.items()
+        for key, value in zip((_STIFFNESS, _ZERO), each, strict=True)
+    }
 
 
 def restart_value(restarts: int) -> dict[str, int]:

@@ -14,12 +14,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ...core.base.stream_names import JOINTS
 from ...core.base.types import Array, Flags, Prediction
 from ...core.config.schema import Config
-from ...core.evaluation.horizons import HorizonJudge
 from ...core.monitor.monitor import Monitor
 from ...core.pipeline import Pipeline, Status
 from . import qos
 from .description import Description
-from .diagnostic_report import Level, rate_value, rejected_values, restart_value, skill_values
+from .diagnostic_report import Level, adapted_values, rate_value, rejected_values, restart_value, skill_values
 from .parameters import ConfiguredNode
 from .report_timer import ReportTimer
 
@@ -109,7 +108,7 @@ class Diagnostics:
             status = pipeline.status()
             array.status = [
                 self._status("input", *self._input(status, now, seconds)),
-                self._status("prediction", *self._prediction(status, pipeline.judge)),
+                self._status("prediction", *self._prediction(status, pipeline)),
                 self._status("mismatch", *self._mismatch(status, pipeline.monitor)),
                 self._status("latency", *self._latency(seconds)),
             ]
@@ -178,7 +177,8 @@ class Diagnostics:
             return Level.WARN, "; ".join(new)
         return Level.OK, "all streams are there"
 
-    def _prediction(self, status: Status, judge: HorizonJudge) -> tuple[Level, str, dict[str, Any]]:
+    def _prediction(self, status: Status, pipeline: Pipeline) -> tuple[Level, str, dict[str, Any]]:
+        judge, adaptation = pipeline.judge, pipeline.predictor.adaptation
         samples = sum(each.samples for each in self._past)
         predicted = sum(each.predicted for each in self._past)
         flags: Counter[int] = sum((each.flags for each in self._past), Counter())
@@ -192,6 +192,7 @@ class Diagnostics:
                 count = sum(number for bits, number in flags.items() if bits & flag)
                 values[f"share {str(flag.name).lower()}"] = count / samples if samples else math.nan
         values |= restart_value(status.restarts)
+        values |= {} if adaptation is None else adapted_values(adaptation.known())
         if not samples:
             return Level.STALE, "no predictions in the last reports", values
         if not predicted:
