@@ -10,8 +10,8 @@ load, is
 with r the nominal stiffness over the real one and b the zeros of link and motor encoder. Within a step, d and u differ
 by dynamics too, so that a single support counts as one observation, a longer one as one a second. Both are found by
 least squares over the last steps with nominal variability as prior, each joint alone. What the model leaves out is the
-same in each step: the error of one observation is taken as so large that ten steps do not outweigh the prior of a stiff
-joint, and nothing gets farther than three standard deviations from nominal.
+same in each step, so that more steps do not make it less: the error of one observation is taken as large, older ones
+are forgotten, and nothing gets farther than three standard deviations from nominal.
 """
 
 from __future__ import annotations
