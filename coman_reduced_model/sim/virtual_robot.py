@@ -16,6 +16,7 @@ from dataclasses import astuple, dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array
 from .contact import Contact, Floor
@@ -243,10 +244,17 @@ class VirtualRobot:
             motor_qd,
             s.felt[0].copy(),
             s.felt[1].copy(),
-            s.orientation.copy(),
+            self._imu_orientation(),
             s.motion[0, :3].copy(),
             s.motion[1, 3:].copy(),
         )
+
+    def _imu_orientation(self) -> Array:
+        """(4,) quaternion x y z w, world <- imu, as it is mounted."""
+        if not any(self.table.imu_turn):
+            return self._sampled.orientation.copy()
+        mount = Rotation.from_euler("xyz", self.table.imu_turn)
+        return np.asarray((Rotation.from_quat(self._sampled.orientation) * mount).as_quat())
 
     def _truth(self, t: float, signals: Signals) -> Truth:
         s = self._sampled

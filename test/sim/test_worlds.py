@@ -13,9 +13,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.cli.main import run as coman
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.errors import ConfigError
+from coman_reduced_model.offline import predict_bag
 from coman_reduced_model.sim.contact import Contact
 from coman_reduced_model.sim.controller import Controller
 from coman_reduced_model.sim.record import load_truth
@@ -192,6 +196,20 @@ def test_the_world_of_another_robot_is_refused():
     with pytest.raises(ConfigError, match="its robot is tall, and robot.name is coman"):
         world_for("coman", str(next(seed for seed in range(100) if draw_world(seed).robot == "tall")))
     assert world_for("my_robot", "creeping") == world_of("creeping")
+
+
+def test_a_turned_imu_is_turned_in_the_urdf_and_in_its_messages(tmp_path):
+    """Where the URDF says that it hangs, level ground is level, and its orientation and acceleration agree."""
+    world = world_from_yaml("imu_turn: [0.3, -0.4, 2.0]\nduration_s: 3.2\n")
+    record_world(world, tmp_path / "walk")
+    with Session(tmp_path / "walk", Config()) as session:
+        imus = [sample.imu for sample in session.samples() if sample.imu is not None]
+        upward = np.array([Rotation.from_quat(imu.orientation).inv().apply([0.0, 0.0, 1.0]) for imu in imus])
+        felt = np.mean([imu.linear_acceleration for imu in imus], axis=0)
+        ground = predict_bag(session, tmp_path / "out")["ground"]
+    assert felt / np.linalg.norm(felt) == pytest.approx(upward.mean(axis=0), abs=0.03)
+    assert np.arccos(upward[:, 2]).min() > 0.3
+    assert ground == {"source": "imu", "roll_rad": pytest.approx(0.0), "pitch_rad": pytest.approx(0.0)}
 
 
 # --- the commands ---
