@@ -36,7 +36,7 @@ live: setup  ## virtual robot, trajectory and predictor until Ctrl-C, with a vie
 	@$(BIN)/coman live
 
 test: lint  ## lint, types and all tests: what CI runs
-	$(BIN)/python -m pytest -m ros
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m ros
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
 
 test-quick: setup  ## the tests that take seconds
