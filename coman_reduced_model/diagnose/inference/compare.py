@@ -90,7 +90,7 @@ def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:
         for i, value in zip(rival.unknowns, linear.values, strict=True):
             unknown = finding.known[i]
             at[i] = share * (unknown.reach if unknown.low == 0.0 else np.copysign(unknown.reach, value))
-        train = cache.at(at, "train")
+        train = cache.near(at, finding.train, rival.unknowns)
         found.append((evidence_of(train).fit(released).log, at, train))
     _, at, train = max(found, key=lambda each: each[0])
     return replace(finding, at=at, train=train)
