@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from coman_reduced_model_msgs.msg import ComReference
 from nav_msgs.msg import Path as PathMessage
 from ros_testing import stamp_of, vector
@@ -35,15 +36,17 @@ def test_a_plan_is_published_ahead_of_its_time(start, peer):
     references = References(peer)
     node = start.node("trajectory", use_sim_time=True, gait__ahead=0.3)
     clock = peer.publisher(Clock, "/clock", qos.clock_output())
-    message = Clock()
-    message.clock.sec = 7
+    now = 7_000_000_000
 
-    def arrived():
-        clock.publish(message)
-        return references.messages
+    def ahead():
+        """Whether the newest point is ahead of the clock, which goes on: the first points may be missed."""
+        nonlocal now
+        now += 5_000_000
+        clock.publish(Clock(clock=Time(sec=now // 10**9, nanosec=now % 10**9)))
+        return references.messages and stamp_of(references.messages[-1]) > now
 
-    peer.wait(arrived, "com/reference")
-    assert stamp_of(references.messages[0]) == 7_300_000_000
+    peer.wait(ahead, "com/reference ahead of the clock")
+    peer.wait(lambda: stamp_of(references.messages[-1]) == now + 300_000_000, "the plan 0.3 s ahead")
     assert node.stop() == 0
 
 

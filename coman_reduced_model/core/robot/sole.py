@@ -22,6 +22,9 @@ def shape_points(urdf: str, model: pin.Model, sole: int) -> Array:
     """Outermost points (n, 3) [m], in the frame `sole`, of the foot's boxes, cylinders and spheres.
 
     Meshes are left out, for what a robot is must not depend on the files of a machine: see `mesh_points`.
+
+    Raises:
+        ValueError: a shape has numbers that are none.
     """
     found = [np.empty((0, 3))]
     for link, placement in _links_of_the_foot(ElementTree.fromstring(urdf.strip()), model, sole):
@@ -32,7 +35,10 @@ def shape_points(urdf: str, model: pin.Model, sole: int) -> Array:
             at = placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
             for shape in () if geometry is None else geometry:
                 found.append(_points(shape, at))
-    return np.concatenate(found)
+    points = np.concatenate(found)
+    if not np.isfinite(points).all():
+        raise ValueError("not finite")
+    return points
 
 
 def mesh_points(urdf: str, model: pin.Model, sole: int, folder: Path) -> Array:
