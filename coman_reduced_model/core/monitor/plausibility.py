@@ -95,7 +95,7 @@ class Plausibility:
         wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         if zeros is not None:
             wrenches = {foot: wrench - zeros.of(foot) for foot, wrench in wrenches.items()}
-        self._turned_wrenches.update(self._posture, sample.stamp_ns, wrenches)
+        self._turned_wrenches.update(self._posture, sample.stamp_ns, wrenches, left + right)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
         if abs(height) <= CLEARANCE:
             return

@@ -43,16 +43,19 @@ class Turned:
         self._windows = dict.fromkeys(WRENCHES, 0)  # by support foot, as the following
         self._weights = dict.fromkeys(WRENCHES, 0.0)
         self._products = {foot: np.zeros((3, 3), dtype=complex) for foot in WRENCHES}
-        self._total, self._samples = 0.0, 0  # of both vertical forces [N], in all samples
+        self._total, self._samples = 0.0, 0  # of both vertical forces [N] as they are read, in all samples
         self._begin(Foot.NONE)
 
     def _begin(self, foot: Foot) -> None:
         self._foot, self._looks, self._mean = foot, 0, np.zeros(3, dtype=complex)
 
-    def update(self, posture: Posture, stamp_ns: int, wrenches: Mapping[Foot, Array]) -> None:
-        """Take a look: the posture of the joints, and the wrenches (6,) of both feet without what is known of zeros."""
+    def update(self, posture: Posture, stamp_ns: int, wrenches: Mapping[Foot, Array], read: float) -> None:
+        """Take a look: the posture of the joints, and the wrenches (6,) of both feet without what is known of zeros.
+
+        `read`: sum of both vertical forces as the sensors read them [N].
+        """
         total = float(sum(wrench[2] for wrench in wrenches.values()))
-        self._total += total
+        self._total += read
         self._samples += 1
         foot = Foot.LEFT if wrenches[Foot.LEFT][2] >= wrenches[Foot.RIGHT][2] else Foot.RIGHT
         if total < _LOADED * self._weight or min(wrench[2] for wrench in wrenches.values()) < -0.1 * total:
