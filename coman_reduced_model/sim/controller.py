@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array
 from ..errors import ConfigError
@@ -56,7 +55,7 @@ class Stabiliser:
         self._joints = {
             kind: [names.index(side + kind) for side in "LR"] for kind in ("HipSag", "HipLat", "AnkSag", "AnkLat")
         }
-        self._mount = Rotation.from_euler("xyz", table.imu_turn).as_matrix()
+        self._mount = table.imu_mount.as_matrix()
         self.offset = np.zeros(len(names))
         self.rate = np.zeros(len(names))
         self._zeros: list[Array] = []

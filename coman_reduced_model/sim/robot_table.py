@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array
 
@@ -107,6 +108,11 @@ class RobotTable:
     gait: dict[str, float] = field(
         default_factory=lambda: {"com_height_m": 0.38, "zmp_offset_x_m": 0.02, "step_width_m": 0.1452}
     )
+
+    @property
+    def imu_mount(self) -> Rotation:
+        """From imu_link to base_link."""
+        return Rotation.from_euler("xyz", self.imu_turn)
 
     @property
     def mass(self) -> float:

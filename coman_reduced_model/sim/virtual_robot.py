@@ -111,6 +111,7 @@ class VirtualRobot:
         self._controller = controller or Controller()
         self.disturbances = list(disturbances)
         self._body = Body.of(self.model, self.data, table.joint_names)
+        self._imu_mount = table.imu_mount if any(table.imu_turn) else None
         self.stiffness, self.damping = self._body.stiffness, self._body.damping
         # What the ground does to a foot it does to the foot or to the plate that a disturbance puts below it.
         bodies = {self.model.body(i).name: i for i in range(self.model.nbody)}
@@ -251,10 +252,9 @@ class VirtualRobot:
 
     def _imu_orientation(self) -> Array:
         """(4,) quaternion x y z w, world <- imu, as it is mounted."""
-        if not any(self.table.imu_turn):
+        if self._imu_mount is None:
             return self._sampled.orientation.copy()
-        mount = Rotation.from_euler("xyz", self.table.imu_turn)
-        return np.asarray((Rotation.from_quat(self._sampled.orientation) * mount).as_quat())
+        return np.asarray((Rotation.from_quat(self._sampled.orientation) * self._imu_mount).as_quat())
 
     def _truth(self, t: float, signals: Signals) -> Truth:
         s = self._sampled
