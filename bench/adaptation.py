@@ -13,19 +13,17 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from free_run import AHEAD, DURATION, SETTLED_NS, SHOWN, USUAL, mm, since
+from free_run import AHEAD, SETTLED_NS, mm, recorded, since
 from rich.console import Console
 from rich.table import Table
 
 import coman_reduced_model as coman
 from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.judge.cases import data_sheet
-from coman_reduced_model.sim.worlds import record_world, world_of
+from coman_reduced_model.sim.worlds import world_of
 
 
 def main() -> None:
@@ -58,16 +56,10 @@ def spelt(values: Array) -> str:
 
 def worlds(seeds: list[str], made: Path) -> Iterator[tuple[str, Path, Config]]:
     """Title, bag and data sheet, recorded in `made` if they are not there."""
-    for name in seeds:
-        world, bag = replace(world_of(name), duration_s=DURATION), made / name
-        if world.kinds["streams"] == "no_motors":
-            continue
-        if not bag.is_dir() and record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
-            continue
-        sheet = made / f"{name}.sheet.yaml"
-        sheet.write_text(data_sheet(world), encoding="utf-8")
-        drawn = [world.kinds[axis] for axis in SHOWN if world.kinds[axis] not in USUAL]
-        yield f"world {name}: {world.robot}, {', '.join(drawn)}", bag, coman.load_config(sheet)
+    for seed in seeds:
+        has_motors = world_of(seed).kinds["streams"] != "no_motors"
+        if has_motors and (walk := recorded(seed, made)) is not None:
+            yield walk
 
 
 def errors(bag: Path, config: Config) -> tuple[tuple[Array, Array], str]:

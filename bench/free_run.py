@@ -120,7 +120,16 @@ def since(early: tuple[ByPredictor, Counts], late: tuple[ByPredictor, Counts]) -
 
 
 def in_world(name: str, made: Path) -> Figures | None:
-    """A seed or a kind, KIND:ROBOT for another robot, recorded in `made` if it is not there; None: the robot falls."""
+    """Of a world, see `recorded`; None: the robot falls."""
+    walk = recorded(name, made)
+    return None if walk is None else figures(*walk)
+
+
+def recorded(name: str, made: Path) -> tuple[str, Path, Config] | None:
+    """Title, bag and data sheet of a seed or a kind, KIND:ROBOT for another robot; None: the robot falls.
+
+    The bag is recorded in `made` if it is not there.
+    """
     kind, _, robot = name.partition(":")
     world = replace(world_of(kind), duration_s=DURATION)
     if robot:
@@ -133,7 +142,7 @@ def in_world(name: str, made: Path) -> Figures | None:
     sheet.write_text(data_sheet(world), encoding="utf-8")
     drawn = [world.kinds[axis] for axis in SHOWN if world.kinds[axis] not in USUAL]
     title = f"world {kind}: {world.robot}, {', '.join(drawn)}" if kind.isdigit() else f"{kind}, {world.robot}"
-    return figures(title, bag, coman.load_config(sheet))
+    return title, bag, coman.load_config(sheet)
 
 
 # --- tables ---
