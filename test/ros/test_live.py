@@ -15,6 +15,7 @@ from coman_reduced_model_msgs.msg import ComPrediction, ComReference, SupportSta
 from conftest import PATIENCE, Process, child_environment
 from ros_testing import vector
 from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import Trigger
 
 from coman_reduced_model.core.base.stream_names import IMU, JOINTS, REFERENCE
 from coman_reduced_model.messages import prediction_from, reference_from, stamp_of
@@ -58,10 +59,18 @@ def test_virtual_robot_walks_its_plan_and_the_prediction_follows(compensate, sta
     robot.wait_for("ready: coman")
     predictor.wait_for("ready: coman")
     peer.wait(lambda: advanced() and peer.predictions, "predictions")
-    trajectory = start.node("trajectory", use_sim_time=True, gait__ahead=0.3, gait__repeat=True, **gait)
+    trajectory = start.node("trajectory", use_sim_time=True, gait__ahead=0.3, gait__autostart=False, **gait)
+    follows, share = "follows com/reference", "share of the lead that is compensated"
+
+    def hear_each_other():
+        _, message, values = peer.statuses["virtual_robot: simulation"]
+        return message == follows and (not compensate or values[share] == "1.00")
+
+    peer.wait(lambda: advanced() and hear_each_other(), "robot, plan and predictor hear each other")
+    assert peer.call(Trigger, "trajectory/start", Trigger.Request()).success
     peer.wait(lambda: advanced() and peer.predictions[-1].sole_pose.position.x > 0.05, "some steps")
     _, message, values = peer.statuses["virtual_robot: simulation"]
-    assert message == "follows com/reference" and values["set forward"] == "0"
+    assert message == follows and values["set forward"] == "0"
     phases = [m.support.phase for m in peer.predictions]
     assert set(phases) >= {SupportState.LEFT, SupportState.RIGHT, SupportState.DOUBLE}
     assert phases.count(SupportState.FLIGHT) < 0.02 * len(phases)
@@ -70,7 +79,7 @@ def test_virtual_robot_walks_its_plan_and_the_prediction_follows(compensate, sta
     assert np.nanmean(residual[:, 2] ** 2) < np.nanmean(rigid[:, 2] ** 2)
     x, _, z = tracking.rms_mm()
     if compensate:
-        assert float(values[IN_TIME]) > 0.95 and float(values["share of the lead that is compensated"]) > 0.95
+        assert float(values[IN_TIME]) > 0.95 and float(values[share]) > 0.95
         assert x < 1.0 and z < 0.25
     else:
         assert x > 2.0 and z > 0.5

@@ -22,7 +22,7 @@ class PlannedLead:
 
     Attributes:
         share: of that lead in the motor positions now, 0 to 1.
-        asked, in_time: motor positions since the stamp of the first deflection, and those whose deflection was known.
+        asked, in_time: motor positions since the first whose deflection was known, and those for which it was.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
@@ -32,7 +32,6 @@ class PlannedLead:
         self._lead = np.zeros(len(joints))
         self.share = 0.0
         self.asked = self.in_time = 0
-        self._first_ns: int | None = None
 
     def restart(self) -> None:
         """The robot is put somewhere and leads by its own lead: go over to this one as in the beginning."""
@@ -50,7 +49,6 @@ class PlannedLead:
             raise Refused("limit", f"a deflection is not below {_MOST:g} rad")
         if self._known and message.stamp_ns <= self._known[-1][0]:
             self._known.clear()  # a plan that began again
-        self._first_ns = message.stamp_ns if self._first_ns is None else self._first_ns
         deflection = np.zeros(len(self._index))
         for name, value in zip(message.names, message.position, strict=True):
             if name in self._index:
@@ -67,10 +65,10 @@ class PlannedLead:
             own: (nj,) the robot's own motor positions for them, where no deflection is known.
         """
         deflection = self._at(stamp_ns)
-        self.asked += self._first_ns is not None and stamp_ns >= self._first_ns
         if deflection is not None:
             self.in_time += 1
             self._lead = links - deflection - own
+        self.asked += self.in_time > 0
         change = dt / _FADE_S if deflection is not None else -dt / _FADE_S
         self.share = min(1.0, max(0.0, self.share + change))
         return own + self.share * self._lead

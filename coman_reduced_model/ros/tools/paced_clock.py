@@ -19,6 +19,7 @@ _AHEAD_NS = 150_000_000  # of the slowest; the virtual robot lives 90 ms in the 
 _FIRST_NS = 500_000_000  # without waiting for anyone: nobody begins before there is time
 _LOST_S = 1.0  # so long it waits, since messages may be lost
 _STEP_NS = 5_000_000
+_LOST_STEP_NS = 50_000_000  # a robot that is put somewhere begins 0.3 s ahead
 
 
 class PacedClock:
@@ -52,14 +53,14 @@ class PacedClock:
         self.advance(self._last - last)
 
     def advance(self, step_ns: int = _STEP_NS) -> None:
-        """Go on by a step [ns], unless someone is behind; then by a small one once a second."""
+        """Go on by a step [ns], unless someone is behind; then by 50 ms once a second."""
         slowest = self._robot if self._predicted is None else min(self._robot, self._predicted)
         step_ns = min(step_ns, max(slowest + _AHEAD_NS, _FIRST_NS) - self._now)
         now = time.monotonic()
         if step_ns <= 0:
             if now - self._advanced < _LOST_S:
                 return
-            step_ns = _STEP_NS
+            step_ns = _LOST_STEP_NS
         self._advanced = now
         self._now += step_ns
         message = Clock()

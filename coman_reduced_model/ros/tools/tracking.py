@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.base.types import Array, Prediction, Reference
 from ...core.model.reference import planned_com
+from ..nodes.stream_motion import at_rest
 
 
 class Tracking:
@@ -27,7 +28,7 @@ class Tracking:
         plan, stamp = self._plan, prediction.stamp_ns
         while len(plan) > 2 and plan[1].stamp_ns <= stamp:
             plan.popleft()
-        if len(plan) < 2 or not plan[0].stamp_ns <= stamp <= plan[1].stamp_ns or not plan[0].com_vel.any():
+        if len(plan) < 2 or not plan[0].stamp_ns <= stamp <= plan[1].stamp_ns or at_rest(plan[0]):
             return
         share = (stamp - plan[0].stamp_ns) / (plan[1].stamp_ns - plan[0].stamp_ns)
         foot = prediction.support.support_foot
