@@ -35,10 +35,12 @@ def fuzz(shared: Path) -> tuple[str, str]:
         for test, what in FUZZED.items()
         if (of := found.get(test))
     ]
+    share = float(os.environ["COMAN_FUZZ"])
+    length = "at full length" if share == 1.0 else f"at {share:g} of its full length"
     predictions = sum(int(of.get("predictions", 0)) for of in found.values())
     off = max((float(of.get("off_mm", 0)) for of in found.values()), default=0.0)
     return "Untrusted input", "\n\n".join([
-        "`test/test_fuzz.py` at length (`make fuzz`). Each case ends in a result or in an error of the project's own "
+        f"`test/test_fuzz.py` {length} (`make fuzz`). Each case ends in a result or in an error of the project's own "
         "with one line; a message is used or counted as rejected.",
         table(["what is spoiled", "cases", "time [s]", "more memory [MB]"], rows),
         f"Among and after the spoiled messages, {number(predictions)} predictions were made. The free run and the "
