@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write tables of doc/configuration.md (parameters, effects) and doc/archive.md from the code.
+"""Write tables of doc/configuration.md (parameters, effects), doc/archive.md and the schema of its rows from the code.
 
 python doc/generate.py             # after a parameter or an effect has changed
 python doc/generate.py --check     # exit code 1 if a page is not up to date; a test does this
@@ -8,12 +8,14 @@ python doc/generate.py --check     # exit code 1 if a page is not up to date; a 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 from pathlib import Path
 from typing import Any
 
-from coman_reduced_model.archive.tables import TABLES
+from coman_reduced_model import schemas
+from coman_reduced_model.archive.tables import TABLES, json_schema
 from coman_reduced_model.core.base.parameter import Parameter
 from coman_reduced_model.core.config.schema import parameter_table
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
@@ -29,11 +31,17 @@ def main() -> None:
     check = parser.parse_args().check
     for name, texts in PAGES.items():
         page = HERE / name
-        before = page.read_text(encoding="utf-8")
-        after = generated(name, before, {key: make() for key, make in texts.items()})
-        if check and after != before:
-            sys.exit(f"{name} is not up to date: run python doc/generate.py")
-        page.write_text(after, encoding="utf-8")
+        write(
+            page, generated(name, page.read_text(encoding="utf-8"), {key: make() for key, make in texts.items()}), check
+        )
+    write(Path(schemas.__file__).parent / "archive.schema.json", json.dumps(json_schema(), indent=1) + "\n", check)
+
+
+def write(path: Path, text: str, check: bool) -> None:
+    """Write a file, or end with exit code 1 if it would change."""
+    if check and (not path.exists() or path.read_text(encoding="utf-8") != text):
+        sys.exit(f"{path.name} is not up to date: run python doc/generate.py")
+    path.write_text(text, encoding="utf-8")
 
 
 def generated(file: str, page: str, texts: dict[str, str]) -> str:

@@ -115,6 +115,35 @@ def arrow_schema(table: str) -> pa.Schema:
     return pa.schema(fields, metadata={_KEY: str(VERSION).encode()})
 
 
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of rows: `$defs` has one of `bags`, `phases` and `findings`."""
+    rows = {
+        table: {
+            "title": f"a row of {table}.parquet; null: not known",
+            "type": "object",
+            "properties": {name: {**_json_type(kind), "description": text} for name, kind, text in columns},
+        }
+        for table, columns in TABLES.items()
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": "archive.schema.json",
+        "title": f"rows of the tables of coman archive, schema version {VERSION} (in the metadata of each table)",
+        "$defs": rows,
+    }
+
+
+def _json_type(kind: pa.DataType) -> dict[str, Any]:
+    if pa.types.is_list(kind):
+        return {"type": ["array", "null"], "items": _json_type(kind.value_type)}
+    if pa.types.is_struct(kind):
+        return {"type": ["object", "null"], "properties": {field.name: _json_type(field.type) for field in kind}}
+    if pa.types.is_date(kind):
+        return {"type": ["string", "null"], "format": "date"}
+    name = "string" if pa.types.is_string(kind) else "integer" if pa.types.is_integer(kind) else "number"
+    return {"type": [name, "null"]}
+
+
 def write_table(store: Store, table: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write TABLE.parquet: the same rows give the same bytes.
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """JSON Schemas of the files that commands write, and how these files are read, those of older versions too.
 
-`summary.schema.json` and `diagnosis.schema.json` are beside this file. Within a schema version fields are only added.
+`summary.schema.json` and `diagnosis.schema.json` are beside this file, and `archive.schema.json` of the rows of an
+archive's tables, which `doc/generate.py` writes. Within a schema version fields are only added.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ KINDS = ("summary", "diagnosis")
 
 
 def schema(kind: str) -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of `summary` or `diagnosis`."""
+    """The JSON Schema (draft 2020-12) of `summary`, `diagnosis` or the rows of an `archive`."""
     found: dict[str, Any] = json.loads((Path(__file__).parent / f"{kind}.schema.json").read_text(encoding="utf-8"))
     return found
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import PATIENCE, ROOT, child_environment
+from jsonschema import Draft202012Validator
 from pyarrow import parquet
 from synthetic import T0, walk, write_bag
 
@@ -25,6 +27,7 @@ from coman_reduced_model.archive.work import Settings
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.errors import ComanError
+from coman_reduced_model.schemas import schema
 
 COMAN = (sys.executable, "-m", "coman_reduced_model.cli.main", "archive")
 BAGS = {"anna/walk_1": 1.5, "anna/walk_2": 1.0, "bert/walk_1": 1.2, "bert/deep/walk_2": 1.1}
@@ -76,6 +79,10 @@ def test_tables_are_as_their_schema_says(whole):
     for name in TABLES:
         found = parquet.read_schema(whole / f"{name}.parquet")
         assert found.equals(arrow_schema(name), check_metadata=True)
+        of_a_row = Draft202012Validator({**schema("archive"), "$ref": f"#/$defs/{name}"})
+        for row in rows(whole, name):
+            of_a_row.validate(json.loads(json.dumps(row, default=str)))
+            assert not of_a_row.is_valid({**row, "robot": 5})
 
 
 def test_newer_tables_are_refused_and_older_ones_have_nulls(whole, tmp_path):

@@ -258,7 +258,8 @@ def _check_consistency(config: Config, source: str) -> None:
             count = len(getattr(leg, key))
             if leg.joints and count != len(leg.joints):
                 raise ConfigError(
-                    f"{source}: robot.{side}.{key}: {count} values for {len(leg.joints)} joints (robot.{side}.joints)"
+                    f"{source}: robot.{side}.{key}: {count} values for {len(leg.joints)} joints "
+                    f"(robot.{side}.joints: {', '.join(leg.joints)})"
                 )
         if len(leg.stiffness) != len(leg.damping):
             raise ConfigError(
