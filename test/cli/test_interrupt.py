@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from coman_reduced_model.cli.compiling import COMPILING
 from coman_reduced_model.resources import bag_path
 
 LOADING = """
@@ -53,3 +54,12 @@ def test_ctrl_c_ends_long_work_in_silence(tmp_path, start, command, after):
     process.interrupt(times=2)
     goes_silently(process)
     assert not (tmp_path / "out").exists() and not [*tmp_path.glob(".out.*")]
+
+
+def test_ctrl_c_during_the_first_compilation(tmp_path, start, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "nothing_compiled"))
+    process = start("coman", "predict", bag_path("test1"), "--out", tmp_path / "out")
+    process.wait_for(COMPILING)
+    process.interrupt(times=2)
+    goes_silently(process)
+    assert not (tmp_path / "out").exists()
