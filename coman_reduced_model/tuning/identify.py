@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Joint springs and dampers from two experiments: stiffness from slow loads (7), damping from free oscillations.
+"""Joint springs and dampers: stiffness from loads (7), damping from them where it shows, or from free oscillations.
 
-*Load* bags: tau = k (motor - link) + tau_0 over slowly changing torques. *Decay* bags: the robot stands on one leg of
-which one joint is soft, the others locked, and swings free after pushes: an inverted pendulum about that joint.
+*Load* bags: tau = k x + d x' + tau_0 with the deflection x = motor - link, over changing torques: slow ones, or a walk.
+*Decay* bags: the robot stands on one leg of which one joint is soft, the others locked, and swings free after pushes:
+an inverted pendulum about that joint.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 from scipy.signal import periodogram
 
@@ -23,6 +25,7 @@ from ..errors import BagError
 from .recording import JoinedBag
 from .statistics import hac_covariance, quantile
 
+_EDGE = 0.03  # [s] means at the edges of blocks
 _BLOCK = 0.1  # [s] means over it: quantisation and noise average out, quasi-static loads do not change
 _LOOSE = 0.2  # an interval wider than this share of its value to either side says: not excited
 _COUNTS = 20  # a link encoder that passes fewer counts shows its steps, not the spring
@@ -116,7 +119,7 @@ def _spring(recording: JoinedBag, index: int) -> tuple[Array, Array, Array, Arra
 
 
 def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
-    """(7) by least squares over means of blocks, deflection on torque.
+    """(7) by least squares over means of blocks, deflection on torque; damping where its interval is narrow enough.
 
     Torque on deflection would come out too soft: the noise of the encoder, which is a large part of a stiff joint's
     deflection, would be taken for deflection. The rate of the deflection is fitted beside it, for no load is quite
@@ -132,28 +135,33 @@ def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
         t, q, deflection, tau = t[known], q[known], deflection[known], tau[known]
         steps = np.abs(np.diff(q))
         counts = max(counts, np.ptp(q) / max(steps[steps > 1e-9].min(initial=np.inf), 1e-9))
-        block = (t / _BLOCK).astype(int)
-        block -= block[0]
+        block = ((t - t[0]) / _BLOCK).astype(int)
         size = np.bincount(block)
         full = size > 0.5 * np.median(size)
-        mean = [np.bincount(block, values)[full] / size[full] for values in (t, deflection, tau)]
-        rate = np.gradient(mean[1], mean[0])
-        columns.append(np.column_stack([_centred(mean[2]), _centred(rate)]))
-        deflections.append(_centred(mean[1]))
+        mean = [np.bincount(block, values)[full] / size[full] for values in (deflection, tau)]
+        # From edge to edge of a block: like the means, this loses nothing of what changes within it.
+        smooth = uniform_filter1d(deflection, max(1, round(_EDGE / float(np.median(np.diff(t))))))
+        rate = (np.diff(np.interp(t[0] + _BLOCK * np.arange(len(size) + 1), t, smooth)) / _BLOCK)[full]
+        columns.append(np.column_stack([_centred(mean[1]), _centred(rate)]))
+        deflections.append(_centred(mean[0]))
         groups.append(np.full(len(rate), number))
     if counts < _COUNTS:
         return Joint(name, note=f"not excited: its link encoder passed {counts:.0f} counts, {_COUNTS} needed")
     A, y = np.concatenate(columns), np.concatenate(deflections)
     x, *_ = np.linalg.lstsq(A, y, rcond=None)
     lags = int(np.ceil(1.5 * len(y) ** (1.0 / 3.0)))
-    error = np.sqrt(hac_covariance(A, y - A @ x, lags, np.concatenate(groups))[0, 0])
-    half = quantile(len(y) / lags) * error
+    covariance, wide = hac_covariance(A, y - A @ x, lags, np.concatenate(groups)), quantile(len(y) / lags)
+    half = wide * np.sqrt(covariance[0, 0])
     if not x[0] - half > 0.0:
         return Joint(name, note="not excited: the torque hardly changes")
     stiffness = Estimate(1.0 / x[0], 1.0 / (x[0] + half), 1.0 / (x[0] - half))
     if stiffness.loose:
         return Joint(name, note=f"not excited: {stiffness.low:.0f} to {stiffness.high:.0f} Nm/rad is all that is known")
-    return Joint(name, stiffness)
+    # x = (1 / k, -d / k)
+    value, by_x = -x[1] / x[0], np.array([x[1] / x[0], -1.0]) / x[0]
+    half = wide * np.sqrt(by_x @ covariance @ by_x)
+    damping = Estimate(value, value - half, value + half)
+    return Joint(name, stiffness, None if damping.loose else damping)
 
 
 def _centred(values: Array) -> Array:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import Foot, Phase, Prediction, Sample, SupportState
@@ -19,8 +20,9 @@ from coman_reduced_model.errors import BagError
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.record import load_truth
 from coman_reduced_model.sim.robot_table import COMAN
+from coman_reduced_model.topics import TopicNames
 from coman_reduced_model.tuning.identify import fit_decay, free_oscillations, identified_config, identify, pendulum
-from coman_reduced_model.tuning.recording import JoinedBag
+from coman_reduced_model.tuning.recording import JoinedBag, motor_side, read_all
 from coman_reduced_model.tuning.statistics import hac_covariance, quantile
 
 COUNT = 2.0 * np.pi / 4096
@@ -70,12 +72,26 @@ def test_static_stiffness_is_found_within_its_interval(robot):
     stiffness, damping = by_leg(robot)
     joints = identify([slow_load(robot, scale * stiffness, damping)], CONFIG)
     assert [joint.name for joint in joints] == [*CONFIG.robot.left.joints, *CONFIG.robot.right.joints]
-    true = dict(zip(robot.joint_names, scale * stiffness, strict=True))
+    true, dampers = (dict(zip(robot.joint_names, each, strict=True)) for each in (scale * stiffness, damping))
     for joint in joints:
         assert joint.stiffness.value == pytest.approx(true[joint.name], rel=0.03)
-        assert joint.damping is None
+        assert joint.damping is None or joint.damping.value == pytest.approx(dampers[joint.name], rel=0.1)
     # Twelve intervals of 95 %: now and then one lies beside.
     assert sum(joint.stiffness.low <= true[joint.name] <= joint.stiffness.high for joint in joints) >= 10
+
+
+@pytest.mark.parametrize("walk", ["bags/test1", "bags/test2", "../shared/other_robot/walk_003"])
+def test_a_walk_shows_stiffness_and_damping_of_the_soft_joints(walk):
+    """Of the shipped walks, and of one that an independent simulation has recorded, whose constants are the same."""
+    recordings = read_all([ROOT / walk], motor_side(CONFIG), TopicNames(), None, None)
+    joints = {joint.name: joint for joint in identify(recordings, CONFIG)}
+    for leg in (CONFIG.robot.left, CONFIG.robot.right):
+        for name, k, d in zip(leg.joints, leg.stiffness, leg.damping, strict=True):
+            if name[1:] in ("KneeSag", "AnkSag"):
+                assert joints[name].stiffness.value == pytest.approx(k, rel=0.01)
+                assert joints[name].damping.value == pytest.approx(d, rel=0.03)
+            else:
+                assert joints[name].stiffness is None or joints[name].stiffness.value == pytest.approx(k, rel=0.1)
 
 
 def test_torque_offsets_differ_from_bag_to_bag_and_do_not_matter(robot):
@@ -103,7 +119,8 @@ def test_joints_that_were_not_excited_are_said_and_keep_their_constants(robot):
     tuned = identified_config(CONFIG, list(joints.values())).robot
     assert tuned.left.stiffness[2] == CONFIG.robot.left.stiffness[2]
     assert tuned.left.stiffness[3] == pytest.approx(1.1 * CONFIG.robot.left.stiffness[3], rel=0.03)
-    assert tuned.left.damping == CONFIG.robot.left.damping
+    assert tuned.left.damping[0] == CONFIG.robot.left.damping[0]  # stiff: hardly excited
+    assert tuned.left.damping[3] == pytest.approx(CONFIG.robot.left.damping[3], rel=0.05)
 
 
 def test_without_torques_or_motors_it_says_so(robot):
