@@ -51,7 +51,7 @@ def settle(
         if best and again.log <= best[2].log:
             return best
         best = at, cases, again
-    return at, cases, fit
+    return best if best and fit.log < best[2].log else (at, cases, fit)
 
 
 def _gauss_newton(

@@ -178,9 +178,8 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
                         f"law{number}",
                         partial(law, [*train, *hold], name, joint),
                         f"Residual of {joint} before and after {spaced(name)}",
-                        f"{place(joint)}, all recordings: what its nominal law does not explain. Nominal "
-                        f"scatter is taken off; "
-                        "black is what the effects alone make of it.",
+                        f"All recordings, {place(joint)}: what its nominal law does not explain. Nominal scatter is "
+                        "taken off; black is what the effects alone make of it.",
                     )
                 )
         parts.append(
