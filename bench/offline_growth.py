@@ -56,16 +56,18 @@ def exponent(x: np.ndarray, y: np.ndarray) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
+def draw(
+    curves: dict[str, tuple[np.ndarray, np.ndarray]], path: Path, what: str = "CPU time of predicting [s]"
+) -> None:
     """A panel a curve, both axes logarithmic."""
     figure, panels = plt.subplots(1, len(curves), figsize=(9.0, 3.4), layout="constrained", squeeze=False)
     for panel, (name, (x, cpu)) in zip(panels[0], curves.items(), strict=True):
-        panel.loglog(x, cpu, "o-", label=f"measured, exponent {exponent(x, cpu):.2f}")
+        panel.loglog(x, cpu, "o-", label=f"exponent {exponent(x, cpu):.2f}")
         panel.loglog(x, cpu[0] * x / x[0], ":", color="0.5", label="proportional")
         panel.set_xlabel(name)
         panel.set_xticks(x, [f"{each:.0f}" for each in x])
         panel.minorticks_off()
-        panel.set_ylabel("CPU time of predicting [s]")
+        panel.set_ylabel(what)
         panel.grid(alpha=0.3)
         panel.legend(frameon=False)
     figure.savefig(path, dpi=75, metadata={"Software": None})

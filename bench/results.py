@@ -66,6 +66,7 @@ PENDULUM = Recording("real iCub walking, no motor encoders", "real/icub_walk", "
 PICTURE_BAG = "bags/test2"
 GAITS = ("test1", "test2")  # of the first recordings, which the full simulation repeats
 GROWTH, ONE_LEG = "doc/results/offline_growth.png", "doc/results/one_leg.png"
+DIAGNOSIS_GROWTH = "doc/results/diagnosis_growth.png"
 
 
 def main() -> None:
@@ -330,6 +331,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "ground": script("Slopes and steps", ("ground",)),
     "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),
     "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
+    "diagnosis_growth": script("Time of a diagnosis", ("diagnosis_growth", "--picture", DIAGNOSIS_GROWTH)),
     "node": script("The node under load", ("node", "--reference", "motor", "--seconds", "30")),
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
