@@ -36,6 +36,7 @@ CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, in
 Draw = Callable[[np.random.Generator, float, RobotTable], dict[str, Any]]
 JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
 SOFT = ("KneeSag", "AnkSag")
+HEAVY = ("HipYaw", "KneeSag")  # thigh and shank
 
 
 @dataclass(frozen=True)
@@ -179,13 +180,15 @@ def _damping(rng: np.random.Generator, change: float, table: RobotTable) -> dict
     return {"where": _joints(rng, *SOFT), "scale": factor if rng.random() < 0.5 else 1.0 / factor}
 
 
+def link_mass(table: RobotTable, joint: str) -> float:
+    """Mass [kg] of the link at a joint, of the trunk without one."""
+    return next((each.link.mass for each in table.joints() if each.name == joint), table.trunk.mass)
+
+
 def _body_mass(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
     """`mass` [kg] more, or less, of a thigh, a shank or the trunk."""
-    where = str(rng.choice(["", _joint(rng, "HipYaw", "KneeSag")]))
-    own = table.trunk.mass
-    if where:
-        own = next(joint.link.mass for joint in table.joints() if joint.name == where)
-    share = mass / own
+    where = str(rng.choice(["", _joint(rng, *HEAVY)]))
+    share = mass / link_mass(table, where)
     return {"where": where, "scale": 1.0 + share if share > 0.7 or rng.random() < 0.5 else 1.0 - share}
 
 
@@ -249,7 +252,7 @@ FAMILIES: dict[str, Family] = {
     ),
     "payload": Family("payload", "kg", 3.0, _payload, "mass", "mass"),
     "com_offset": Family("com_offset", "m", 0.03, lambda rng, s, table: _axis(rng, s, "x", "y"), "length", "x"),
-    "ground_compliance": Family("ground_compliance", "m/N", 1.5e-5, _soft_ground, "1/mass"),
+    "ground_compliance": Family("ground_compliance", "m/N", 1.5e-5, _soft_ground, "1/mass", "vertical"),
     "ground_slope": Family(
         "ground_slope", "rad", 0.045, lambda rng, s, table: _axis(rng, s, "roll", "pitch"), parameter="pitch"
     ),
@@ -314,7 +317,7 @@ FAMILIES: dict[str, Family] = {
     "wrench_cross_talk": Family(
         "wrench_cross_talk", "1", 0.4, lambda rng, s, table: {"where": _foot(rng), **_axis(rng, s, "fx", "fy")}
     ),
-    "body_mass": Family("body_mass", "kg", 2.5, lambda rng, s, table: _body_mass(rng, s, table), "mass"),
+    "body_mass": Family("body_mass", "kg", 2.5, lambda rng, s, table: _body_mass(rng, s, table), "mass", "scale"),
     "stiffness_drift": Family(
         "stiffness_drift",
         "1",

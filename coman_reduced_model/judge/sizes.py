@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How well recordings of clean robots determine the sizes of effects.
 
-`python -m coman_reduced_model.judge.sizes OUT` measures `recorded` of sizes.yaml on the clean cases of a run.
+`python -m coman_reduced_model.judge.sizes OUT [FAMILY ...]` measures `recorded` of sizes.yaml on the clean cases of a
+run, of all families or of these.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ..errors import ComanError
 from ..processes import workers
 from ..sim.worlds import World
 from ..sim.worlds.world import world_from_yaml
-from .families import FAMILIES, SIZES, Family, working_stretch
+from .families import FAMILIES, HEAVY, SIZES, Family, link_mass, working_stretch
 from .folder import RunFolder
 from .rank import evidence_with, ranking
 from .variability import true_deviations
@@ -50,6 +51,10 @@ def _size(name: str, family: Family, row: Mapping[str, Any], world: World) -> fl
         if where[1:] not in ("KneeSag", "AnkSag"):
             return None
         value *= working_stretch(where[1:], world.table) ** 2
+    if name == "body_mass":
+        if where and where[1:] not in HEAVY:
+            return None
+        value *= link_mass(world.table, where)
     if (name == "soft_roll") != (where[1:] in ("HipLat", "AnkLat")) and family.effect == "joint_stiffness":
         return None
     return value / family.factor(world.table)
@@ -78,6 +83,8 @@ def main(arguments: Sequence[str]) -> None:
                 found.setdefault(name, []).extend(values)
     entries = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
     for name, values in found.items():
+        if len(arguments) > 1 and name not in arguments[1:]:
+            continue
         entries[name]["recorded"] = float(f"{np.median(values):.3g}")
     head = "".join(line for line in SIZES.read_text(encoding="utf-8").splitlines(True) if line.startswith("#"))
     SIZES.write_text(head + yaml.safe_dump(entries, sort_keys=False, default_flow_style=None), encoding="utf-8")
