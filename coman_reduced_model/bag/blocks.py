@@ -16,6 +16,7 @@ Raw = tuple[str, int, bytes]  # topic, log time [ns], serialised message
 Bytes = NDArray[np.uint8]
 _GROUP = 1024  # messages that are put together, where they come one by one
 _MESSAGE = 5  # opcode of MCAP; its record: channel 2, sequence 4, log time 8, publish time 8 bytes, message
+_LAST = 2**63 - 1  # log time of messages whose own, of a damaged file, is later than that [ns]
 _RECORD, _HEADER = 9, 22  # bytes of opcode and length, of what comes before the message
 
 
@@ -85,7 +86,7 @@ def block_of(messages: Sequence[Raw]) -> RawBlock:
         tuple(index),
         b"".join([raw for *_, raw in messages]),
         np.array([index[topic] for topic, *_ in messages], dtype=np.int64),
-        np.array([log_time for _, log_time, _ in messages], dtype=np.int64),
+        np.array([min(log_time, _LAST) for _, log_time, _ in messages], dtype=np.int64),
         np.concatenate(([0], end[:-1])),
         end,
     )
@@ -132,7 +133,8 @@ def _scan(data: Bytes, of_channel: Integers, out: Integers) -> int:
             topic = of_channel[_little_endian(data, start, 2)]
             if topic >= 0:
                 if count < out.shape[0]:
-                    out[count, 0], out[count, 1] = topic, _little_endian(data, start + 6, 8)
+                    log_time = _little_endian(data, start + 6, 8)
+                    out[count, 0], out[count, 1] = topic, log_time if log_time >= 0 else _LAST
                     out[count, 2], out[count, 3] = start + _HEADER, start + length
                 count += 1
         offset = start + length

@@ -161,6 +161,24 @@ def test_chunks_that_overlap_are_read_in_the_order_of_the_log_times(tmp_path_fac
             assert [time for _, time, _ in found] == sorted(time for _, time, _ in found)
 
 
+@pytest.mark.parametrize("lost", [0, 10])
+def test_a_log_time_that_no_clock_has_loses_nothing(tmp_path, lost):
+    """Of a damaged message; with and without the index at the end of the file."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+        topic = writer.register_channel("/a", "cdr", schema)
+        for i, time in enumerate((T0, 2**64 - 1, T0 + 1)):
+            writer.add_message(topic, time, bytes([i]), time)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[: -lost or None])
+    with Bag(path) as opened:
+        found = [raw for block in opened.blocks(["/a"]) for _, _, raw in block]
+    assert sorted(found) == [bytes([i]) for i in range(3)]
+
+
 def test_metadata_that_is_wrong_does_not_keep_a_good_file_from_being_read(tmp_path, bag, whole):
     for text in ("", "a: [", "rosbag2_bagfile_information: {version: 99}", "\0"):
         folder = tmp_path / "bag"

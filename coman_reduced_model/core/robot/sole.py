@@ -81,7 +81,7 @@ def outline(points: Array) -> Array | None:
     """
     if not len(points):
         return None
-    touching = points[points[:, 2] < points[:, 2].min() + _GROUND]
+    touching = points[points[:, 2] <= points[:, 2].min() + _GROUND]  # of points far off, the lowest at least
     low, high = touching.min(axis=0), touching.max(axis=0)
     if min(high[:2] - low[:2]) < _SMALLEST:
         return None

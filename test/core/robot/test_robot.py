@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from xml.etree import ElementTree
 
 import numpy as np
@@ -169,10 +170,10 @@ def without_mass(root):
             link.remove(inertial)
 
 
-def sole_nowhere(root):
+def sole_nowhere(root, where="0 0 nan"):
     for link in root.findall("link"):
         for origin in link.findall("collision/origin") if link.get("name") == "l_foot" else ():
-            origin.set("xyz", "0 0 nan")
+            origin.set("xyz", where)
 
 
 SWAPPED = ("LHipLat", "LHipSag", *Config().robot.left.joints[2:])
@@ -207,6 +208,15 @@ def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, config, wanted,
     assert len(str(error.value)) < 500
     if wanted not in ("cannot be read", "collision shape of a foot"):  # the parser says that on the terminal as well
         assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("where", "edges"), [("0 0 1e300", [-0.1, 0.1, -0.05, 0.05]), ("1e300 0 0", [-0.2, 0.2, -0.1, 0.1])]
+)
+def test_a_sole_that_is_far_away_has_edges(where, edges):
+    """Those of its shape; those of the configuration, where rounding leaves no area."""
+    robot = Robot(edited(partial(sole_nowhere, where=where)), RobotConfig(foot_length=0.4, foot_width=0.2))
+    assert robot.soles[Foot.LEFT].tolist() == edges
 
 
 @settings(deadline=None, max_examples=20)
