@@ -25,8 +25,9 @@ from ..errors import BagError
 from .recording import JoinedBag
 from .statistics import hac_covariance, quantile
 
-_EDGE = 0.03  # [s] means at the edges of blocks
+_EDGE = 0.015  # [s] to either side of the edges of blocks: means over it
 _BLOCK = 0.1  # [s] means over it: quantisation and noise average out, quasi-static loads do not change
+_LATE = 0.0005  # [s] by which torques and encoders may be apart in time: it looks like k times as much damping
 _LOOSE = 0.2  # an interval wider than this share of its value to either side says: not excited
 _COUNTS = 20  # a link encoder that passes fewer counts shows its steps, not the spring
 _QUIET = 0.15
@@ -135,13 +136,15 @@ def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
         t, q, deflection, tau = t[known], q[known], deflection[known], tau[known]
         steps = np.abs(np.diff(q))
         counts = max(counts, np.ptp(q) / max(steps[steps > 1e-9].min(initial=np.inf), 1e-9))
-        block = ((t - t[0]) / _BLOCK).astype(int)
+        dt = float(np.median(np.diff(t)))
+        begin = t[0] - 0.5 * dt  # a sample stands for the time from half a period before to half a period after
+        block = ((t - begin) / _BLOCK).astype(int)
         size = np.bincount(block)
         full = size > 0.5 * np.median(size)
         mean = [np.bincount(block, values)[full] / size[full] for values in (deflection, tau)]
         # From edge to edge of a block: like the means, this loses nothing of what changes within it.
-        smooth = uniform_filter1d(deflection, max(1, round(_EDGE / float(np.median(np.diff(t))))))
-        rate = (np.diff(np.interp(t[0] + _BLOCK * np.arange(len(size) + 1), t, smooth)) / _BLOCK)[full]
+        smooth = uniform_filter1d(deflection, 1 + 2 * round(_EDGE / dt))
+        rate = (np.diff(np.interp(begin + _BLOCK * np.arange(len(size) + 1), t, smooth)) / _BLOCK)[full]
         columns.append(np.column_stack([_centred(mean[1]), _centred(rate)]))
         deflections.append(_centred(mean[0]))
         groups.append(np.full(len(rate), number))
@@ -159,7 +162,7 @@ def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
         return Joint(name, note=f"not excited: {stiffness.low:.0f} to {stiffness.high:.0f} Nm/rad is all that is known")
     # x = (1 / k, -d / k)
     value, by_x = -x[1] / x[0], np.array([x[1] / x[0], -1.0]) / x[0]
-    half = wide * np.sqrt(by_x @ covariance @ by_x)
+    half = wide * np.sqrt(by_x @ covariance @ by_x) + _LATE * stiffness.value
     damping = Estimate(value, value - half, value + half)
     return Joint(name, stiffness, None if damping.loose else damping)
 
