@@ -5,7 +5,7 @@
 
 Default sensors, springs and dampers scattered by up to 16 %. Experiments: one load bag and four decay bags. Walks: one
 of each gait of the paper. Errors against the simulator's constants, and how many true values lie within the intervals
-(95 % would, if noise were all that is wrong: what clocks and gains of sensors do wrong is in no interval).
+(95 % would, if noise were all that is wrong: what gains of sensors do wrong is in no interval).
 """
 
 from __future__ import annotations
