@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from .common import (
@@ -51,10 +52,11 @@ def _lines(found: Checked) -> list[str]:
     from ..core.base.stream_names import CONTACTS
 
     robot = found.robot
-    lines = [f"robot: {robot['name']}, {robot['mass_kg']:.1f} kg, {robot['joints']} joints, {_joints(found)}"]
+    lines = [f"robot: {robot['name']}, {robot['mass_kg']:.1f} kg, {robot['joints']} joints{_joints(found)}"]
     for name, stream in found.streams.items():
         if stream["received"]:
-            lines.append(f"{name}: {stream['received']} messages, {stream['rate_hz']:.0f} Hz")
+            rate = f", {stream['rate_hz']:.0f} Hz" if isfinite(stream["rate_hz"]) else ", none usable"
+            lines.append(f"{name}: {stream['received']} messages{rate}")
         elif stream["needed"] or name != CONTACTS:  # few robots have these, and only some need them
             lines.append(f"{name}: none{', but needed' if stream['needed'] else ''}")
     if found.wrench_source != "sensors":
@@ -70,6 +72,8 @@ def _lines(found: Checked) -> list[str]:
 
 
 def _joints(found: Checked) -> str:
+    if not found.seconds:  # no message told
+        return ""
     missing, unknown = found.robot["unlisted"], found.robot["unknown"]
     words = [f"not in messages, held at zero: {', '.join(missing)}"] if missing else ["all of them in the messages"]
-    return "; ".join([*words, *([f"not in the URDF, ignored: {', '.join(unknown)}"] if unknown else [])])
+    return ", " + "; ".join([*words, *([f"not in the URDF, ignored: {', '.join(unknown)}"] if unknown else [])])

@@ -231,7 +231,8 @@ class Pipeline:
 
     def _warnings(self, streams: dict[str, StreamStatus]) -> list[InputWarning]:
         if not streams[JOINTS].accepted:
-            found = [InputWarning(WarningKind.MISSING, JOINTS, f"{JOINTS}: no usable message yet")]
+            text = f"{JOINTS}: no usable message yet{self._mostly_refused(JOINTS)}"
+            found = [InputWarning(WarningKind.MISSING, JOINTS, text)]
         else:
             others = [self._stream_warning(each) for each in streams.values() if each.expected and each.name != JOINTS]
             found = [each for each in others if each is not None]
@@ -250,11 +251,19 @@ class Pipeline:
             return [each for each in found if each.stream not in beyond] + causes
         return [*found, *zeros.warnings(), *suspect]
 
+    def _mostly_refused(self, stream: str) -> str:
+        """Why most messages of a stream were refused, after a colon; empty if there were none."""
+        rejections = self.joiner.rejections
+        of_stream = {key: n for key, n in rejections.counts.items() if key.rpartition("/")[0] == stream}
+        if not of_stream:
+            return ""
+        return f": {rejections.last[max(of_stream, key=lambda key: of_stream[key])].removeprefix(f'{stream}: ')}"
+
     def _stream_warning(self, stream: StreamStatus) -> InputWarning | None:
         """What is wrong with a stream that the predictions need beside the joint states."""
         name, limits, lead = stream.name, self.config.streams, self.joiner.clock_lead_s.get(stream.name, 0.0)
         if not stream.accepted:
-            text = f"{name}: no usable message yet, and the predictions need it"
+            text = f"{name}: no usable message yet, and the predictions need it{self._mostly_refused(name)}"
             return InputWarning(WarningKind.MISSING, name, text)
         if stream.age_s > limits.restart_gap and abs(lead) < limits.restart_gap:
             text = f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}"

@@ -23,6 +23,8 @@ _LOOKS = 20  # at the IMU or at positions, before a warning
 _LOADED = 15  # looks at torques of a loaded leg, before a warning
 _LOAD = 0.3  # of the weight: a foot that bears more is loaded
 _AGREE = 0.8  # correlation from which two measurements are of the same thing
+_AGREE_WELL = 0.95
+_BEARS = 0.2  # of the torques of the joint that bears most: a joint with less is not judged by itself
 _FACTOR = 5.0  # between them, from which one is in another unit
 _MOVES = 0.05  # [rad] of a joint, from which its positions are compared
 _ONE_G = (0.7, 1.3)  # mean acceleration at which it is in units of gravity
@@ -48,7 +50,8 @@ class Signs:
         joints = len(self._robot.joint_names)
         self._offered = 0
         self._loaded = 0
-        self._torque = np.zeros((2, 2))  # products of torques: those that statics asks for, those measured
+        # By joint, products of torques: those that statics asks for squared, with those measured, those squared.
+        self._torque = np.zeros((3, joints))
         self._first: np.ndarray | None = None
         self._count = 0
         self._sums = np.zeros((2, joints))  # of link and motor positions, less the first ones
@@ -103,9 +106,9 @@ class Signs:
             J = pin.computeFrameJacobian(
                 robot.model, self._data, self._configuration, robot.sole_ids[foot], pin.ReferenceFrame.LOCAL
             )
-            pair = np.array([-J[:, robot.leg_columns[foot]].T @ wrench, tau[robot.legs[foot]]])
-            pair = pair[:, np.isfinite(pair[1])]
-            self._torque += pair @ pair.T
+            needed, measured = -J[:, robot.leg_columns[foot]].T @ wrench, tau[robot.legs[foot]]
+            known = np.isfinite(measured)
+            self._torque[:, robot.legs[foot][known]] += np.array([needed**2, needed * measured, measured**2])[:, known]
             self._loaded += 1
 
     def warnings(self) -> list[InputWarning]:
@@ -113,16 +116,30 @@ class Signs:
         return [*self._of_torques(), *self._of_motors(), *self._of_imu()]
 
     def _of_torques(self) -> list[InputWarning]:
-        (needed, both), (_, measured) = self._torque
-        if self._loaded < _LOADED or abs(both) <= _AGREE * np.sqrt(needed * measured):
+        needed, both, measured = self._torque.sum(axis=1)
+        if self._loaded < _LOADED:
             return []
+        if abs(both) <= _AGREE * np.sqrt(needed * measured):
+            return self._of_single_torques()
         factor = both / needed
         seen = f"{JOINTS}: torques are {factor:.3g} times those that bear the forces under the feet"
         if not 1.0 / _FACTOR < abs(factor) < _FACTOR:
             return [InputWarning(WarningKind.UNIT, JOINTS, f"{seen}: in another unit? wanted are Nm")]
         if factor < 0.0:
             return [InputWarning(WarningKind.SIGN, JOINTS, f"{seen}: wrong sign? wanted is what drives the joint")]
-        return []
+        return self._of_single_torques()
+
+    def _of_single_torques(self) -> list[InputWarning]:
+        """Of joints that bear a good part of the load, where with their signs reversed all torques agree well."""
+        needed, both, measured = self._torque
+        bearing = (needed > _BEARS**2 * needed.max()) & (measured > _BEARS**2 * measured.max())
+        reversed_ = bearing & (both < -_AGREE * np.sqrt(needed * measured))
+        then = np.where(reversed_, -both, both).sum()
+        if not reversed_.any() or then < _AGREE_WELL * np.sqrt(needed.sum() * measured.sum()):
+            return []
+        names = ", ".join(self._robot.joint_names[k] for k in np.flatnonzero(reversed_))
+        text = f"{JOINTS}: torques of {names} are against those that bear the forces under the feet: wrong sign?"
+        return [InputWarning(WarningKind.SIGN, JOINTS, text)]
 
     def _of_motors(self) -> list[InputWarning]:
         if self._count < _LOOKS:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import islice
 
@@ -85,6 +86,7 @@ def test_bias_of_a_foot_in_the_air_is_reported(share):
         ((JOINTS, MOTORS), "position", 180.0 / np.pi, "in degrees"),
         ((MOTORS,), "position", 100.0, "before the gear"),
         ((LEFT, RIGHT), "force", 1.0 / 9.81, "in kilograms"),
+        ((LEFT, RIGHT), "force", 0.0, "not connected"),
     ],
 )
 def test_other_units_are_reported(streams, field, factor, words):
@@ -111,6 +113,12 @@ def one_joint_reversed(stream, message):
     return replace(message, position=sign * message.position, velocity=sign * message.velocity)
 
 
+def one_torque_reversed(stream, message):
+    if stream != JOINTS:
+        return message
+    return replace(message, effort=np.where(np.array(message.names) == "LKneeSag", -1.0, 1.0) * message.effort)
+
+
 def scaled(stream, field, factor):
     def change(name, message):
         return replace(message, **{field: factor * getattr(message, field)}) if name == stream else message
@@ -128,6 +136,7 @@ def other_order(stream, message):
         (scaled(JOINTS, "effort", -1.0), WarningKind.SIGN, "torques are -0."),
         (scaled(JOINTS, "effort", 1000.0), WarningKind.UNIT, "wanted are Nm"),
         (scaled(JOINTS, "effort", 1.0 / 9.81), WarningKind.UNIT, "wanted are Nm"),
+        (one_torque_reversed, WarningKind.SIGN, "torques of LKneeSag are against"),
         (one_joint_reversed, WarningKind.SIGN, "motor and joint of LKneeSag turn in opposite directions"),
         (scaled(IMU, "linear_acceleration", 1.0 / 9.81), WarningKind.UNIT, "in units of gravity"),
         (scaled(IMU, "linear_acceleration", -1.0), WarningKind.SIGN, "wanted is up"),
@@ -214,3 +223,22 @@ def test_what_is_missing_prevents_predictions():
             pipeline.feed(stream, message, lambda message: message)
     (missing,) = pipeline.status().warnings
     assert (missing.kind, missing.stream) == (WarningKind.MISSING, LEFT) and missing.prevents_prediction
+
+
+@pytest.mark.parametrize(
+    ("stream", "change", "words"),
+    [
+        (JOINTS, {"names": ("a",) * 12}, "joint_states: no usable message yet: no joint of the legs"),
+        (
+            LEFT,
+            {"frame_id": "r_sole"},
+            "left_foot/wrench: no usable message yet.*: the wrench .* is in frame",
+        ),
+    ],
+)
+def test_why_no_message_is_usable_is_said_with_it(stream, change, words):
+    pipeline = Pipeline(robot(), Config())
+    for name, message in walk(0.5):
+        pipeline.feed(name, replace(message, **change) if name == stream else message, lambda message: message)
+    (missing,) = pipeline.status().warnings
+    assert missing.kind is WarningKind.MISSING and re.match(words, missing.text), missing.text
