@@ -11,6 +11,8 @@ from .core.base.types import Phase
 from .core.evaluation.statistics import RunStatistics
 from .progress import Progress
 
+_IN_THE_AIR = 0.95  # of the time: no robot flies for so long
+
 
 @dataclass(frozen=True)
 class Checked:
@@ -47,7 +49,9 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
     for prediction in session.predictions(progress):
         statistics.add(prediction)
     run, status, robot = statistics.summary(), session.pipeline.status(), session.robot
-    unlisted = set(status.unlisted_joints)
+    unlisted, wrong = set(status.unlisted_joints), list(session.warnings)
+    if not wrong and run["phases_s"].get(Phase.FLIGHT.name, 0.0) > _IN_THE_AIR * run["duration_s"]:
+        wrong.append("wrenches: by them neither foot carries the robot: not connected, or does it hang in the air?")
     return Checked(
         robot={
             "name": session.config.robot.name,
@@ -69,6 +73,6 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
         phases={phase.name: run["phases_s"].get(phase.name, 0.0) for phase in Phase},
         seconds=run["duration_s"],
         rejected={reason: (count, status.last_rejection[reason]) for reason, count in status.rejected.items()},
-        wrong=tuple(session.warnings),
+        wrong=tuple(wrong),
         wrench_source=session.config.streams.wrench_source,
     )

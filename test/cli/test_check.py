@@ -43,6 +43,7 @@ def scaled(streams, field, factor):
         (scaled((MOTORS,), "position", 100.0), "before the gear"),
         (scaled((LEFT, RIGHT), "force", 1.0 / 9.81), "in kilograms"),
         (scaled((LEFT,), "force", -1.0), "wrong sign"),
+        (scaled((LEFT, RIGHT), "force", 0.0), "neither foot carries the robot"),
     ],
 )
 def test_one_sentence_for_one_cause(tmp_path, capsys, change, words):

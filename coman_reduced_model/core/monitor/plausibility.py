@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 _INTERVAL_NS = 20_000_000  # between looks
 _MIN_LOOKS = 50  # before a warning: 1 s
-_NOTHING = 0.01  # share of the weight: feet that read less between them read nothing
 _NEGATIVE = 0.02  # share of the weight: a mean force below minus this is more than a bias
 _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
 _CARRIES = 0.8  # share of both forces on the foot in the air, from which the feet are swapped
@@ -63,7 +62,6 @@ class Plausibility:
         self._turned_wrenches.reset()
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
-        self._size = 0.0  # of both forces
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._looks = 0
         joints = len(self._robot.joint_names)
@@ -91,7 +89,6 @@ class Plausibility:
         left, right = float(sample.left_wrench[2]), float(sample.right_wrench[2])
         for foot, force in ((Foot.LEFT, left), (Foot.RIGHT, right)):
             self._force[foot] += force
-            self._size += abs(force)
             self._negative[foot] += force < -_NEGATIVE * self._weight
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
@@ -191,12 +188,6 @@ class Plausibility:
                 "another unit? wanted is the motor side behind the gear, in radians"
             )
             found.append(InputWarning(WarningKind.UNIT, MOTORS, text))
-        if self._looks >= _MIN_LOOKS and self._size / self._looks < _NOTHING * self._weight:
-            text = (
-                f"wrenches: both feet read {self._size / self._looks:.2g} N in size on average, and the robot weighs "
-                f"{self._weight:.0f} N: not connected, or does it hang in the air?"
-            )
-            found.append(InputWarning(WarningKind.UNIT, "", text))
         share = sum(self._force.values()) / max(self._looks, 1) / self._weight
         if self._looks >= _MIN_LOOKS and KILOGRAMS[0] < share < KILOGRAMS[1]:
             text = (

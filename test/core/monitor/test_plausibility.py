@@ -86,7 +86,6 @@ def test_bias_of_a_foot_in_the_air_is_reported(share):
         ((JOINTS, MOTORS), "position", 180.0 / np.pi, "in degrees"),
         ((MOTORS,), "position", 100.0, "before the gear"),
         ((LEFT, RIGHT), "force", 1.0 / 9.81, "in kilograms"),
-        ((LEFT, RIGHT), "force", 0.0, "not connected"),
     ],
 )
 def test_other_units_are_reported(streams, field, factor, words):
