@@ -31,9 +31,8 @@ def main() -> None:
     check = parser.parse_args().check
     for name, texts in PAGES.items():
         page = HERE / name
-        write(
-            page, generated(name, page.read_text(encoding="utf-8"), {key: make() for key, make in texts.items()}), check
-        )
+        made = {key: make() for key, make in texts.items()}
+        write(page, generated(name, page.read_text(encoding="utf-8"), made), check)
     write(Path(schemas.__file__).parent / "archive.schema.json", json.dumps(json_schema(), indent=1) + "\n", check)
 
 

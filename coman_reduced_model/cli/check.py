@@ -52,11 +52,12 @@ def _lines(found: Checked) -> list[str]:
     from ..core.base.stream_names import CONTACTS
 
     robot = found.robot
-    lines = [f"robot: {robot['name']}, {robot['mass_kg']:.1f} kg, {robot['joints']} joints{_joints(found)}"]
+    facts = [f"robot: {robot['name']}", f"{robot['mass_kg']:.1f} kg", f"{robot['joints']} joints"]
+    lines = [", ".join([*facts, *_joints(found)])]
     for name, stream in found.streams.items():
         if stream["received"]:
-            rate = f", {stream['rate_hz']:.0f} Hz" if isfinite(stream["rate_hz"]) else ", none usable"
-            lines.append(f"{name}: {stream['received']} messages{rate}")
+            rate = f"{stream['rate_hz']:.0f} Hz" if isfinite(stream["rate_hz"]) else "none usable"
+            lines.append(f"{name}: {stream['received']} messages, {rate}")
         elif stream["needed"] or name != CONTACTS:  # few robots have these, and only some need them
             lines.append(f"{name}: none{', but needed' if stream['needed'] else ''}")
     if found.wrench_source != "sensors":
@@ -71,9 +72,10 @@ def _lines(found: Checked) -> list[str]:
     return [*lines, *(f"wrong? {each}" for each in found.wrong)] if found.wrong else [*lines, "nothing looks wrong"]
 
 
-def _joints(found: Checked) -> str:
-    if not found.seconds:  # no message told
-        return ""
+def _joints(found: Checked) -> list[str]:
+    """Which joints the messages hold; nothing where none of them is usable."""
+    if not found.seconds:
+        return []
     missing, unknown = found.robot["unlisted"], found.robot["unknown"]
     words = [f"not in messages, held at zero: {', '.join(missing)}"] if missing else ["all of them in the messages"]
-    return ", " + "; ".join([*words, *([f"not in the URDF, ignored: {', '.join(unknown)}"] if unknown else [])])
+    return ["; ".join([*words, *([f"not in the URDF, ignored: {', '.join(unknown)}"] if unknown else [])])]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import recording as recorded_elsewhere
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import Foot, Phase, Prediction, Sample, SupportState
@@ -17,6 +17,7 @@ from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.errors import BagError
+from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.record import load_truth
 from coman_reduced_model.sim.robot_table import COMAN
@@ -80,10 +81,11 @@ def test_static_stiffness_is_found_within_its_interval(robot):
     assert sum(joint.stiffness.low <= true[joint.name] <= joint.stiffness.high for joint in joints) >= 10
 
 
-@pytest.mark.parametrize("walk", ["bags/test1", "bags/test2", "../shared/other_robot/walk_003"])
+@pytest.mark.parametrize("walk", ["test1", "test2", "other_robot/walk_003"])
 def test_a_walk_shows_stiffness_and_damping_of_the_soft_joints(walk):
     """Of the shipped walks, and of one that an independent simulation has recorded, whose constants are the same."""
-    recordings = read_all([ROOT / walk], motor_side(CONFIG), TopicNames(), None, None)
+    bag = recorded_elsewhere(walk) if "/" in walk else bag_path(walk)
+    recordings = read_all([bag], motor_side(CONFIG), TopicNames(), None, None)
     joints = {joint.name: joint for joint in identify(recordings, CONFIG)}
     for leg in (CONFIG.robot.left, CONFIG.robot.right):
         for name, k, d in zip(leg.joints, leg.stiffness, leg.damping, strict=True):

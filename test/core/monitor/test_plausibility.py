@@ -105,17 +105,14 @@ def warnings_of_walk(change):
     return pipeline.status().warnings
 
 
-def one_joint_reversed(stream, message):
-    if stream != MOTORS:
-        return message
-    sign = np.where(np.array(message.names) == "LKneeSag", -1.0, 1.0)
-    return replace(message, position=sign * message.position, velocity=sign * message.velocity)
+def knee_reversed(stream, *fields):
+    def change(name, message):
+        if name != stream:
+            return message
+        sign = np.where(np.array(message.names) == "LKneeSag", -1.0, 1.0)
+        return replace(message, **{field: sign * getattr(message, field) for field in fields})
 
-
-def one_torque_reversed(stream, message):
-    if stream != JOINTS:
-        return message
-    return replace(message, effort=np.where(np.array(message.names) == "LKneeSag", -1.0, 1.0) * message.effort)
+    return change
 
 
 def scaled(stream, field, factor):
@@ -135,8 +132,12 @@ def other_order(stream, message):
         (scaled(JOINTS, "effort", -1.0), WarningKind.SIGN, "torques are -0."),
         (scaled(JOINTS, "effort", 1000.0), WarningKind.UNIT, "wanted are Nm"),
         (scaled(JOINTS, "effort", 1.0 / 9.81), WarningKind.UNIT, "wanted are Nm"),
-        (one_torque_reversed, WarningKind.SIGN, "torques of LKneeSag are against"),
-        (one_joint_reversed, WarningKind.SIGN, "motor and joint of LKneeSag turn in opposite directions"),
+        (knee_reversed(JOINTS, "effort"), WarningKind.SIGN, "torques of LKneeSag are against"),
+        (
+            knee_reversed(MOTORS, "position", "velocity"),
+            WarningKind.SIGN,
+            "motor and joint of LKneeSag turn in opposite directions",
+        ),
         (scaled(IMU, "linear_acceleration", 1.0 / 9.81), WarningKind.UNIT, "in units of gravity"),
         (scaled(IMU, "linear_acceleration", -1.0), WarningKind.SIGN, "wanted is up"),
         (other_order, WarningKind.UNIT, "w x y z"),
@@ -228,11 +229,7 @@ def test_what_is_missing_prevents_predictions():
     ("stream", "change", "words"),
     [
         (JOINTS, {"names": ("a",) * 12}, "joint_states: no usable message yet: no joint of the legs"),
-        (
-            LEFT,
-            {"frame_id": "r_sole"},
-            "left_foot/wrench: no usable message yet.*: the wrench .* is in frame",
-        ),
+        (LEFT, {"frame_id": "r_sole"}, "left_foot/wrench: no usable message yet.*: the wrench .* is in frame"),
     ],
 )
 def test_why_no_message_is_usable_is_said_with_it(stream, change, words):
