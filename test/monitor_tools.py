@@ -17,6 +17,7 @@ from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.robot.robot import Robot
 
 BEGINS, WITHIN = 7.0, 5.0  # [s]
+LOADED = 15.0  # [N] from which a foot bears load: just before and after, it is as good as in the air
 FEET = {Foot.LEFT: LEFT, Foot.RIGHT: RIGHT}
 KNEE = names().index("LKneeSag")
 

@@ -51,4 +51,6 @@ def baseline(
             ["what", "standard deviations"],
             rows,
         )
+    if learnt.not_monitored:
+        print(f"monitor: as for any robot, since it cannot follow these recordings: {learnt.not_monitored}")
     print(f"written: {out}")

@@ -88,7 +88,7 @@ class Pipeline:
         self.joiner = BlockJoiner(robot, config, stream_delays(effects))
         self.predictor = Predictor(self.robot, config, effects)
         self.plausibility = Plausibility(self.robot, config)
-        self.monitor = Monitor(self.robot, config) if config.monitor.enabled else None
+        self.monitor = Monitor(self.robot, config, self.predictor.zeros) if config.monitor.enabled else None
         self.samples = 0
         self.restarts = 0
         self._gap = round(config.streams.restart_gap * 1e9)
@@ -186,7 +186,7 @@ class Pipeline:
         """
         old, new = self.config.monitor, config.monitor
         if (new.enabled, new.baseline) != (old.enabled, old.baseline):
-            self.monitor = Monitor(self.robot, config) if new.enabled else None
+            self.monitor = Monitor(self.robot, config, self.predictor.zeros) if new.enabled else None
         elif self.monitor is not None:
             self.monitor.change_threshold(new.threshold)
         self.config = config

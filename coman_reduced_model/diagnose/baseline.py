@@ -18,7 +18,7 @@ from ..core.base.nominal import Nominal, load_nominal
 from ..core.base.types import Array
 from ..core.config.schema import Config
 from ..core.effects.unknown import Unknown
-from ..errors import BagError, ConfigError
+from ..errors import BagError, ComanError, ConfigError
 from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
@@ -30,6 +30,7 @@ from .inference.evidence import pooled, prior_variance
 from .inference.explanation import by_law
 from .inference.finding import leftover
 from .inference.variability import adapted
+from .monitor_rows import rows_of_robot, watch
 from .physics.hypotheses import unknowns
 
 LEAST_BAGS = 2
@@ -37,7 +38,7 @@ PLAUSIBLE = 2.0  # standard deviations of the population, by which a parameter i
 PULLED = 2.0  # the same, from which on it is reported
 POPULATION = 1.0  # recordings that the population is worth, for how much a robot varies
 SCATTER = 0.5  # of the population's scatter of what laws leave, that a robot has at least
-READ = 0.5  # of the work
+READ, EXAMINED = 0.5, 0.4  # of the work
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,13 @@ class Baseline:
         nominal: to be written to a file.
         bags: number of recordings.
         pulled: by kind of parameter, how far it is from what the description of the robot says [standard deviations].
+        not_monitored: why the monitor learnt nothing; empty: it did.
     """
 
     nominal: Nominal
     bags: int
     pulled: Mapping[str, float]
+    not_monitored: str = ""
 
 
 def baseline(
@@ -84,16 +87,28 @@ def baseline(
             f"streams.wrench_source: {source}: a baseline needs measured foot wrenches (allowed: sensors)"
         )
     report = progress or (lambda fraction, what: None)
-    config, population = with_structure(config), population or load_nominal()
+    given, config, population = config, with_structure(config), population or load_nominal()
     readings = read_bags(bags, config, urdf, names, between(report, 0.0, READ))
     checked = check_recordings(readings, len(bags), config, [], whole=True)
     known = unknowns(checked.train[0][0], checked.train[0][1], population)
     nothing = np.zeros(len(known))
     cases = []
     for i, each in enumerate(checked.train):
-        report(READ + (1.0 - READ) * i / len(bags), f"learning from {each[0].name}")
+        report(READ + EXAMINED * i / len(bags), f"learning from {each[0].name}")
         cases.append(examine(each, known, nothing, nominal=population))
-    return of_cases(cases, population)
+    report(READ + EXAMINED, "watching the walks again, as the monitor does")
+    return _with_monitor(of_cases(cases, population), bags, given, urdf, names)
+
+
+def _with_monitor(
+    learnt: Baseline, bags: Sequence[str | Path], config: Config, urdf: str | Path | None, names: TopicNames | None
+) -> Baseline:
+    """The same with rows for the monitor, as far as it can follow these recordings."""
+    try:
+        rows = rows_of_robot([watch(bag, config, urdf, names) for bag in bags], learnt.nominal.monitor)
+    except ComanError as error:
+        return replace(learnt, not_monitored=str(error))
+    return replace(learnt, nominal=replace(learnt.nominal, monitor=rows))
 
 
 def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:

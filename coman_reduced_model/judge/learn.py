@@ -364,9 +364,12 @@ def header() -> str:
 # leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm.
 # decision: weights by which an effect is named, with recordings that help to choose and alone. with_baseline: the same
 #     where the robot's own baseline is known.
-# monitor: by law: unit; standard deviation of a phase mean from phase to phase in single and in double support, from
-#     one robot to the next (0: not known), and of the drift from one phase of a kind to the next, as a share of the
-#     noise. In weights for N, weight times COM height for Nm, mass times m/s for Ns.
+# monitor: by law (of one robot also by channel), by judge/learn_monitor.py: unit; single, double: noise, the usual
+#     standard deviation of a phase mean from phase to phase in that support; by_robot, by_channel: how much the
+#     logarithm of that noise varies from robot to robot, and between channels of a law of one robot; drift of a level
+#     from one phase of a kind to the next, as a share of the noise; robots: standard deviation of the value over
+#     nominal robots (0: not known); usual: value of this robot. In weights for N, weight times COM height for Nm, mass
+#     times m/s for Ns.
 """
 
 

@@ -182,7 +182,7 @@ class MonitorConfig:
         True, "", "watch laws of mechanics for mismatches: /diagnostics, warnings of summary.json", runtime=True
     )
     threshold: float = par(
-        6.0, "1", "standard deviations that make a mismatch, of the weaker of two strides", 1.0, 1e3, runtime=True
+        6.0, "1", "standard deviations that make a mismatch, of strides in a row", 1.0, 1e3, runtime=True
     )
     baseline: str = par(
         "", "", "file of nominal variability, by coman baseline; empty: that of the shipped population", runtime=True

@@ -7,13 +7,15 @@ not balance are zeros, as far as the robot is not accelerated. So a foot that ne
 the balance. Both hold on level ground.
 
 As long as the total vertical force is near the weight, or both feet bear nothing, nothing is learnt and nothing is
-changed: a good sensor is left alone, and costs nothing. Only the past is used, and what was learnt lasts.
+changed: a good sensor is left alone, and costs nothing. Zeros of both feet may cancel in the total: then a foot in the
+air shows them, if it reads what no ground can give, a pull or more force sideways than down. Only the past is used, and
+what was learnt lasts.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import isfinite
+from math import hypot, isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,8 +59,14 @@ class SensorZeros:
         self.active = False
         self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
         self._seen, self._alive = np.zeros(2, dtype=bool), False
+        self._in_air, self._air_s = np.zeros((2, 3)), np.zeros(2)  # mean force [N], and time [s], of feet in the air
         self._x = np.zeros(12)
         self._P = np.diag(self._variance(PRIOR, 2))
+
+    @property
+    def both(self) -> Array:
+        """Zeros (12,) of both sensors, the left one first."""
+        return self._x.copy() if self.active else np.zeros(12)
 
     def of(self, foot: Foot) -> Array:
         """Zero (6,) of a foot's sensor: force [N] and moment [Nm] at the sole, in its axes."""
@@ -81,6 +89,9 @@ class SensorZeros:
                 self._alive = bool(self._seen.all())
             if self._alive:
                 self._watch(float(left[2]) / self.weight, float(right[2]) / self.weight, dt)
+                if not self.active and sample.stamp_ns >= self._next_ns:
+                    self._next_ns = sample.stamp_ns + EVERY_NS
+                    self._watch_air((left, right), link)
             if not self.active:
                 return sample
         if sample.stamp_ns >= self._next_ns:
@@ -113,13 +124,23 @@ class SensorZeros:
         another = any(low < self._mean < high for low, high in (REVERSED, KILOGRAMS))
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
+    def _watch_air(self, wrenches: tuple[Array, Array], link: Posture) -> None:
+        """Whether a foot in the air reads what no ground can give, in the mean over some of its steps."""
+        foot = _in_the_air(link)
+        if foot == Foot.NONE:
+            return
+        k = FEET.index(foot)
+        self._air_s[k] = min(self._air_s[k] + EVERY_NS * 1e-9, MEMORY_S)
+        self._in_air[k] += (wrenches[k][:3] - self._in_air[k]) * EVERY_NS * 1e-9 / self._air_s[k]
+        x, y, down = (self._in_air[k] / self.weight).tolist()
+        pulled, sideways = down < -SAID, hypot(x, y) > SAID + max(down, 0.0)
+        self.active = self._air_s[k] >= FIRST_S and (pulled or sideways)
+
     def _measure(self, reading: Array, link: Posture) -> None:
         """Readings (12,) of both sensors, when the robot stands as `link` says."""
-        height = link.sole_pose(Foot.LEFT, Foot.RIGHT)[2, 3]
-        above = link.sole_pose(Foot.RIGHT, Foot.LEFT)[2, 3]
-        stands = Foot.LEFT
-        if min(abs(height), abs(above)) > CLEARANCE and height * above < 0.0:
-            k, stands = (6, Foot.LEFT) if height > 0.0 else (0, Foot.RIGHT)
+        stands, air = Foot.LEFT, _in_the_air(link)
+        if air != Foot.NONE:
+            k, stands = 6 * FEET.index(air), air.other
             H = np.zeros((6, 12))
             H[:, k : k + 6] = np.eye(6)
             self._update(H, reading[k : k + 6], self._variance(IN_THE_AIR, 1))
@@ -143,3 +164,12 @@ class SensorZeros:
     def _variance(self, deviations: tuple[float, float], feet: int) -> Array:
         """(6 * feet,) of forces and moments."""
         return (np.tile(np.repeat(deviations, 3), feet) * self.weight) ** 2
+
+
+def _in_the_air(link: Posture) -> Foot:
+    """The foot that is in the air by the joints; `NONE`: neither, or not for certain."""
+    height = link.sole_pose(Foot.LEFT, Foot.RIGHT)[2, 3]
+    above = link.sole_pose(Foot.RIGHT, Foot.LEFT)[2, 3]
+    if min(abs(height), abs(above)) <= CLEARANCE or height * above >= 0.0:
+        return Foot.NONE
+    return Foot.RIGHT if height > 0.0 else Foot.LEFT

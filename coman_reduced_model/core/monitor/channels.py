@@ -18,23 +18,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.types import Array
-
 KINDS = ("left", "right", "double support after left", "double support after right", "standing")
 LEFT, RIGHT, AFTER_LEFT, AFTER_RIGHT, STANDING = range(5)  # their indices
 FLAT_SOLE_LAWS = ("torque", "drag", "force", "moment", "feet", "tilt")  # hold while the support sole lies flat
 SPRING_LAWS = ("spring", "stiffness")  # hold for each spring alone, in any gait
+WRENCH_LAWS = ("torque", "drag", "late", "force", "moment", "landing", "unloaded")  # depend on the foot wrenches
+AXES = tuple(f"{kind}{axis}" for kind in "ft" for axis in "xyz")  # of a wrench
 # Channels that do not depend on the joints, in this order after `spring` and `torque` of all joints.
 COMMON = (
     *(f"{law}/{axis}" for law in ("force", "moment") for axis in "xyz"),
     *("feet/z", "feet/roll", "feet/pitch", "feet/slide_x", "feet/slide_y", "tilt/roll", "tilt/pitch"),
-    *(f"unloaded/{foot}/{kind}{axis}" for foot in ("left", "right") for kind in "ft" for axis in "xyz"),
+    *(f"unloaded/{foot}/{axis}" for foot in ("left", "right") for axis in AXES),
     *("plan/x", "plan/y", "landing/z"),
 )
 
@@ -43,10 +43,13 @@ class Nominal(NamedTuple):
     """Nominal variability of a channel. Units: weights for N, weight times COM height for Nm, mass times m/s for Ns."""
 
     unit: str
-    single: float  # standard deviation of a phase mean from phase to phase, in single support
+    single: float  # noise: usual standard deviation of a phase mean from phase to phase, in single support
     double: float  # the same in double support
-    robots: float  # standard deviation from one nominal robot to the next; 0: not known
+    by_robot: float  # standard deviation of the logarithm of the noise, from one robot to the next
+    by_channel: float  # the same, from one channel of a law to another of the same robot
     drift: float  # standard deviation of the drift from one phase of a kind to the next, as a share of the noise
+    robots: float  # standard deviation of the value from one nominal robot to the next; 0: not known
+    usual: float  # value that is usual for a robot
 
 
 # Channels that not all kinds of phases show, by law or by law and foot.
@@ -77,16 +80,15 @@ def law_of(name: str) -> str:
     return name.partition("/")[0]
 
 
-def nominal(name: str, table: Mapping[str, Mapping[str, Any]]) -> Nominal:
-    """Nominal variability of a channel, by the section `monitor` of a file of nominal variability."""
+def row_of(name: str, table: Iterable[str]) -> str:
+    """The row for a channel in the section `monitor` of a file of nominal variability: its own, or that of its law."""
     law = law_of(name)
-    row = table.get(name) or table[f"unloaded/{name[-2]}" if law == "unloaded" else law]
-    return Nominal(str(row["unit"]), *(float(row[key]) for key in ("single", "double", "robots", "drift")))
+    return name if name in table else f"unloaded/{name[-2]}" if law == "unloaded" else law
 
 
-def nominal_deviations(rows: Sequence[Nominal], scale: Mapping[str, float]) -> Array:
-    """`single`, `double`, `robots` of n rows (3, n), times a scale by unit."""
-    return np.array([[scale.get(unit, 1.0) * x for x in rest] for unit, *rest, _ in rows]).T
+def nominal(row: Mapping[str, Any]) -> Nominal:
+    """Nominal variability by a row of that section."""
+    return Nominal(str(row["unit"]), *(float(row.get(name, 0.0)) for name in Nominal._fields[1:]))
 
 
 def shown(names: tuple[str, ...]) -> NDArray[np.bool_]:

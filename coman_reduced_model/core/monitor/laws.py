@@ -20,13 +20,15 @@ from ..effects.catalogue import CATALOGUE, Effect
 from .channels import (
     AFTER_LEFT,
     AFTER_RIGHT,
+    AXES,
     FLAT_SOLE_LAWS,
     SPRING_LAWS,
     STANDING,
+    WRENCH_LAWS,
     channel_names,
     nominal,
-    nominal_deviations,
     of_laws,
+    row_of,
     shown,
 )
 from .forces import WINDOW_NS, Feet, ForceBalance
@@ -46,6 +48,7 @@ _RESIDUAL_SHARE = 0.5  # of the variance of the needed torque: with a larger res
 # Deflection [rad] and its rate [rad/s] beyond which the nominal noise of `stiffness` grows in proportion to them, by
 # errors of gains and clocks.
 _DEFLECTION, _DEFLECTION_RATE = 0.004, 0.05
+_STANDS_OUT = 3.0  # standard deviations of what a foot sensor reads without load
 _GAP_S = 0.05  # longest time between two looks over which a spring is integrated
 _MAX_WINDOW_NS = 2_000_000_000  # longest window of the force balance
 _NAN3 = np.full(3, np.nan)
@@ -69,9 +72,12 @@ class Laws:
 
     Attributes:
         names, units: of the n channels; units are rad, m, s, N, Nm or Ns.
+        rows, nominal: (n,) name of the row for each channel, and these rows.
+        scale: (n,) what figures of these rows are multiplied by.
         noise: (kinds, n) nominal standard deviation from phase to phase.
-        drift: (kinds, n) nominal standard deviation of the drift from one phase of a kind to the next.
+        drift: (n,) variance of the drift from one phase of a kind to the next, as a share of that of the noise.
         gait_independent: (n,) whether values of the last phase can be compared with those of another gait.
+        by_wrenches: (n,) whether they depend on the foot wrenches.
         looks: since `begin`.
         tipping: the last single support was on the edge of the sole: laws of flat soles are skipped until the next.
         forces: balance of forces.
@@ -109,8 +115,9 @@ class Laws:
         self._stiffness = slice(self._late.start - nl, self._late.start)
         self._drag = slice(self._late.start - 2 * nl, self._late.start - nl)
         self._shown, self._flat = shown(names), of_laws(names, FLAT_SOLE_LAWS)
-        self._spring_laws = of_laws(names, SPRING_LAWS)
+        self._spring_laws, self._wrench_laws = of_laws(names, SPRING_LAWS), of_laws(names, WRENCH_LAWS)
         self.gait_independent = np.zeros(len(names), dtype=bool)
+        self.by_wrenches = self._wrench_laws
 
     def _set_nominal(self, robot: Robot, config: Config) -> None:
         """Nominal variability, in units of the channels."""
@@ -120,11 +127,16 @@ class Laws:
             "Ns": robot.mass,
         }
         table = load_nominal(config.monitor.baseline).monitor
-        rows = [nominal(name, table) for name in self.names]
-        single, double, robots = nominal_deviations(rows, scale)
+        self.rows = tuple(row_of(name, table) for name in self.names)
+        self.nominal = {name: nominal(table[name]) for name in dict.fromkeys(self.rows)}
+        rows = [self.nominal[name] for name in self.rows]
         self.units = tuple(row.unit for row in rows)
+        self.scale = np.array([scale.get(row.unit, 1.0) for row in rows])
+        single, double, robots, self._usual = (
+            self.scale * np.array([(row.single, row.double, row.robots, row.usual) for row in rows]).T
+        )
         self.noise = np.array([single, single, double, double, double])
-        self.drift = self.noise * [row.drift for row in rows]
+        self.drift = np.array([row.drift**2 for row in rows])
         self._variance = robots**2
         self._rate_variance = (_RATE * scale["Nm"]) ** 2
         # What an effect describes is watched for changes alone.
@@ -200,7 +212,9 @@ class Laws:
         torques_known = bool(np.isfinite(values[self._torque]).all())
         self.gait_independent = self._spring_laws & torques_known
         self.gait_independent[self._force] = self.forces.uses_imu
+        self.by_wrenches = self._wrench_laws if torques_known else self._wrench_laws | self._spring_laws
         values[~self._shown[kind]] = np.nan
+        values -= self._usual
         self._skip_flat_sole_laws(values, kind)
         deflection = self._sums["static_deflection"] / self.looks
         variance, load_offset = self._variance.copy(), np.zeros(n)
@@ -211,6 +225,11 @@ class Laws:
             variance[:nl] = 0.0
         displacement = self._sums["posture_last"] - self._sums["posture_first"]
         return PhaseMean(values, variance, load_offset, np.append(self._sums["posture"] / self.looks, displacement))
+
+    def wrenches_moved(self, change: Array) -> bool:
+        """Whether foot wrenches that change so (12,) [N, Nm], those of the left foot first, stand out of the noise."""
+        unloaded = [self._index[f"unloaded/{foot}/{axis}"] for foot in ("left", "right") for axis in AXES]
+        return bool((np.abs(change) > _STANDS_OUT * self.noise[0, unloaded]).any())
 
     def _mean_residuals(self) -> Array:
         """(n,) residuals of all laws, in whatever phase."""

@@ -3,8 +3,8 @@
 
 Each channel (channels.py) gives one value a support phase. Each kind of phase (left, right, double support after
 either, standing) has its own level, which a Kalman filter learns while the robot walks, and its own noise (levels.py).
-The change of a channel in a kind is the weaker of its last two deviations from the level, in standard deviations, if
-both have the same sign. A channel is reported as *changed* if its change over all kinds together exceeds
+The change of a channel in a kind is that of its last deviations from the level, two or more, if all have the same
+sign. A channel is reported as *changed* if its change over all kinds together exceeds
 `monitor.threshold`, and as *off* if two values in a row of one kind are as far from zero, relative to the scatter of
 nominal robots. A single outlier counts as noise, so a stumble is no mismatch. A phase whose duration, posture or motion
 differs from those of its kind before belongs to another gait, and levels are learnt again. An intermittent force has no
@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from ..base.types import Array, Phase, Prediction, Sample
 from ..config.schema import Config
+from ..measured.sensor_zeros import SensorZeros
 from .channels import AFTER_LEFT, AFTER_RIGHT, KINDS, STANDING, of_laws
 from .forces import WINDOW_NS
 from .laws import LANDED_S, Laws, PhaseMean
-from .levels import CHANNEL, update_channels
+from .levels import CHANNEL, noise_by_law, update_channels
 from .unsteady import INTERVAL_NS, IntermittentForces
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ _MIN_LOOKS = 5  # of a phase
 _STANDING_PIECES = 3  # pieces of standing in a row after which steps are over
 _PIECE_NS = 1_000_000_000  # longer double support is standing, in pieces of this length
 _UNLIKE = 0.05, 0.15, 0.03  # [rad] joints, share and [s] of duration: a larger difference is another gait
-_MIN_NOISE = 0.3  # of the nominal noise: noise floor, no false alarms on noise-free sensors
 _GAIT_MEMORY = 20.0  # phases over which duration and posture of a gait are averaged
 _STALE = 10.0  # [s] after which a value is dropped: the robot stands, or tips, or has lost a sensor
 _RELEASE = 0.75  # of the threshold: below it, a reported change is over
@@ -94,18 +94,22 @@ class Monitor:
         first: by channel, the first mismatch since the start.
         phases: support phases that were compared with others of their kind.
         laws: residuals of the current phase.
+        kept: if a list, each phase is appended: its kind, (n,) values, NaN where they are those of another gait, and
+            which of them are tested against zero.
     """
 
-    def __init__(self, robot: Robot, config: Config) -> None:
+    def __init__(self, robot: Robot, config: Config, zeros: SensorZeros | None = None) -> None:
+        """Zeros: what is taken off the foot wrenches of its samples; while that changes, their laws say nothing."""
         self.laws = Laws(robot, config)
+        self._zeros = zeros or SensorZeros(self.laws.forces.memory.weight)
         self._threshold = config.monitor.threshold
         self._intermittent = IntermittentForces(robot.mass * config.robot.gravity, self._threshold)
         self.first: dict[str, Mismatch] = {}
+        self.kept: list[tuple[int, Array, NDArray[np.bool_]]] | None = None
         self.phases = 0
         self.reset()
         names = self.laws.names
         self._feet, self._forces = of_laws(names, ("feet",)), of_laws(names, ("force",))
-        self._min_variance, self._drift_variance = (_MIN_NOISE * self.laws.noise) ** 2, self.laws.drift**2
         unknown = np.full(len(names), np.nan)  # compiled before the first phase ends
         nothing = PhaseMean(unknown, unknown, unknown, unknown)
         self._update_channels(0, nothing, self._feet, 0.0)
@@ -118,8 +122,8 @@ class Monitor:
     def reset(self) -> None:
         """Forget the past, except for `first`."""
         self._channels = np.zeros((len(KINDS), len(self.laws.names)), dtype=CHANNEL)
-        self._channels["noise_variance"] = self.laws.noise**2
         self._channels["error_sigma"] = np.nan
+        self._noise = noise_by_law(self.laws)
         self._gait: dict[int, Array] = {}  # by kind: mean duration, posture and motion
         self._gait_phases = [0] * len(KINDS)
         self._last_unlike = [False] * len(KINDS)  # the last phase of the kind was unlike those before it
@@ -132,7 +136,11 @@ class Monitor:
         self._standing_pieces = 0  # in a row
         self._used_imu = False  # for the force balance of the last phase
         self.laws.forces.reset()
+        self._begin_phase()
+
+    def _begin_phase(self) -> None:
         self.laws.begin()
+        self._zeros_before = self._zeros.both
 
     def update(self, sample: Sample, link: Posture, prediction: Prediction) -> None:
         """Take one sample, with the posture and the prediction made of it; stamps increase between resets."""
@@ -143,7 +151,7 @@ class Monitor:
             self._phase_before, self._phase = self._phase, phase
             self._phase_start_ns = self._next_look_ns = stamp
             self._start_ns = self._start_ns or stamp
-            self.laws.begin()
+            self._begin_phase()
         if phase is Phase.DOUBLE and self._phase_before in _LANDINGS:
             self._update_landing(sample)
         self._last_ns = stamp
@@ -181,6 +189,9 @@ class Monitor:
         if self._standing_pieces >= _STANDING_PIECES:
             self._intermittent.reset()
         mean = self.laws.mean(kind)
+        if self.laws.wrenches_moved(self._zeros.both - self._zeros_before):
+            mean.values[self.laws.by_wrenches] = np.nan
+            self._forget_levels(self.laws.by_wrenches)
         same_gait = self._same_gait(kind, np.append((stamp - self._phase_start_ns) * 1e-9, mean.posture))
         self.phases += same_gait
         if self.laws.forces.uses_imu != self._used_imu:  # its mounting differs a little from the URDF
@@ -188,6 +199,8 @@ class Monitor:
             self._forget_levels(self._forces)
             self._intermittent.reset()
         comparable = self.laws.gait_independent | same_gait
+        if self.kept is not None:
+            self.kept.append((kind, np.where(comparable, mean.values, np.nan), mean.variance > 0.0))
         self._update_channels(kind, mean, comparable, self._seconds(self._phase_start_ns))
         self._report(stamp)
 
@@ -198,8 +211,10 @@ class Monitor:
         return 1 + int(self._phase_before) if self._phase_before in _LANDINGS else STANDING
 
     def _update_channels(self, kind: int, mean: PhaseMean, comparable: NDArray[np.bool_], start: float) -> None:
-        drift = np.where(self._changed, 0.0, self._drift_variance[kind])  # a reported change is no drift
-        update_channels(self._channels[kind], mean, comparable, self._min_variance[kind], drift, self._threshold, start)
+        drift = np.where(self._changed, 0.0, self.laws.drift)  # a reported change is no drift
+        update_channels(
+            self._channels[kind], *self._noise, mean, comparable, self.laws.noise[kind], drift, self._threshold, start
+        )
 
     def _same_gait(self, kind: int, features: Array) -> bool:
         """Whether a phase with that duration [s], posture and motion [rad] belongs to the gait before it."""
@@ -217,7 +232,7 @@ class Monitor:
 
     def _forget_levels(self, which: NDArray[np.bool_], kind: int | slice = slice(None)) -> None:
         """Forget the levels of channels (n,); their noise stays."""
-        for field in ("level", "level_variance", "level_phases", "pending", "change_sigma"):
+        for field in ("level", "level_share", "level_phases", "pending", "change_sigma"):
             self._channels[field][kind, which] = 0.0
         self._channels["error_sigma"][kind, which] = np.nan
 

@@ -11,6 +11,7 @@ from conftest import recording
 
 import coman_reduced_model as coman
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
+from coman_reduced_model.core.measured.sensor_zeros import SensorZeros
 from coman_reduced_model.core.predictor import Predictor
 
 LEFT, RIGHT = np.array([20.0, -12.0, 120.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, -70.0, -1.5, 0.5, -0.2])
@@ -56,6 +57,34 @@ def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array,
         np.testing.assert_allclose(predictor.zeros.of(foot)[3:], zero[3:], atol=0.5)
     said = " ".join(map(str, predictor.zeros.warnings()))
     assert ("left_foot" in said) == left.any() and ("right_foot" in said) == right.any()
+
+
+def test_zeros_that_cancel_in_the_total_are_found_by_feet_in_the_air(walk) -> None:
+    """25 N too little on the left foot, 20 N too much on the right one: the total is right, no foot ever seems to lift."""
+    left, right = np.array([20.0, -12.0, -25.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, 20.0, -1.5, 0.5, -0.2])
+    _, expected = run(walk, NONE, NONE)
+    predictor, found = run(walk, left, right)
+    assert predictor.zeros.active
+    for foot, zero in ((Foot.LEFT, left), (Foot.RIGHT, right)):
+        np.testing.assert_allclose(predictor.zeros.of(foot)[:3], zero[:3], atol=3.0)
+    later = len(expected) // 2  # both feet have been in the air twice
+    assert np.mean(found[later:] != expected[later:]) < 0.02
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_a_foot_that_bears_load_on_a_step_is_not_in_the_air(walk, share: float) -> None:
+    robot, config, samples = walk
+    link, zeros = robot.posture(), SensorZeros(robot.mass * config.robot.gravity)
+    q = np.zeros(len(robot.joint_names))
+    q[robot.legs[Foot.LEFT][:4]] = [-0.5, 0.0, 0.0, 1.0]
+    q[robot.legs[Foot.LEFT][4:]] = [-0.5, 0.0]
+    link.update(q, np.zeros_like(q))
+    assert link.sole_pose(Foot.RIGHT, Foot.LEFT)[2, 3] > 0.03
+    wrench = np.array([0.1, 0.0, 1.0, 0.0, 0.0, 0.0]) * zeros.weight
+    for k in range(600):
+        sample = replace(samples[0], stamp_ns=(k + 1) * 5_000_000, left_wrench=share * wrench)
+        zeros.corrected(replace(sample, right_wrench=(1.0 - share) * wrench), link)
+    assert not zeros.active
 
 
 def test_reversed_forces_are_no_zeros(walk) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from monitor_tools import BEGINS, FEET, KNEE, LEVEL, WITHIN, detected_in_time, mismatches, turned, watched
+from monitor_tools import BEGINS, FEET, KNEE, LEVEL, LOADED, WITHIN, detected_in_time, mismatches, turned, watched
 from scipy.spatial.transform import Rotation
 from synthetic import JOINTS, MOTORS, RIGHT, T0, names, robot, walk, write_bag
 
@@ -25,8 +25,8 @@ def test_encoder_slip_in_mid_walk_is_detected_within_five_seconds(tmp_path, caps
 
     bag = write_bag(tmp_path / "walk", walk(13.0), change)
     found = mismatches(bag, tmp_path / "out")
-    first = found[0]
-    assert first["channel"] == "spring/LKneeSag" and first["changed"] and first["unit"] == "rad"
+    first = next(each for each in found if each["channel"] == "spring/LKneeSag")
+    assert first["changed"] and first["unit"] == "rad" and all(BEGINS < each["detected_s"] for each in found)
     assert BEGINS < first["detected_s"] <= BEGINS + WITHIN and first["size"] == pytest.approx(-0.012, abs=0.001)
     assert "spring/LKneeSag changed by -1" in capsys.readouterr().err
     assert mismatches(bag, tmp_path / "off", "--set", "monitor.enabled=false") == []
@@ -193,7 +193,7 @@ def test_mismatch_that_cannot_be_observed_any_more_is_dropped():
     front = float(robot().soles[Foot.LEFT][1])
 
     def change(stream, t, message):
-        if stream not in FEET.values() or t < BEGINS or message.force[2] < 1.0:
+        if stream not in FEET.values() or t < BEGINS or message.force[2] < LOADED:
             return message
         if t < 11.0:
             return replace(message, force=message.force + [0.0, 10.0, 0.0])
@@ -211,7 +211,7 @@ def test_large_offset_is_detected_in_gaits_that_never_repeat():
         return turned(message, KNEE, -0.02) if stream == JOINTS and t >= BEGINS else message
 
     found = watched(change).first["spring/LKneeSag"]
-    assert found.changed and 0.0 < (found.detected_ns - T0) * 1e-9 - BEGINS < WITHIN
+    assert 0.0 < (found.detected_ns - T0) * 1e-9 - BEGINS < WITHIN
 
 
 @pytest.mark.parametrize(("share", "detected"), [(0.96, False), (0.6, True)])

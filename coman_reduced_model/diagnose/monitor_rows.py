@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the channels of the monitor are like on nominal robots: the section `monitor` of a file of nominal variability.
+
+Of a population a row for each law, of one robot a row for each channel; what a robot's own recordings say is shrunk to
+what the population's say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import digamma, polygamma
+
+from ..bag.session import Session
+from ..core.base.types import Array
+from ..core.config.schema import Config
+from ..core.monitor.channels import KINDS, LEFT, RIGHT, STANDING
+from ..core.monitor.channels import Nominal as Row
+from ..core.monitor.levels import LEAST_SCATTER, degrees_of_freedom
+from ..errors import BagError
+from ..topics import TopicNames
+
+LAG = 3  # phases of a kind over which a level that moves is told from noise
+LEAST_PHASES = 3  # of a kind in a recording
+# Share of nominal robots whose values may be beyond as many standard deviations as of normal ones.
+BEYOND, DEVIATIONS = 0.005, 2.807
+PLAUSIBLE = 2.0  # standard deviations over nominal robots, by which one robot's usual value is taken over at most
+POPULATION = 1.0  # recordings that the population is worth
+SINGLE = (LEFT, RIGHT)  # kinds of phases
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What the monitor saw in one recording of a nominal robot.
+
+    Attributes:
+        names: of the n channels.
+        rows, nominal, scale: as in `Laws`.
+        phases: kind, values (n,) in units of the rows, NaN where not known, and which of them are to be zero.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[str, ...]
+    nominal: Mapping[str, Row]
+    scale: Array
+    phases: Sequence[tuple[int, Array, NDArray[np.bool_]]]
+
+    def values(self, kind: int, only_zero: bool = False) -> Array:
+        """Of the phases of a kind (phases, n); NaN where they are not to be zero, if asked for."""
+        found = [np.where(zero | (not only_zero), values, np.nan) for each, values, zero in self.phases if each == kind]
+        return np.array(found).reshape(-1, len(self.names))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of one channel in one kind of phase of one walk.
+
+    Attributes:
+        walk, kind: indices.
+        squares: sum of squared differences of successive values, halved.
+        count: of these differences.
+        lagged: the same over `LAG` phases, the mean; NaN: not known.
+    """
+
+    walk: int
+    kind: int
+    squares: float
+    count: int
+    lagged: float
+
+    @property
+    def log(self) -> float:
+        """Unbiased logarithm of the variance."""
+        half = 0.5 * self.count
+        return float(np.log(self.squares / self.count) - digamma(half) + np.log(half))
+
+
+class Mean(NamedTuple):
+    """Mean value of one channel over the phases of a kind of one walk."""
+
+    walk: int
+    value: float
+
+
+def watch(bag: str | Path, config: Config, urdf: str | Path | None = None, names: TopicNames | None = None) -> Walk:
+    """Run the monitor over a recording of a nominal robot.
+
+    Raises:
+        ComanError: the recording, the robot or the configuration cannot be used.
+    """
+    changes = {"prediction.horizons": [], "monitor.enabled": True, "monitor.baseline": ""}
+    with Session(bag, config.replaced(changes), urdf=urdf, names=names) as session:
+        monitor = session.pipeline.monitor
+        assert monitor is not None
+        monitor.kept = []
+        for _ in session.predictions():
+            pass
+        laws = monitor.laws
+        phases = [(kind, values / laws.scale, zero) for kind, values, zero in monitor.kept]
+        return Walk(laws.names, laws.rows, laws.nominal, laws.scale, phases)
+
+
+def rows_of_population(walks: Sequence[Walk], table: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """A row for each law, by one or more recordings of each of many robots."""
+    noises, means = _noises(walks), _means(walks)
+    return {name: _row_of_law(dict(row), noises.get(name, []), means.get(name, [])) for name, row in table.items()}
+
+
+def _row_of_law(row: dict[str, Any], noises: Sequence[Noise], means: Sequence[Mean]) -> dict[str, Any]:
+    if noises:
+        logs, single = np.array([each.log for each in noises]), np.array([each.kind in SINGLE for each in noises])
+        for key, these in (("single", single), ("double", ~single)):
+            row[key] = float(np.exp(0.5 * np.median(logs[these if these.any() else ~these])))
+        usual = 2.0 * np.log(np.where(single, row["single"], row["double"]))
+        row["by_robot"], row["by_channel"] = _scatter(noises, logs - usual)
+        row["drift"] = _drift(noises)
+    if row.get("robots") and means:
+        sizes = np.abs([each.value for each in means])
+        row["robots"] = float(max(np.sqrt(np.mean(sizes**2)), np.quantile(sizes, 1.0 - BEYOND) / DEVIATIONS))
+    return row
+
+
+def rows_of_robot(walks: Sequence[Walk], table: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The population's rows, and one for each channel of a robot that two or more recordings of it show.
+
+    Raises:
+        BagError: the recordings show different channels.
+    """
+    names, rows = walks[0].names, dict(zip(walks[0].names, walks[0].rows, strict=True))
+    if any(walk.names != names for walk in walks):
+        raise BagError("the recordings are not of one robot: their joints differ")
+    out = {name: dict(row) for name, row in table.items()}
+    noises, means = _noises(walks, own=True), _means(walks, own=True)
+    for name, each in noises.items():
+        if len({noise.walk for noise in each}) == len(walks):
+            out[name] = _own_row(walks[0].nominal[rows[name]], each, means.get(name, []))
+    return out
+
+
+def _own_row(row: Row, noises: Sequence[Noise], means: Sequence[Mean]) -> dict[str, Any]:
+    """Of one channel of a robot: noise and values, shrunk to the population's."""
+    free = float(degrees_of_freedom(np.array(row.by_channel)))
+    found: dict[str, Any] = {"unit": row.unit}
+    logs: dict[int, list[float]] = {}
+    count = 0.0
+    for key, usual in (("single", row.single), ("double", row.double)):
+        these = [each for each in noises if (each.kind in SINGLE) == (key == "single")]
+        count += (known := sum(each.count for each in these))
+        found[key] = float(np.sqrt((free * usual**2 + sum(each.squares for each in these)) / (free + known)))
+        for each in these:
+            logs.setdefault(each.walk, []).append(0.5 * each.log - np.log(found[key]))
+    scatter = [float(np.mean(each)) for each in logs.values()]
+    found["by_robot"] = max(float(np.sqrt(_spread(np.array(scatter), 0.0, row.by_robot**2))), LEAST_SCATTER)
+    found["by_channel"] = max(float(0.5 * np.sqrt(polygamma(1, 0.5 * (free + count)))), LEAST_SCATTER)
+    found["drift"], found["robots"], found["usual"] = row.drift, row.robots, row.usual
+    if row.robots and means:
+        values = np.array([each.value for each in means])
+        found["usual"] = float(np.clip(np.mean(values), -PLAUSIBLE * row.robots, PLAUSIBLE * row.robots))
+        found["robots"] = float(min(np.sqrt(_spread(values, float(np.mean(values)), row.robots**2)), row.robots))
+    return found
+
+
+def _spread(values: Array, mean: float, population: float) -> float:
+    """Variance from recording to recording, shrunk towards the population's."""
+    return float((np.sum((values - mean) ** 2) + POPULATION * population) / (len(values) - 1.0 + POPULATION))
+
+
+def _noises(walks: Sequence[Walk], own: bool = False) -> dict[str, list[Noise]]:
+    """By row, or by channel if of one robot's own."""
+    out: dict[str, list[Noise]] = {}
+    for w, walk in enumerate(walks):
+        for kind in range(len(KINDS)):
+            values = walk.values(kind)
+            if kind == STANDING or len(values) < LEAST_PHASES:
+                continue
+            steps, lagged = np.diff(values, axis=0) ** 2, (values[LAG:] - values[:-LAG]) ** 2
+            counts = np.isfinite(steps).sum(axis=0)
+            for i in np.flatnonzero(np.nansum(steps, axis=0)):  # what never changes says nothing of noise
+                far = lagged[:, i][np.isfinite(lagged[:, i])]
+                over = 0.5 * float(far.mean()) if len(far) else np.nan
+                found = Noise(w, kind, 0.5 * float(np.nansum(steps[:, i])), int(counts[i]), over)
+                out.setdefault((walk.names if own else walk.rows)[i], []).append(found)
+    return out
+
+
+def _means(walks: Sequence[Walk], own: bool = False) -> dict[str, list[Mean]]:
+    """Likewise."""
+    out: dict[str, list[Mean]] = {}
+    for w, walk in enumerate(walks):
+        for kind in range(len(KINDS)):
+            values = walk.values(kind, only_zero=True)
+            for i in np.flatnonzero(np.isfinite(values).any(axis=0)):
+                mean = Mean(w, float(np.nanmean(values[:, i])))
+                out.setdefault((walk.names if own else walk.rows)[i], []).append(mean)
+    return out
+
+
+def _scatter(noises: Sequence[Noise], logs: Array) -> tuple[float, float]:
+    """Standard deviations of the logarithm of the noise, from robot to robot and from channel to channel."""
+    walk, sampling = np.array([each.walk for each in noises]), _sampling(noises)
+    _, group = np.unique(walk, return_inverse=True)
+    means = np.bincount(group, logs) / np.bincount(group)
+    freedom = max(len(logs) - len(means), 1)
+    within = max(float(np.sum((logs - means[group]) ** 2)) / freedom - sampling, 0.0)
+    between = max(float(np.var(logs)) - within - sampling, 0.0)
+    return max(0.5 * float(np.sqrt(between)), LEAST_SCATTER), max(0.5 * float(np.sqrt(within)), LEAST_SCATTER)
+
+
+def _sampling(noises: Sequence[Noise]) -> float:
+    """Mean variance of the logarithms by the small numbers of phases."""
+    return float(np.mean([polygamma(1, 0.5 * each.count) for each in noises]))
+
+
+def _drift(noises: Sequence[Noise]) -> float:
+    """Standard deviation by which a level moves from phase to phase, as a share of that of the noise."""
+    ratios = [each.lagged * each.count / each.squares for each in noises if each.squares > 0.0]
+    ratio = float(np.nanmedian(ratios)) if np.isfinite(ratios).any() else 1.0
+    return float(np.sqrt(max(2.0 * (ratio - 1.0) / (LAG - ratio), 0.0))) if ratio < LAG else 1.0

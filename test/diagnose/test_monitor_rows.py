@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the channels of the monitor are like, learnt from nominal robots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coman_reduced_model.core.monitor.channels import AFTER_LEFT, LEFT, RIGHT, nominal
+from coman_reduced_model.diagnose.monitor_rows import PLAUSIBLE, Walk, rows_of_population, rows_of_robot
+from coman_reduced_model.errors import BagError
+
+NAMES = ("spring/A", "spring/B", "spring/C", "force/z")
+TABLE = {
+    "spring": {"unit": "rad", "single": 1.0, "double": 1.0, "by_robot": 1.0, "by_channel": 1.0, "drift": 0.0,
+               "robots": 1.0},
+    "force": {"unit": "N", "single": 2.0, "double": 2.0, "by_robot": 0.5, "by_channel": 0.5, "drift": 0.0,
+              "robots": 0.0},
+}  # fmt: skip
+ROWS = ("spring", "spring", "spring", "force")
+
+
+def walk(rng, noise, offset=0.0, phases=20, drift=0.0):
+    """A walk whose channels have a noise (4,) in single support, twice as much in double support."""
+    found = []
+    for kind, factor in ((LEFT, 1.0), (RIGHT, 1.0), (AFTER_LEFT, 2.0)):
+        level = np.cumsum(rng.normal(0.0, 1.0, (phases, 4)), axis=0) * drift * factor * noise
+        values = offset + level + rng.normal(0.0, 1.0, (phases, 4)) * factor * noise
+        found += [(kind, each, np.array([True, True, True, False])) for each in values]
+    rows = {name: nominal(row) for name, row in TABLE.items()}
+    return Walk(NAMES, ROWS, rows, np.ones(4), found)
+
+
+def population(drift=0.0):
+    """Of 60 robots: the logarithm of the noise scatters by 0.8 from robot to robot and 0.4 from channel to channel."""
+    rng = np.random.default_rng(0)
+    return [
+        walk(rng, 0.1 * np.exp(rng.normal(0.0, 0.8) + rng.normal(0.0, 0.4, 4)), rng.normal(0.0, 3.0, 4), 12, drift)
+        for _ in range(60)
+    ]
+
+
+def test_a_population_is_recovered():
+    row = rows_of_population(population(), TABLE)["spring"]
+    assert row["single"] == pytest.approx(0.1, rel=0.3) and row["double"] == pytest.approx(2.0 * row["single"], rel=0.2)
+    assert row["by_robot"] == pytest.approx(0.8, rel=0.25) and row["by_channel"] == pytest.approx(0.4, rel=0.25)
+    assert 2.7 < row["robots"] < 4.5 and row["unit"] == "rad"
+
+
+def test_levels_that_move_are_told_from_noise():
+    still, moving = (rows_of_population(population(drift), TABLE)["spring"]["drift"] for drift in (0.0, 0.7))
+    assert still < 0.25 and moving == pytest.approx(0.7, abs=0.25)
+
+
+def test_what_no_robot_shows_stays():
+    learnt = rows_of_population(population(), {**TABLE, "late": {"unit": "s", "single": 1.0, "robots": 2.0}})
+    assert learnt["late"] == {"unit": "s", "single": 1.0, "robots": 2.0}
+    assert learnt["force"]["robots"] == 0.0  # is no law for any robot
+
+
+def test_one_robot_gets_rows_of_its_own():
+    rng, noise = np.random.default_rng(1), np.array([0.01, 0.1, 1.0, 5.0])
+    rows = rows_of_robot([walk(rng, noise, np.array([0.5, 0.0, 0.0, 0.0])) for _ in range(3)], TABLE)
+    assert rows["spring"] == TABLE["spring"]  # for channels that these recordings do not show
+    for name, expected in zip(NAMES, noise, strict=True):
+        own = rows[name]
+        assert own["single"] == pytest.approx(expected, rel=0.5) or expected < 0.1  # shrunk to what is usual
+        assert own["double"] > own["single"] and own["by_channel"] < 0.1
+    assert rows["spring/A"]["single"] < rows["spring/B"]["single"] < 0.3
+    assert rows["spring/A"]["usual"] == pytest.approx(0.5, abs=0.02) and rows["spring/A"]["robots"] < 1.0
+    assert rows["force/z"]["robots"] == rows["force/z"]["usual"] == 0.0
+
+
+def test_a_robot_that_was_not_well_does_not_make_that_usual():
+    walks = [walk(np.random.default_rng(k), np.full(4, 0.1), np.array([9.0, 0.0, 0.0, 0.0])) for k in range(2)]
+    row = rows_of_robot(walks, TABLE)["spring/A"]
+    assert row["usual"] == pytest.approx(PLAUSIBLE) and row["robots"] <= 1.0
+
+
+def test_recordings_of_different_robots_are_refused():
+    one = walk(np.random.default_rng(0), np.ones(4))
+    other = Walk(("spring/A",), ("spring",), one.nominal, np.ones(1), [])
+    with pytest.raises(BagError, match="not of one robot"):
+        rows_of_robot([one, other], TABLE)
