@@ -30,7 +30,8 @@ LEAST_PHASES = 3  # of a kind in a recording
 # Share of nominal robots whose values may be beyond as many standard deviations as of normal ones.
 BEYOND, DEVIATIONS = 0.005, 2.807
 PLAUSIBLE = 2.0  # standard deviations over nominal robots, by which one robot's usual value is taken over at most
-POPULATION = 1.0  # recordings that the population is worth
+POPULATION = 1.0  # values that the population is worth
+OWN = 0.2  # of how much nominal robots differ, by which values of one robot are taken to scatter at first
 SINGLE = (LEFT, RIGHT)  # kinds of phases
 
 
@@ -41,18 +42,21 @@ class Walk:
     Attributes:
         names: of the n channels.
         rows, nominal, scale: as in `Laws`.
-        phases: kind, values (n,) in units of the rows, NaN where not known, and which of them are to be zero.
+        phases: kind, values (n,) in units of the rows, NaN where not known, which of them are to be zero, and the load
+            (n,) of springs [rad].
     """
 
     names: tuple[str, ...]
     rows: tuple[str, ...]
     nominal: Mapping[str, Row]
     scale: Array
-    phases: Sequence[tuple[int, Array, NDArray[np.bool_]]]
+    phases: Sequence[tuple[int, Array, NDArray[np.bool_], Array]]
 
     def values(self, kind: int, only_zero: bool = False) -> Array:
         """Of the phases of a kind (phases, n); NaN where they are not to be zero, if asked for."""
-        found = [np.where(zero | (not only_zero), values, np.nan) for each, values, zero in self.phases if each == kind]
+        found = [
+            np.where(zero | (not only_zero), values, np.nan) for each, values, zero, _ in self.phases if each == kind
+        ]
         return np.array(found).reshape(-1, len(self.names))
 
 
@@ -81,10 +85,10 @@ class Noise:
 
 
 class Mean(NamedTuple):
-    """Mean value of one channel over the phases of a kind of one walk."""
+    """Mean value of one channel, and load, over the phases of a kind of one walk."""
 
-    walk: int
     value: float
+    load: float
 
 
 def watch(bag: str | Path, config: Config, urdf: str | Path | None = None, names: TopicNames | None = None) -> Walk:
@@ -101,7 +105,7 @@ def watch(bag: str | Path, config: Config, urdf: str | Path | None = None, names
         for _ in session.predictions():
             pass
         laws = monitor.laws
-        phases = [(kind, values / laws.scale, zero) for kind, values, zero in monitor.kept]
+        phases = [(kind, values / laws.scale, zero, load) for kind, values, zero, load in monitor.kept]
         return Walk(laws.names, laws.rows, laws.nominal, laws.scale, phases)
 
 
@@ -138,12 +142,13 @@ def rows_of_robot(walks: Sequence[Walk], table: Mapping[str, Mapping[str, Any]])
     noises, means = _noises(walks, own=True), _means(walks, own=True)
     for name, each in noises.items():
         if len({noise.walk for noise in each}) == len(walks):
-            out[name] = _own_row(walks[0].nominal[rows[name]], each, means.get(name, []))
+            row = walks[0].nominal[rows[name]]
+            out[name] = _own_noise(row, each) | _own_values(row, means.get(name, []))
     return out
 
 
-def _own_row(row: Row, noises: Sequence[Noise], means: Sequence[Mean]) -> dict[str, Any]:
-    """Of one channel of a robot: noise and values, shrunk to the population's."""
+def _own_noise(row: Row, noises: Sequence[Noise]) -> dict[str, Any]:
+    """Of one channel of a robot, shrunk to the population's."""
     free = float(degrees_of_freedom(np.array(row.by_channel)))
     found: dict[str, Any] = {"unit": row.unit}
     logs: dict[int, list[float]] = {}
@@ -157,12 +162,26 @@ def _own_row(row: Row, noises: Sequence[Noise], means: Sequence[Mean]) -> dict[s
     scatter = [float(np.mean(each)) for each in logs.values()]
     found["by_robot"] = max(float(np.sqrt(_spread(np.array(scatter), 0.0, row.by_robot**2))), LEAST_SCATTER)
     found["by_channel"] = max(float(0.5 * np.sqrt(polygamma(1, 0.5 * (free + count)))), LEAST_SCATTER)
-    found["drift"], found["robots"], found["usual"] = row.drift, row.robots, row.usual
-    if row.robots and means:
-        values = np.array([each.value for each in means])
-        found["usual"] = float(np.clip(np.mean(values), -PLAUSIBLE * row.robots, PLAUSIBLE * row.robots))
-        found["robots"] = float(min(np.sqrt(_spread(values, float(np.mean(values)), row.robots**2)), row.robots))
-    return found
+    return found | {"drift": row.drift}
+
+
+def _own_values(row: Row, means: Sequence[Mean]) -> dict[str, float]:
+    """What is usual for one channel of a robot, and how much it varies; shrunk to the population's likewise."""
+    if not (row.robots and means):
+        return {"robots": row.robots, "by_load": row.by_load}
+    values, loads = np.array(means).T
+    load = float(loads.mean())
+    A, prior = np.column_stack([np.ones(len(values)), loads - load]), np.array([row.robots, max(row.by_load, 1e-9)])
+    # Deviations of one robot from its own line are less than those of robots from each other.
+    shrink = np.diag(OWN * row.robots / prior)
+    usual, slope = np.linalg.lstsq(np.vstack([A, shrink]), np.append(values, np.zeros(2)), rcond=None)[0]
+    usual, slope = np.clip([usual, slope], -PLAUSIBLE * prior, PLAUSIBLE * prior)
+    own = min(float(np.sqrt(_spread(values - A @ (usual, slope), 0.0, row.robots**2))), row.robots)
+    covariance = np.linalg.inv(A.T @ A / own**2 + np.diag(prior**-2.0))
+    by_load = float(np.sqrt(covariance[1, 1])) if row.by_load else 0.0
+    return {
+        "robots": own, "by_load": by_load, "usual": float(usual), "usual_load": load, "usual_slope": float(slope),
+    }  # fmt: skip
 
 
 def _spread(values: Array, mean: float, population: float) -> float:
@@ -191,11 +210,14 @@ def _noises(walks: Sequence[Walk], own: bool = False) -> dict[str, list[Noise]]:
 def _means(walks: Sequence[Walk], own: bool = False) -> dict[str, list[Mean]]:
     """Likewise."""
     out: dict[str, list[Mean]] = {}
-    for w, walk in enumerate(walks):
+    for walk in walks:
         for kind in range(len(KINDS)):
             values = walk.values(kind, only_zero=True)
+            if not len(values):
+                continue
+            loads = np.mean([load for each, *_, load in walk.phases if each == kind], axis=0)
             for i in np.flatnonzero(np.isfinite(values).any(axis=0)):
-                mean = Mean(w, float(np.nanmean(values[:, i])))
+                mean = Mean(float(np.nanmean(values[:, i])), float(loads[i]))
                 out.setdefault((walk.names if own else walk.rows)[i], []).append(mean)
     return out
 

@@ -368,8 +368,9 @@ def header() -> str:
 #     standard deviation of a phase mean from phase to phase in that support; by_robot, by_channel: how much the
 #     logarithm of that noise varies from robot to robot, and between channels of a law of one robot; drift of a level
 #     from one phase of a kind to the next, as a share of the noise; robots: standard deviation of the value over
-#     nominal robots (0: not known); usual: value of this robot. In weights for N, weight times COM height for Nm, mass
-#     times m/s for Ns.
+#     nominal robots (0: not known); by_load: the same as a share of the deflection of a spring, by data sheets; usual:
+#     value of this robot at the deflection usual_load [rad], usual_slope: over the deflection. In weights for N, weight
+#     times COM height for Nm, mass times m/s for Ns.
 """
 
 

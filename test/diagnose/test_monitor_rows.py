@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,13 +22,13 @@ TABLE = {
 ROWS = ("spring", "spring", "spring", "force")
 
 
-def walk(rng, noise, offset=0.0, phases=20, drift=0.0):
-    """A walk whose channels have a noise (4,) in single support, twice as much in double support."""
+def walk(rng, noise, offset=0.0, phases=20, drift=0.0, slope=0.0):
+    """A walk whose channels have a noise (4,) in single support, twice as much in double support with less load."""
     found = []
-    for kind, factor in ((LEFT, 1.0), (RIGHT, 1.0), (AFTER_LEFT, 2.0)):
+    for kind, factor, load in ((LEFT, 1.0, 0.03), (RIGHT, 1.0, 0.03), (AFTER_LEFT, 2.0, 0.0)):
         level = np.cumsum(rng.normal(0.0, 1.0, (phases, 4)), axis=0) * drift * factor * noise
-        values = offset + level + rng.normal(0.0, 1.0, (phases, 4)) * factor * noise
-        found += [(kind, each, np.array([True, True, True, False])) for each in values]
+        values = offset + slope * load + level + rng.normal(0.0, 1.0, (phases, 4)) * factor * noise
+        found += [(kind, each, np.array([True, True, True, False]), np.full(4, load)) for each in values]
     rows = {name: nominal(row) for name, row in TABLE.items()}
     return Walk(NAMES, ROWS, rows, np.ones(4), found)
 
@@ -68,7 +70,18 @@ def test_one_robot_gets_rows_of_its_own():
         assert own["double"] > own["single"] and own["by_channel"] < 0.1
     assert rows["spring/A"]["single"] < rows["spring/B"]["single"] < 0.3
     assert rows["spring/A"]["usual"] == pytest.approx(0.5, abs=0.02) and rows["spring/A"]["robots"] < 1.0
-    assert rows["force/z"]["robots"] == rows["force/z"]["usual"] == 0.0
+    assert rows["spring/A"]["usual_load"] == pytest.approx(0.02)
+    assert rows["force/z"]["robots"] == 0.0 and "usual" not in rows["force/z"]
+
+
+def test_a_spring_that_is_softer_than_its_data_sheet_is_usual_at_any_load():
+    table = {**TABLE, "spring": {**TABLE["spring"], "robots": 0.002, "by_load": 0.05}}
+    rows = {name: nominal(row) for name, row in table.items()}
+    walks = [walk(np.random.default_rng(k), np.full(4, 1e-4), 0.001, slope=0.05) for k in range(2)]
+    own = rows_of_robot([replace(each, nominal=rows) for each in walks], table)["spring/A"]
+    assert own["usual_slope"] == pytest.approx(0.05, rel=0.2) and own["by_load"] < 0.04
+    assert own["usual"] == pytest.approx(0.001 + 0.05 * own["usual_load"], rel=0.1)
+    assert own["robots"] < 0.5 * rows["spring"].robots
 
 
 def test_a_robot_that_was_not_well_does_not_make_that_usual():

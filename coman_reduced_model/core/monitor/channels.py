@@ -49,7 +49,10 @@ class Nominal(NamedTuple):
     by_channel: float  # the same, from one channel of a law to another of the same robot
     drift: float  # standard deviation of the drift from one phase of a kind to the next, as a share of the noise
     robots: float  # standard deviation of the value from one nominal robot to the next; 0: not known
+    by_load: float  # the same by the load of a spring, as a share of its deflection
     usual: float  # value that is usual for a robot
+    usual_load: float  # deflection [rad] at which it is
+    usual_slope: float  # of that value over the deflection
 
 
 # Channels that not all kinds of phases show, by law or by law and foot.

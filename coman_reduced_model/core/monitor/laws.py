@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 # [s] after a landing until the impact is over, then until the load of the foot is known: between samples at 200 Hz.
 IMPACT_S, LANDED_S = 0.0125, 0.0325
 _RISING = 0.75  # of that load: largest mean force during the impact if the load only rises
-_SPRING_SCATTER, _SPRING_BIAS = 0.05, 0.03  # deviation of nominal springs from the data sheet, as shares
 _MIN_DISTANCE = 0.015  # [rad] that a joint moves in a phase, both ways together, for `drag`
 _MIN_LOOKS = 8  # for `stiffness` and `late`
 _RATE = 0.3  # [1/s] of weight times COM height: rate of the needed torque at which a delay counts half
@@ -61,7 +60,7 @@ class PhaseMean(NamedTuple):
 
     values: Array  # (n,) residuals; NaN: not known
     variance: Array  # (n,) of the value over nominal robots; 0: not known
-    load_offset: Array  # (n,) offset of the residual that the load of a nominal spring error gives, with its sign
+    load: Array  # (n,) deflection of the spring by its torque [rad]; 0 for laws that are not of springs
     posture: Array  # (2 nl,) mean and displacement of the joints, by which similar phases are recognised [rad]
 
 
@@ -132,8 +131,11 @@ class Laws:
         rows = [self.nominal[name] for name in self.rows]
         self.units = tuple(row.unit for row in rows)
         self.scale = np.array([scale.get(row.unit, 1.0) for row in rows])
-        single, double, robots, self._usual = (
-            self.scale * np.array([(row.single, row.double, row.robots, row.usual) for row in rows]).T
+        single, double, robots, self._usual = self.scale * np.transpose(
+            [(row.single, row.double, row.robots, row.usual) for row in rows]
+        )
+        self._by_load, self._usual_load, self._usual_slope = np.transpose(
+            [(row.by_load, row.usual_load, row.usual_slope) for row in rows]
         )
         self.noise = np.array([single, single, double, double, double])
         self.drift = np.array([row.drift**2 for row in rows])
@@ -214,17 +216,16 @@ class Laws:
         self.gait_independent[self._force] = self.forces.uses_imu
         self.by_wrenches = self._wrench_laws if torques_known else self._wrench_laws | self._spring_laws
         values[~self._shown[kind]] = np.nan
-        values -= self._usual
         self._skip_flat_sole_laws(values, kind)
-        deflection = self._sums["static_deflection"] / self.looks
-        variance, load_offset = self._variance.copy(), np.zeros(n)
-        load_offset[:nl] = _SPRING_BIAS * deflection
-        if np.isfinite(values[self._torque]).all():
-            variance[:nl] += (variance[:nl] > 0.0) * (_SPRING_SCATTER * deflection) ** 2
-        else:  # the needed torque leaves out the inertia of the legs
+        variance, load = self._variance.copy(), np.zeros(n)
+        load[:nl] = self._sums["static_deflection"] / self.looks
+        other_load = load - self._usual_load
+        values -= self._usual + self._usual_slope * other_load
+        variance += (variance > 0.0) * (self._by_load * other_load) ** 2
+        if not torques_known:  # the needed torque leaves out the inertia of the legs
             variance[:nl] = 0.0
         displacement = self._sums["posture_last"] - self._sums["posture_first"]
-        return PhaseMean(values, variance, load_offset, np.append(self._sums["posture"] / self.looks, displacement))
+        return PhaseMean(values, variance, load, np.append(self._sums["posture"] / self.looks, displacement))
 
     def wrenches_moved(self, change: Array) -> bool:
         """Whether foot wrenches that change so (12,) [N, Nm], those of the left foot first, stand out of the noise."""

@@ -24,6 +24,7 @@ _MIN_PHASES = 2  # of which a level is made before values are tested against it
 _MEMORY = 20.0  # phases over which a level follows, and noise is known
 _LAW_MEMORY = 200.0  # deviations over which the noise of a law is known
 _MIN_NOISE = 0.3  # of the nominal noise: noise floor, no false alarms on noise-free sensors
+_LOAD_BIAS = 0.03  # of the load of a spring, by which its residual may be off on a nominal robot
 _LONGEST_RUN = 6.0  # phases
 _ALIKE = 0.3  # of one deviation, that the next one must be at least, and the other way round
 _DOUBTFUL = 2.5  # standard deviations beyond which a value is not learnt before the next one of its kind is known
@@ -37,7 +38,7 @@ CHANNEL = np.dtype(
         ("level", np.float64),
         ("level_share", np.float64),  # variance of the level, as a share of that of the noise
         ("level_phases", np.float64),  # of which the level is made
-        ("level_load", np.float64),  # load offset (`PhaseMean`) of the level
+        ("level_load", np.float64),  # load (`PhaseMean`) of the level
         ("excess", np.float64),  # sum of squared deviations from phase to phase, in nominal variances
         ("noise_phases", np.float64),  # of which that sum is made
         ("pending", np.float64),  # contribution of the last value to it, if that value is doubtful
@@ -119,12 +120,13 @@ def update_channels(
         if not comparable[i]:
             continue
         if channel.level_phases == 0.0:
-            channel.level, channel.level_load, channel.level_phases = value, mean.load_offset[i], 1.0
+            channel.level, channel.level_load, channel.level_phases = value, mean.load[i], 1.0
             channel.level_share = 1.0 + 1.0 / _MEMORY**2 + drift[i]
         else:
-            load = (mean.load_offset[i] - channel.level_load) ** 2 / usual
+            change = mean.load[i] - channel.level_load
+            load = (_LOAD_BIAS * change) ** 2 / usual
             doubtful = _test_against_level(channel, law, value, usual, load, threshold, start)
-            _learn_level(channel, law, doubtful, mean.load_offset[i] - channel.level_load, load, drift[i])
+            _learn_level(channel, law, doubtful, change, load, drift[i])
 
 
 @compiled
@@ -193,9 +195,10 @@ def _test_against_level(
 
 @compiled
 def _extend_run(channel: Record, sigma: float, start: float) -> None:
-    """Deviations in a row with the same sign, and not too unlike: their mean without the largest, which alone may be a stumble.
+    """Deviations in a row with the same sign and of a similar size: their mean, without the largest.
 
-    The mean of n deviations is less noisy than one by their square root, except for the error of the level.
+    The largest alone may be a stumble. The mean of n deviations is less noisy than one by their square root, except for
+    the error of the level.
     """
     last = channel.error_sigma
     low, high = min(abs(sigma), abs(last)), max(abs(sigma), abs(last))

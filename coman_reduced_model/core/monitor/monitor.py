@@ -94,8 +94,8 @@ class Monitor:
         first: by channel, the first mismatch since the start.
         phases: support phases that were compared with others of their kind.
         laws: residuals of the current phase.
-        kept: if a list, each phase is appended: its kind, (n,) values, NaN where they are those of another gait, and
-            which of them are tested against zero.
+        kept: if a list, each phase is appended: its kind, (n,) values, NaN where they are those of another gait, which
+            of them are tested against zero, and the load.
     """
 
     def __init__(self, robot: Robot, config: Config, zeros: SensorZeros | None = None) -> None:
@@ -105,7 +105,7 @@ class Monitor:
         self._threshold = config.monitor.threshold
         self._intermittent = IntermittentForces(robot.mass * config.robot.gravity, self._threshold)
         self.first: dict[str, Mismatch] = {}
-        self.kept: list[tuple[int, Array, NDArray[np.bool_]]] | None = None
+        self.kept: list[tuple[int, Array, NDArray[np.bool_], Array]] | None = None
         self.phases = 0
         self.reset()
         names = self.laws.names
@@ -200,7 +200,7 @@ class Monitor:
             self._intermittent.reset()
         comparable = self.laws.gait_independent | same_gait
         if self.kept is not None:
-            self.kept.append((kind, np.where(comparable, mean.values, np.nan), mean.variance > 0.0))
+            self.kept.append((kind, np.where(comparable, mean.values, np.nan), mean.variance > 0.0, mean.load))
         self._update_channels(kind, mean, comparable, self._seconds(self._phase_start_ns))
         self._report(stamp)
 

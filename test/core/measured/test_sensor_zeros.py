@@ -60,7 +60,7 @@ def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array,
 
 
 def test_zeros_that_cancel_in_the_total_are_found_by_feet_in_the_air(walk) -> None:
-    """25 N too little on the left foot, 20 N too much on the right one: the total is right, no foot ever seems to lift."""
+    """25 N too little on the left foot, 20 N too much on the right one: no foot ever seems to lift."""
     left, right = np.array([20.0, -12.0, -25.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, 20.0, -1.5, 0.5, -0.2])
     _, expected = run(walk, NONE, NONE)
     predictor, found = run(walk, left, right)

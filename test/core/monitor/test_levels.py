@@ -23,14 +23,26 @@ from coman_reduced_model.core.monitor.levels import (
 )
 
 CHANNELS, THRESHOLD = 12, 5.0
-ROW = Nominal("rad", 1.0, 1.0, by_robot=0.8, by_channel=0.5, drift=0.0, robots=0.0, usual=0.0)
+ROW = Nominal(
+    "rad",
+    1.0,
+    1.0,
+    by_robot=0.8,
+    by_channel=0.5,
+    drift=0.0,
+    robots=0.0,
+    by_load=0.0,
+    usual=0.0,
+    usual_load=0.0,
+    usual_slope=0.0,
+)
 
 
-def followed(values):
+def followed(values, row=ROW):
     """States of 12 channels of one law after each phase, by their values (phases, 12); usual noise: 1."""
     channels = np.zeros(CHANNELS, dtype=CHANNEL)
     channels["error_sigma"] = np.nan
-    laws, law_of = noise_by_law(SimpleNamespace(nominal={"spring": ROW}, rows=["spring"] * CHANNELS))
+    laws, law_of = noise_by_law(SimpleNamespace(nominal={"spring": row}, rows=["spring"] * CHANNELS))
     nothing, all_of_them = np.zeros(CHANNELS), np.ones(CHANNELS, dtype=bool)
     out = []
     for k, value in enumerate(values):
@@ -66,7 +78,7 @@ def test_any_noise_is_learnt(logarithm, seed):
 
 
 def test_a_noisy_law_is_known_from_its_other_channels():
-    """A channel that is seen for the third time: its deviation counts less on a robot whose other channels are noisy."""
+    """A channel that is seen for the third time: a deviation counts less where the other channels are noisy."""
     rng = np.random.default_rng(1)
 
     def third(noise):
@@ -86,6 +98,14 @@ def test_a_step_of_six_deviations_is_seen_after_two_phases_whatever_the_noise(no
     assert states["change_sigma"][15, 3] > 3.0 > np.abs(states["change_sigma"][13]).max()
     assert states["change_sigma"][14, 3] < 2.5  # a single one is noise
     assert states["change_onset"][15, 3] == 14.0
+
+
+def test_where_the_noise_of_the_robot_is_known_a_step_is_seen_in_its_first_strides():
+    values = np.random.default_rng(4).normal(0.0, 1.0, (6, CHANNELS))
+    values[4:, 3] += 7.0
+    own = ROW._replace(by_robot=0.1, by_channel=0.1)
+    any_robot, this_robot = (followed(values, row)["change_sigma"][-1, 3] for row in (ROW, own))
+    assert this_robot > THRESHOLD > any_robot
 
 
 def test_a_stumble_does_not_hide_what_follows():
