@@ -125,9 +125,13 @@ class Laws:
             "Nm": self.forces.memory.weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
             "Ns": robot.mass,
         }
-        table = load_nominal(config.monitor.baseline).monitor
+        shipped = load_nominal().monitor
+        table = {**shipped, **load_nominal(config.monitor.baseline).monitor}
         self.rows = tuple(row_of(name, table) for name in self.names)
-        self.nominal = {name: nominal(table[name]) for name in dict.fromkeys(self.rows)}
+        # What a file of an earlier version does not say is as in the population.
+        self.nominal = {
+            name: nominal({**shipped[row_of(name, shipped)], **table[name]}) for name in dict.fromkeys(self.rows)
+        }
         rows = [self.nominal[name] for name in self.rows]
         self.units = tuple(row.unit for row in rows)
         self.scale = np.array([scale.get(row.unit, 1.0) for row in rows])

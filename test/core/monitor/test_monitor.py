@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from monitor_tools import BEGINS, FEET, KNEE, LEVEL, LOADED, WITHIN, detected_in_time, mismatches, turned, watched
 from scipy.spatial.transform import Rotation
 from synthetic import JOINTS, MOTORS, RIGHT, T0, names, robot, walk, write_bag
 
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.monitor.laws import LANDED_S, Laws
@@ -283,3 +285,24 @@ def test_landing_impulse_does_not_depend_on_rate_and_jitter(rate):
     for at in (0.0, 0.02):
         laws.land(at, 0.02, 50.0)
     assert np.isnan(laws.mean(2).values[where])
+
+
+def test_what_a_baseline_of_an_earlier_version_does_not_say_is_as_in_the_population(tmp_path):
+    shipped = load_nominal()
+    old = {name: {key: row[key] for key in ("unit", "single", "double", "robots", "drift")}
+           for name, row in shipped.monitor.items() if name != "late"}  # fmt: skip
+    path = tmp_path / "old.yaml"
+    path.write_text(yaml.safe_dump({**shipped.plain(), "monitor": old}))
+    laws = Laws(robot(), Config().replaced({"monitor.baseline": str(path)}))
+    assert laws.nominal == Laws(robot(), Config()).nominal
+
+
+def test_a_baseline_has_rows_for_single_channels(tmp_path):
+    shipped = load_nominal()
+    own = {**shipped.monitor["spring"], "single": 0.5, "usual": 0.002, "usual_load": 0.01, "usual_slope": 0.05}
+    path = tmp_path / "own.yaml"
+    path.write_text(yaml.safe_dump({**shipped.plain(), "monitor": {**shipped.monitor, "spring/LKneeSag": own}}))
+    laws = Laws(robot(), Config().replaced({"monitor.baseline": str(path)}))
+    knee, other = laws.names.index("spring/LKneeSag"), laws.names.index("spring/RKneeSag")
+    assert laws.noise[0, knee] == 0.5 and laws.noise[0, other] == shipped.monitor["spring"]["single"]
+    assert laws.rows[knee] == "spring/LKneeSag" and laws.rows[other] == "spring"
