@@ -105,12 +105,17 @@ class Peer:
             self.executor.spin_once(timeout_sec=0.05)
 
     def call(self, kind: type, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
+        """Answer of a service; asked again every 10 s, as a server drops an answer to one that it has not heard of."""
+        client, end = self.node.create_client(kind, name), time.monotonic() + PATIENCE
         self.wait(client.service_is_ready, f"service {name}")
-        future = client.call_async(request)
-        self.wait(future.done, f"answer of {name}")
-        self.node.destroy_client(client)
-        return future.result()
+        while time.monotonic() < end:
+            future, again = client.call_async(request), time.monotonic() + 10.0
+            while not future.done() and time.monotonic() < again:
+                self.executor.spin_once(timeout_sec=0.05)
+            if future.done():
+                self.node.destroy_client(client)
+                return future.result()
+        raise AssertionError(f"no answer of {name}; diagnostics: {self.statuses}")
 
     def close(self) -> None:
         self.executor.shutdown()

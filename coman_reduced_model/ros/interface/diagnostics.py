@@ -222,7 +222,8 @@ class Diagnostics:
         for each, line in zip(status.mismatches, lines, strict=True):
             values[each.channel] = line
         if lines:
-            return Level.WARN, lines[0] + (f"; {len(lines) - 1} more" if len(lines) > 1 else ""), values
+            others = ", ".join(each.channel for each in status.mismatches[1:])
+            return Level.WARN, lines[0] + (f"; also {others}" if others else ""), values
         if not monitor.phases:
             return Level.OK, "nothing to compare yet", values
         return Level.OK, "no mismatch: residuals unchanged and within tolerance", values
