@@ -29,14 +29,13 @@ from .inference.effects import with_structure
 from .inference.evidence import pooled, prior_variance
 from .inference.explanation import by_law
 from .inference.finding import leftover
-from .inference.variability import adapted
+from .inference.variability import POPULATION, adapted, spread
 from .monitor_rows import rows_of_robot, watch
 from .physics.hypotheses import unknowns
 
 LEAST_BAGS = 2
 PLAUSIBLE = 2.0  # standard deviations of the population, by which a parameter is taken over at most
 PULLED = 2.0  # the same, from which on it is reported
-POPULATION = 1.0  # recordings that the population is worth, for how much a robot varies
 SCATTER = 0.5  # of the population's scatter of what laws leave, that a robot has at least
 READ, EXAMINED = 0.5, 0.4  # of the work
 
@@ -108,7 +107,8 @@ def _with_monitor(
         rows = rows_of_robot([watch(bag, config, urdf, names) for bag in bags], learnt.nominal.monitor)
     except ComanError as error:
         return replace(learnt, not_monitored=str(error))
-    return replace(learnt, nominal=replace(learnt.nominal, monitor=rows))
+    nothing = "" if set(rows) - set(learnt.nominal.monitor) else "no two recordings show a channel in a few strides"
+    return replace(learnt, nominal=replace(learnt.nominal, monitor=rows), not_monitored=nothing)
 
 
 def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
@@ -125,15 +125,15 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     variance = np.where(own, np.mean([np.diag(one.covariance) for one in each], axis=0), np.diag(fit.covariance))
     between_bags = np.where(
         own,
-        _spread([one.x for one in each], mean, prior_variance(known)),
-        np.maximum(_spread([one.x for one in alone], mean, variance) - _mean_variance(alone), 0.0),
+        spread([one.x for one in each], mean, prior_variance(known)),
+        np.maximum(spread([one.x for one in alone], mean, variance) - _mean_variance(alone), 0.0),
     )
     parameters = {}
     for i, unknown in enumerate(known):
         if "spread" in unknown.widths:
             usual = _plausible(float(mean[i]), unknown, population)
-            spread = min(float(np.sqrt(variance[i] + between_bags[i])), unknown.spread)
-            parameters[unknown.name] = unknown.usual + usual, spread
+            own_spread = min(float(np.sqrt(variance[i] + between_bags[i])), unknown.spread)
+            parameters[unknown.name] = unknown.usual + usual, own_spread
     left = [leftover([case], fit, []) for case in cases]
     pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
     learnt = replace(
@@ -142,12 +142,6 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
         repeats=_repeats(repeats_of(cases, fit), len(cases), population), **population.with_baseline,
     )  # fmt: skip
     return Baseline(learnt, len(cases), pulled)
-
-
-def _spread(values: Sequence[Array], mean: Array, population: Array) -> Array:
-    """Variance (P,) from recording to recording, shrunk towards the population's."""
-    squares = np.sum([(value - mean) ** 2 for value in values], axis=0)
-    return np.asarray((squares + POPULATION * population) / (len(values) - 1.0 + POPULATION))
 
 
 def _mean_variance(fits: Sequence[object]) -> Array:

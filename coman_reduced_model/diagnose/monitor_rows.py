@@ -19,18 +19,18 @@ from scipy.special import digamma, polygamma
 from ..bag.session import Session
 from ..core.base.types import Array
 from ..core.config.schema import Config
-from ..core.monitor.channels import KINDS, LEFT, RIGHT, STANDING
-from ..core.monitor.channels import Nominal as Row
+from ..core.monitor.channels import KINDS, LEFT, RIGHT, STANDING, Row
 from ..core.monitor.levels import LEAST_SCATTER, degrees_of_freedom
 from ..errors import BagError
 from ..topics import TopicNames
+from .inference.variability import spread
 
 LAG = 3  # phases of a kind over which a level that moves is told from noise
 LEAST_PHASES = 3  # of a kind in a recording
+LEAST_WALKS = 2  # of a robot, that show a channel
 # Share of nominal robots whose values may be beyond as many standard deviations as of normal ones.
 BEYOND, DEVIATIONS = 0.005, 2.807
 PLAUSIBLE = 2.0  # standard deviations over nominal robots, by which one robot's usual value is taken over at most
-POPULATION = 1.0  # values that the population is worth
 OWN = 0.2  # of how much nominal robots differ, by which values of one robot are taken to scatter at first
 SINGLE = (LEFT, RIGHT)  # kinds of phases
 
@@ -41,7 +41,7 @@ class Walk:
 
     Attributes:
         names: of the n channels.
-        rows, nominal, scale: as in `Laws`.
+        rows, nominal: as in `Laws`.
         phases: kind, values (n,) in units of the rows, NaN where not known, which of them are to be zero, and the load
             (n,) of springs [rad].
     """
@@ -49,7 +49,6 @@ class Walk:
     names: tuple[str, ...]
     rows: tuple[str, ...]
     nominal: Mapping[str, Row]
-    scale: Array
     phases: Sequence[tuple[int, Array, NDArray[np.bool_], Array]]
 
     def values(self, kind: int, only_zero: bool = False) -> Array:
@@ -78,10 +77,19 @@ class Noise:
     lagged: float
 
     @property
+    def freedom(self) -> float:
+        """Independent squares that the sum is worth: successive differences have a value in common."""
+        return 2.0 * self.count**2 / (3.0 * self.count - 1.0)
+
+    @property
+    def variance(self) -> float:
+        return self.squares / self.count
+
+    @property
     def log(self) -> float:
         """Unbiased logarithm of the variance."""
-        half = 0.5 * self.count
-        return float(np.log(self.squares / self.count) - digamma(half) + np.log(half))
+        half = 0.5 * self.freedom
+        return float(np.log(self.variance) - digamma(half) + np.log(half))
 
 
 class Mean(NamedTuple):
@@ -106,7 +114,7 @@ def watch(bag: str | Path, config: Config, urdf: str | Path | None = None, names
             pass
         laws = monitor.laws
         phases = [(kind, values / laws.scale, zero, load) for kind, values, zero, load in monitor.kept]
-        return Walk(laws.names, laws.rows, laws.nominal, laws.scale, phases)
+        return Walk(laws.names, laws.rows, laws.nominal, phases)
 
 
 def rows_of_population(walks: Sequence[Walk], table: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -141,7 +149,7 @@ def rows_of_robot(walks: Sequence[Walk], table: Mapping[str, Mapping[str, Any]])
     out = {name: dict(row) for name, row in table.items()}
     noises, means = _noises(walks, own=True), _means(walks, own=True)
     for name, each in noises.items():
-        if len({noise.walk for noise in each}) == len(walks):
+        if len({noise.walk for noise in each}) >= LEAST_WALKS:
             row = walks[0].nominal[rows[name]]
             out[name] = _own_noise(row, each) | _own_values(row, means.get(name, []))
     return out
@@ -152,16 +160,20 @@ def _own_noise(row: Row, noises: Sequence[Noise]) -> dict[str, Any]:
     free = float(degrees_of_freedom(np.array(row.by_channel)))
     found: dict[str, Any] = {"unit": row.unit}
     logs: dict[int, list[float]] = {}
-    count = 0.0
-    for key, usual in (("single", row.single), ("double", row.double)):
+    usual, known = {"single": row.single, "double": row.double}, {}
+    for key in usual:
         these = [each for each in noises if (each.kind in SINGLE) == (key == "single")]
-        count += (known := sum(each.count for each in these))
-        found[key] = float(np.sqrt((free * usual**2 + sum(each.squares for each in these)) / (free + known)))
+        known[key] = sum(each.freedom for each in these)
+        squares = sum(each.freedom * each.variance for each in these)
+        found[key] = float(np.sqrt((free * usual[key] ** 2 + squares) / (free + known[key])))
         for each in these:
             logs.setdefault(each.walk, []).append(0.5 * each.log - np.log(found[key]))
+    if not all(known.values()):  # one kind of support was not seen: as much more or less than usual as in the other
+        seen = "single" if known["single"] else "double"
+        found |= {key: found[seen] * usual[key] / usual[seen] for key in usual}
     scatter = [float(np.mean(each)) for each in logs.values()]
-    found["by_robot"] = max(float(np.sqrt(_spread(np.array(scatter), 0.0, row.by_robot**2))), LEAST_SCATTER)
-    found["by_channel"] = max(float(0.5 * np.sqrt(polygamma(1, 0.5 * (free + count)))), LEAST_SCATTER)
+    found["by_robot"] = max(float(np.sqrt(spread(np.array(scatter), 0.0, row.by_robot**2))), LEAST_SCATTER)
+    found["by_channel"] = max(float(0.5 * np.sqrt(polygamma(1, 0.5 * (free + min(known.values()))))), LEAST_SCATTER)
     return found | {"drift": row.drift}
 
 
@@ -176,17 +188,12 @@ def _own_values(row: Row, means: Sequence[Mean]) -> dict[str, float]:
     shrink = np.diag(OWN * row.robots / prior)
     usual, slope = np.linalg.lstsq(np.vstack([A, shrink]), np.append(values, np.zeros(2)), rcond=None)[0]
     usual, slope = np.clip([usual, slope], -PLAUSIBLE * prior, PLAUSIBLE * prior)
-    own = min(float(np.sqrt(_spread(values - A @ (usual, slope), 0.0, row.robots**2))), row.robots)
+    own = min(float(np.sqrt(spread(values - A @ (usual, slope), 0.0, row.robots**2))), row.robots)
     covariance = np.linalg.inv(A.T @ A / own**2 + np.diag(prior**-2.0))
     by_load = float(np.sqrt(covariance[1, 1])) if row.by_load else 0.0
     return {
         "robots": own, "by_load": by_load, "usual": float(usual), "usual_load": load, "usual_slope": float(slope),
     }  # fmt: skip
-
-
-def _spread(values: Array, mean: float, population: float) -> float:
-    """Variance from recording to recording, shrunk towards the population's."""
-    return float((np.sum((values - mean) ** 2) + POPULATION * population) / (len(values) - 1.0 + POPULATION))
 
 
 def _noises(walks: Sequence[Walk], own: bool = False) -> dict[str, list[Noise]]:
@@ -235,11 +242,11 @@ def _scatter(noises: Sequence[Noise], logs: Array) -> tuple[float, float]:
 
 def _sampling(noises: Sequence[Noise]) -> float:
     """Mean variance of the logarithms by the small numbers of phases."""
-    return float(np.mean([polygamma(1, 0.5 * each.count) for each in noises]))
+    return float(np.mean([polygamma(1, 0.5 * each.freedom) for each in noises]))
 
 
 def _drift(noises: Sequence[Noise]) -> float:
-    """Standard deviation by which a level moves from phase to phase, as a share of that of the noise."""
-    ratios = [each.lagged * each.count / each.squares for each in noises if each.squares > 0.0]
+    """Standard deviation by which a level moves from phase to phase, as a share of that of the noise, at most 1."""
+    ratios = [each.lagged / each.variance for each in noises if each.squares > 0.0]
     ratio = float(np.nanmedian(ratios)) if np.isfinite(ratios).any() else 1.0
-    return float(np.sqrt(max(2.0 * (ratio - 1.0) / (LAG - ratio), 0.0))) if ratio < LAG else 1.0
+    return float(np.sqrt(np.clip(2.0 * (ratio - 1.0) / max(LAG - ratio, 1e-9), 0.0, 1.0)))

@@ -307,10 +307,7 @@ def learn(
         own = list(pool.map(partial(with_baseline, nominal=nominal), *zip(*tasks, strict=True))) if tasks else []
     baselines = [Example(a, *each) for (_, _, a), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
-    source = {
-        "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]],
-        "widths": nominal.source.get("widths", {}), "with_baseline": nominal.source.get("with_baseline", {}),
-    }  # fmt: skip
+    source = {**nominal.source, "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
     nominal = replace(nominal, source=source, **_decisions(examples))
     if baselines:
         source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}

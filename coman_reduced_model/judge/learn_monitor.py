@@ -19,7 +19,7 @@ import yaml
 from ..core.base.nominal import Nominal, load_nominal
 from ..core.config.files import load_config
 from ..diagnose.monitor_rows import Walk, rows_of_population, watch
-from ..errors import ComanError
+from ..errors import BagError, ComanError
 from ..processes import workers
 from .cases import BAGS
 from .learn import cases_of, header
@@ -42,19 +42,25 @@ def learn_monitor(runs: Sequence[Path], nominal: Nominal, jobs: int, without: Se
         nominal: everything but the section `monitor` is kept; of that, what no robot shows.
         jobs: processes.
         without: kinds of worlds to leave out.
+
+    Raises:
+        BagError: no clean robot can be followed.
     """
-    cases = [
-        (run / "bags" / name, int(answer["seed"]))
+    cases = {
+        run / "bags" / name: int(answer["seed"])
         for run in runs
         for name, answer in cases_of(run).items()
         if answer["kind"] == "clean" and not set(without) & set(answer["worlds"].values())
-    ]
-    bags = [(folder / bag, folder / "robot.yaml") for folder, _ in cases for bag in BAGS]
+    }
+    bags = [case / bag for case in cases for bag in BAGS]
+    configs = [bag.parent / "robot.yaml" for bag in bags]
     with workers(jobs) as pool:
-        walks = [walk for walk in pool.map(watched, *zip(*bags, strict=True)) if walk]
-    seeds = sorted(seed for _, seed in cases)
-    source = {"commit": commit(), "robots": len(cases), "walks": len(walks), "seeds": [seeds[0], seeds[-1]]}
-    rows = rows_of_population(walks, nominal.monitor)
+        walks = {bag: walk for bag, walk in zip(bags, pool.map(watched, bags, configs), strict=True) if walk}
+    if not walks:
+        raise BagError(f"no clean robot that can be followed in {', '.join(map(str, runs))}")
+    seeds = sorted({cases[bag.parent] for bag in walks})
+    source = {"commit": commit(), "robots": len(seeds), "walks": len(walks), "seeds": [seeds[0], seeds[-1]]}
+    rows = rows_of_population(list(walks.values()), nominal.monitor)
     return replace(nominal, source={**nominal.source, "monitor": source}, monitor=rows)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -82,12 +83,23 @@ def _plain(value: Any) -> Any:
 
 
 def load_nominal(path: str | Path = "") -> Nominal:
-    """Read a file; default: the shipped population. A file of one robot is complete in itself.
+    """Read a file; default: the shipped population. A file of one robot is complete in itself, but for `monitor`.
 
     Raises:
         ConfigError: it cannot be read, or is no such file.
     """
     return _load(str(path or config_path("nominal")))
+
+
+def _row(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of `monitor`: a unit, and numbers that are above 0 if they are noise."""
+    if "unit" not in row:
+        raise ValueError("a row of 'monitor' without 'unit'")
+    numbers = {key: float(value) for key, value in row.items() if key != "unit"}
+    for key, value in numbers.items():
+        if not (isfinite(value) and (value > 0.0 or key not in ("single", "double"))):
+            raise ValueError(f"{key}: {value}")
+    return {"unit": str(row["unit"]), **numbers}
 
 
 @cache
@@ -117,7 +129,7 @@ def _load(path: str) -> Nominal:
             interval_factor=float(document.get("interval_factor") or 1.0),
             with_baseline=document.get("with_baseline") or {},
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
-            monitor=document.get("monitor") or {},
+            monitor={name: _row(row) for name, row in (document.get("monitor") or {}).items()},
         )
     except (TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"{path}: a value of a wrong kind: {error}") from None

@@ -39,7 +39,7 @@ COMMON = (
 )
 
 
-class Nominal(NamedTuple):
+class Row(NamedTuple):
     """Nominal variability of a channel. Units: weights for N, weight times COM height for Nm, mass times m/s for Ns."""
 
     unit: str
@@ -89,9 +89,9 @@ def row_of(name: str, table: Iterable[str]) -> str:
     return name if name in table else f"unloaded/{name[-2]}" if law == "unloaded" else law
 
 
-def nominal(row: Mapping[str, Any]) -> Nominal:
-    """Nominal variability by a row of that section."""
-    return Nominal(str(row["unit"]), *(float(row.get(name, 0.0)) for name in Nominal._fields[1:]))
+def read_row(row: Mapping[str, Any]) -> Row:
+    """A row of that section."""
+    return Row(str(row["unit"]), *(float(row.get(name, 0.0)) for name in Row._fields[1:]))
 
 
 def shown(names: tuple[str, ...]) -> NDArray[np.bool_]:

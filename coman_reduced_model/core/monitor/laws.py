@@ -26,8 +26,8 @@ from .channels import (
     STANDING,
     WRENCH_LAWS,
     channel_names,
-    nominal,
     of_laws,
+    read_row,
     row_of,
     shown,
 )
@@ -71,7 +71,8 @@ class Laws:
 
     Attributes:
         names, units: of the n channels; units are rad, m, s, N, Nm or Ns.
-        rows, nominal: (n,) name of the row for each channel, and these rows.
+        rows: (n,) name of the row for each channel.
+        nominal: these rows, by name.
         scale: (n,) what figures of these rows are multiplied by.
         noise: (kinds, n) nominal standard deviation from phase to phase.
         drift: (n,) variance of the drift from one phase of a kind to the next, as a share of that of the noise.
@@ -125,13 +126,11 @@ class Laws:
             "Nm": self.forces.memory.weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
             "Ns": robot.mass,
         }
-        shipped = load_nominal().monitor
-        table = {**shipped, **load_nominal(config.monitor.baseline).monitor}
+        shipped, own = load_nominal().monitor, load_nominal(config.monitor.baseline).monitor
+        # Rows of files of earlier versions do not say how noise varies, and are those of an earlier population.
+        table = {**shipped, **{name: row for name, row in own.items() if "by_robot" in row}}
         self.rows = tuple(row_of(name, table) for name in self.names)
-        # What a file of an earlier version does not say is as in the population.
-        self.nominal = {
-            name: nominal({**shipped[row_of(name, shipped)], **table[name]}) for name in dict.fromkeys(self.rows)
-        }
+        self.nominal = {name: read_row(table[name]) for name in dict.fromkeys(self.rows)}
         rows = [self.nominal[name] for name in self.rows]
         self.units = tuple(row.unit for row in rows)
         self.scale = np.array([scale.get(row.unit, 1.0) for row in rows])

@@ -54,7 +54,7 @@ class Mismatch:
     Attributes:
         channel: its name, as in `Laws`; or `unsteady/x`, `unsteady/y`.
         phase: kind of phase with the largest deviation.
-        size: deviation there [unit], from the level if `changed`, else from zero.
+        size: deviation there [unit], from the level if `changed`, else from what is usual: zero, without a baseline.
         sigma: in standard deviations; over all kinds of phases together if `changed`.
         onset_ns: onset stamp: start of the first phase with the deviation.
         detected_ns: detection stamp.
@@ -192,6 +192,7 @@ class Monitor:
         if self.laws.wrenches_moved(self._zeros.both - self._zeros_before):
             mean.values[self.laws.by_wrenches] = np.nan
             self._forget_levels(self.laws.by_wrenches)
+            self._intermittent.reset()
         same_gait = self._same_gait(kind, np.append((stamp - self._phase_start_ns) * 1e-9, mean.posture))
         self.phases += same_gait
         if self.laws.forces.uses_imu != self._used_imu:  # its mounting differs a little from the URDF

@@ -23,8 +23,15 @@ MEDIAN = 0.455  # of the square of a standard normal value
 LEAST = 0.4  # of the width of the population, that a robot varies at least
 TAILS = 2.0  # degrees of freedom of what no effect explains: in one robot of some it may be far off (an IMU's mounting)
 OUTLIER = 2.0  # widths, as which a robot that varies more counts: few whose sensors are off must not blind all others
+POPULATION = 1.0  # recordings that the population is worth, for how much one robot varies
 ROUNDS, POPULATION_ROUNDS = 4, 15
 ANCHOR = 4.0  # robots that the width of the data sheets is worth
+
+
+def spread(values: Sequence[Array] | Array, mean: Array | float, population: Array | float) -> Array:
+    """Variance from recording to recording (the first axis), shrunk towards the population's."""
+    squares = np.sum((np.asarray(values) - mean) ** 2, axis=0)
+    return np.asarray((squares + POPULATION * population) / (len(values) - 1.0 + POPULATION))
 
 
 def widths_of(known: Sequence[Unknown]) -> dict[str, list[int]]:

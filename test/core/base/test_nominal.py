@@ -37,6 +37,11 @@ def test_what_is_written_is_what_is_read(tmp_path):
         ("widths: {a.spread: wide}", "a value of a wrong kind"),
         ("widths: {a.spread: 1.0}\nfigures: {}", "figures: unknown"),
         ("widths: {a.spread: 1.0}\nleftover: {spring: 3}", "a value of a wrong kind"),
+        ("widths: {a.spread: 1.0}\nmonitor: [1]", "a value of a wrong kind"),
+        ("widths: {a.spread: 1.0}\nmonitor: {spring: }", "a value of a wrong kind"),
+        ("widths: {a.spread: 1.0}\nmonitor: {spring: {single: 1.0}}", "without 'unit'"),
+        ("widths: {a.spread: 1.0}\nmonitor: {spring: {unit: rad, single: 0.0}}", "single: 0.0"),
+        ("widths: {a.spread: 1.0}\nmonitor: {spring: {unit: rad, usual: .nan}}", "usual: nan"),
         ("widths: {", "is not YAML"),
     ],
 )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.special import polygamma
 from scipy.stats import norm, t
 
-from coman_reduced_model.core.monitor.channels import Nominal
+from coman_reduced_model.core.monitor.channels import Row
 from coman_reduced_model.core.monitor.laws import PhaseMean
 from coman_reduced_model.core.monitor.levels import (
     CHANNEL,
@@ -23,7 +23,7 @@ from coman_reduced_model.core.monitor.levels import (
 )
 
 CHANNELS, THRESHOLD = 12, 5.0
-ROW = Nominal(
+ROW = Row(
     "rad",
     1.0,
     1.0,
