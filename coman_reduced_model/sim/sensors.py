@@ -126,6 +126,7 @@ class Signals:
     orientation: Array  # (4,) quaternion x y z w, world <- imu
     gyro: Array  # (3,) [rad/s] in the imu frame
     acceleration: Array  # (3,) [m/s^2] in the imu frame, gravity's reaction included
+    hanging: tuple[str, ...] = ()  # foot sensors whose driver repeats its last value
 
 
 @dataclass(slots=True)
@@ -187,6 +188,7 @@ class Sensors:
         self._stiffness, self._damping = (
             np.array([getattr(joint, name) for joint in table.joints()]) for name in ("stiffness", "damping")
         )
+        self._last_wrench: dict[str, Array] = {}
         self._period = 0
         self._tilt = np.array([o.tilt_bias, o.tilt_bias, 0.0]) * rng.standard_normal(3)
         self._gyro_bias = o.gyro_bias * rng.standard_normal(3)
@@ -214,8 +216,8 @@ class Sensors:
         effort = self._effort(s, motor_q - q, motor_qd, qd)
         joints = JointMessage(stamps["joints"], self._names, q, qd, effort if o.effort else None)
         motors = JointMessage(stamps["joints"], self._names, motor_q, motor_qd, None)
-        left = self._wrench("left_wrench", f"l_{self._frame}", stamps, s.left_wrench)
-        right = self._wrench("right_wrench", f"r_{self._frame}", stamps, s.right_wrench)
+        left = self._wrench("left_wrench", f"l_{self._frame}", stamps, s)
+        right = self._wrench("right_wrench", f"r_{self._frame}", stamps, s)
         imu = self._imu(stamps["imu"], s)
         contacts = ContactMessage(
             stamps["left_wrench"], bool(s.left_wrench[2] > SWITCH), bool(s.right_wrench[2] > SWITCH)
@@ -251,8 +253,8 @@ class Sensors:
             return last.copy(), None
         return last.copy(), filtered if self.options.velocity == "filtered" else s.qd.copy()
 
-    def _wrench(self, foot: str, frame: str, stamps: dict[str, int], wrench: Array) -> WrenchMessage:
-        rng = self._rng[foot]
+    def _wrench(self, foot: str, frame: str, stamps: dict[str, int], s: Signals) -> WrenchMessage:
+        rng, wrench = self._rng[foot], getattr(s, foot)
         self._wrench_bias[foot] = self._wrench_bias[foot] + self._wrench_walk * rng.standard_normal(6)
         force, moment = wrench[:3], wrench[3:]
         if self._lever is not None:
@@ -263,6 +265,9 @@ class Sensors:
             values = self._wrench_gain[foot] @ values
         values = values + self._wrench_bias[foot]
         values += self._wrench_noise * rng.standard_normal(6)
+        if foot in s.hanging:
+            values = self._last_wrench.get(foot, values)
+        self._last_wrench[foot] = values
         return WrenchMessage(stamps[foot], frame, values[:3], values[3:])
 
     def _imu(self, stamp: int, s: Signals) -> ImuMessage:

@@ -19,6 +19,7 @@ class WarningKind(Enum):
     TURNED = "wrenches turned about the vertical"
     UNIT = "values in another unit"
     BIAS = "a wrench that does not vanish in the air"
+    HELD = "a sensor gives one value for long"
     ZERO = "a sensor reads so much without load that it was taken off"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks for faults that no single message shows: wrong signs and units, swapped feet, bias of an unloaded foot.
+"""Checks for faults that no single message shows: wrong signs and units, swapped feet, bias, values that are held.
 
 They are reported, never corrected: the user decides what is wrong. Wrenches are looked at as they came, before large
 zeros are taken off (`measured/sensor_zeros.py`); only where they point to is looked at without any zeros.
@@ -18,6 +18,7 @@ from ..base.types import Foot, Sample
 from ..config.schema import Config
 from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS, SensorZeros
 from ..streams.possible import Refusals
+from .held import HeldValues
 from .signs import Signs
 from .turned import Turned
 
@@ -30,6 +31,7 @@ _NEGATIVE = 0.02  # share of the weight: a mean force below minus this is more t
 _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on something
 _CARRIES = 0.8  # share of both forces on the foot in the air, from which the feet are swapped
 _TURN = 2.0 * np.pi  # [rad] by which no joint of a leg is turned
+_LOADED = 0.3  # share of the weight: a foot on the ground that bears so much is loaded for certain
 _GEARED = 5.0  # motor positions over joint positions, from which they are not on the same side of the gear
 _NO_REFUSALS: Mapping[str, Refusals] = {}
 _NO_ZEROS = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
@@ -44,6 +46,7 @@ class Plausibility:
         self._weight = config.support.weight or robot.mass * config.robot.gravity
         self._posture = robot.posture()
         self._signs = Signs(robot, self._weight)
+        self._held = HeldValues()
         self._turned_wrenches = Turned(self._weight, robot.config.gravity)
         legs = {*config.robot.left.joints, *config.robot.right.joints}
         self._of_legs = np.array([name in legs for name in robot.joint_names])
@@ -59,6 +62,7 @@ class Plausibility:
     def reset(self) -> None:
         """Forget the past."""
         self._signs.reset()
+        self._held.reset()
         self._turned_wrenches.reset()
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
@@ -92,14 +96,15 @@ class Plausibility:
             self._negative[foot] += force < -_NEGATIVE * self._weight
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
-        wrenches = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
-        if zeros is not None:
-            wrenches = {foot: wrench - zeros.of(foot) for foot, wrench in wrenches.items()}
+        raw = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
+        wrenches = raw if zeros is None else {foot: wrench - zeros.of(foot) for foot, wrench in raw.items()}
         self._turned_wrenches.update(self._posture, sample.stamp_ns, wrenches, left + right)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
-        if abs(height) <= CLEARANCE:
+        higher = Foot.NONE if abs(height) <= CLEARANCE else Foot.RIGHT if height > 0.0 else Foot.LEFT
+        loaded = {foot: foot is not higher and wrench[2] > _LOADED * self._weight for foot, wrench in wrenches.items()}
+        self._held.update(sample.stamp_ns, sample.q, raw, loaded)
+        if higher is Foot.NONE:
             return
-        higher = Foot.RIGHT if height > 0.0 else Foot.LEFT
         in_air, other = (left, right) if higher is Foot.LEFT else (right, left)
         self._air[higher] += 1
         self._air_force[higher] += in_air
@@ -126,7 +131,7 @@ class Plausibility:
 
         Torques, motors and IMU are judged by forces and positions: only where units and signs of these are right.
         """
-        found = self._of_forces(zeros, beyond) or self._turned_wrenches.warnings()
+        found = (self._of_forces(zeros, beyond) or self._turned_wrenches.warnings()) + self._held.warnings()
         return found if any(each.prevents_diagnosis for each in found) else [*found, *self._signs.warnings()]
 
     def _of_forces(self, zeros: Mapping[Foot, float], beyond: Mapping[str, Refusals]) -> list[InputWarning]:

@@ -190,7 +190,7 @@ class CableDrag(Disturbance):
 
 @dataclass
 class StaleStream(Disturbance):
-    """A driver that hangs now and then: a foot's wrench repeats its last value for a while."""
+    """A driver that hangs now and then: a foot's wrench repeats its last value, noise and all, for a while."""
 
     name: ClassVar[str] = "stale_stream"
     catalogued: ClassVar[bool] = False
@@ -198,19 +198,10 @@ class StaleStream(Disturbance):
     length: float = par(0.0, "s", "of a hang", 0.0, 5.0)
     every: float = par(1.0, "s", "from hang to hang", 0.01, 100.0)
 
-    def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
-        """See Disturbance."""
-        self._last: dict[str, Array] = {}
-
     def sense(self, t: float, signals: Signals) -> None:
         """See Disturbance."""
-        hangs = t > 0.0 and t % self.every < self.length
-        for foot in feet(self.where):
-            name = WRENCHES[foot]
-            if hangs and name in self._last:
-                setattr(signals, name, self._last[name].copy())
-            else:
-                self._last[name] = getattr(signals, name).copy()
+        if t > 0.0 and t % self.every < self.length:
+            signals.hanging = tuple(WRENCHES[foot] for foot in feet(self.where))
 
 
 @dataclass

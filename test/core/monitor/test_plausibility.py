@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from conftest import recording
-from synthetic import LEFT, RIGHT, robot, walk
+from synthetic import LEFT, RIGHT, T0, robot, walk
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.input_warning import WarningKind
@@ -50,6 +50,31 @@ def test_swapped_feet_are_reported():
 
     (warning,) = warnings_of(swapped)
     assert warning.kind is WarningKind.SWAPPED and "swapped" in warning.text
+
+
+def held(first, last, every=1.0):
+    """Sensors with noise; the driver of the left one hangs from `first` to `last` of each period [s]."""
+    kept, rng = {}, np.random.default_rng(0)
+
+    def change(stream, message):
+        if stream in (LEFT, RIGHT):
+            message = replace(message, force=message.force + rng.normal(0.0, 0.5, 3))
+        if stream == LEFT:
+            hangs = first <= (message.stamp_ns - T0) * 1e-9 % every < last
+            message = replace(message, **kept) if hangs and kept else message
+            kept.update(force=message.force, torque=message.torque)
+        return stream, message
+
+    return change
+
+
+def test_a_foot_sensor_that_hangs_is_reported():
+    (warning,) = warnings_of(held(0.3, 0.45))
+    assert (warning.kind, warning.stream) == (WarningKind.HELD, LEFT) and not warning.prevents_diagnosis
+    assert re.search(r"same value for up to 0.1\d s .* [3-6] times: does its driver hang", warning.text)
+    (dead,) = warnings_of(held(2.2, 60.0, 60.0))  # for good, while it bears load
+    assert dead.kind is WarningKind.HELD
+    assert warnings_of(held(0.3, 0.34)) == ()  # as a slow sensor does
 
 
 @pytest.mark.parametrize("zeros", [(-1.26, -1.78), (0.6, -0.9), (2.0, 1.5)])
