@@ -105,7 +105,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=0.05)
 
     def call(self, kind: type, name: str, request: Any) -> Any:
-        """Answer of a service; asked again every 10 s, as a server drops an answer to one that it has not heard of."""
+        """Answer of a service, called again after 10 s: a server drops answers to clients it has not discovered yet."""
         client, end = self.node.create_client(kind, name), time.monotonic() + PATIENCE
         self.wait(client.service_is_ready, f"service {name}")
         while time.monotonic() < end:

@@ -7,9 +7,9 @@ not balance are zeros, as far as the robot is not accelerated. So a foot that ne
 the balance. Both hold on level ground.
 
 As long as the total vertical force is near the weight, or both feet bear nothing, nothing is learnt and nothing is
-changed: a good sensor is left alone. Zeros of both feet may cancel in the total: then a foot in the
-air shows them, if it reads what no ground can give, a pull or more force sideways than down. Only the past is used, and
-what was learnt lasts.
+changed: a good sensor is left alone. Zeros of both feet may cancel in the total: then a foot in the air shows them, if
+it reads what no ground can give, a pull or more force sideways than down. Only the past is used, and what was learnt
+lasts.
 """
 
 from __future__ import annotations

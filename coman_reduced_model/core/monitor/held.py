@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,15 @@ _TIMES = 3  # from which it is reported
 _LONG_S = 0.5  # [s] from which once is enough
 
 
+class _First(NamedTuple):
+    """The first look at the value that a foot sensor gives now."""
+
+    stamp_ns: int
+    wrench: Array
+    other: Array  # wrench of the other foot
+    q: Array  # [rad]
+
+
 class HeldValues:
     """How long each foot sensor gives the same six values."""
 
@@ -27,24 +37,22 @@ class HeldValues:
         """Forget the past."""
         self.times = dict.fromkeys(WRENCHES, 0)
         self.longest = dict.fromkeys(WRENCHES, 0.0)  # [s]
-        # By foot since when: stamp [ns], its wrench and that of the other foot, joints [rad].
-        self._since: dict[Foot, tuple[int, Array, Array, Array]] = {}
-        self._counted = dict.fromkeys(WRENCHES, False)  # the value that is held now
+        self._first: dict[Foot, _First] = {}  # by foot that bears load
+        self._counted = dict.fromkeys(WRENCHES, False)  # whether `times` counts that value
 
     def update(self, stamp_ns: int, q: Array, wrenches: Mapping[Foot, Array], loaded: Mapping[Foot, bool]) -> None:
         """Take a look: joints (nj,) [rad], wrenches (6,) as they were read, and which feet bear load for certain."""
         for foot, wrench in wrenches.items():
             if not loaded[foot]:
-                self._since.pop(foot, None)
+                self._first.pop(foot, None)
                 continue
-            other = wrenches[foot.other]
-            if foot not in self._since or not np.array_equal(self._since[foot][1], wrench):
-                self._since[foot] = stamp_ns, wrench.copy(), other.copy(), q.copy()
+            first, other = self._first.get(foot), wrenches[foot.other]
+            if first is None or not np.array_equal(wrench, first.wrench):
+                self._first[foot] = _First(stamp_ns, wrench.copy(), other.copy(), q.copy())
                 self._counted[foot] = False
                 continue
-            since, _, before, joints = self._since[foot]
-            seconds = (stamp_ns - since) * 1e-9
-            if seconds < _HELD_S or np.abs(q - joints).max() < _MOVES or np.array_equal(other, before):
+            seconds = (stamp_ns - first.stamp_ns) * 1e-9
+            if seconds < _HELD_S or np.abs(q - first.q).max() < _MOVES or np.array_equal(other, first.other):
                 continue
             self.times[foot] += not self._counted[foot]
             self._counted[foot] = True
