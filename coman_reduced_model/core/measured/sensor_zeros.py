@@ -33,6 +33,7 @@ OFF = 0.1  # share of the weight by which the total vertical force is off where 
 SAID = 0.04  # share of the weight from which a zero is reported
 REVERSED = (-1.2, -0.8)  # shares of the weight: rather the wrong sign than zeros
 KILOGRAMS = (0.09, 0.115)  # the same, of a weight in kgf: about 1 / 9.81
+MOST_KILOGRAMS = 0.25  # share of the weight that the foot which reads more, on average, never reads in kgf
 BEARS = 0.1  # share of the weight: where both feet read less, the robot jumps or hangs
 FIRST_S, MEMORY_S, GAP_S = 0.5, 1.0, 0.05  # [s] of total force that are needed, and that count; of one sample at most
 EVERY_NS = 20_000_000  # between measurements
@@ -57,7 +58,7 @@ class SensorZeros:
     def __init__(self, weight: float) -> None:
         self.weight = weight
         self.active = False
-        self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
+        self._mean, self._more, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0.0, 0, 0
         self._seen, self._alive = np.zeros(2, dtype=bool), False
         self._in_air, self._air_s = np.zeros((2, 3)), np.zeros(2)  # mean force [N], and time [s], of feet in the air
         self._x = np.zeros(12)
@@ -75,7 +76,7 @@ class SensorZeros:
 
     def restart(self) -> None:
         """The next sample may have any stamp; what was learnt is kept."""
-        self._mean, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0, 0
+        self._mean, self._more, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0.0, 0, 0
 
     def corrected(self, sample: Sample, link: Posture) -> Sample:
         """A sample, whose joints `link` has, with the zeros taken off its wrenches: itself where there are none."""
@@ -116,12 +117,15 @@ class SensorZeros:
 
     def _watch(self, left: float, right: float, dt: float) -> None:
         """Whether the total of both vertical forces, in weights, is off for longer than a robot accelerates."""
-        if max(abs(left), abs(right)) < BEARS:
+        more = max(abs(left), abs(right))
+        if more < BEARS:
             return
         dt = min(max(dt, 0.0), GAP_S)
         self._seconds = min(self._seconds + dt, MEMORY_S)
-        self._mean += (left + right - self._mean) * min(1.0, dt / max(self._seconds, 1e-9))
-        another = any(low < self._mean < high for low, high in (REVERSED, KILOGRAMS))
+        fresh = min(1.0, dt / max(self._seconds, 1e-9))
+        self._mean += (left + right - self._mean) * fresh
+        self._more += (more - self._more) * fresh
+        another = REVERSED[0] < self._mean < REVERSED[1] or in_kilograms(self._mean, self._more)
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
     def _watch_air(self, wrenches: tuple[Array, Array], link: Posture) -> None:
@@ -164,6 +168,16 @@ class SensorZeros:
     def _variance(self, deviations: tuple[float, float], feet: int) -> Array:
         """(6 * feet,) of forces and moments."""
         return (np.tile(np.repeat(deviations, 3), feet) * self.weight) ** 2
+
+
+def in_kilograms(both: float, more: float) -> bool:
+    """Whether vertical forces are in kgf rather than in newtons with zeros that cancel most of the weight.
+
+    Args:
+        both: mean of both feet, in weights.
+        more: mean of the foot that reads more, by magnitude, in weights.
+    """
+    return KILOGRAMS[0] < both < KILOGRAMS[1] and more < MOST_KILOGRAMS
 
 
 def _in_the_air(link: Posture) -> Foot:

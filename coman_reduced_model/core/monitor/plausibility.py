@@ -16,7 +16,7 @@ from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import JOINTS, MOTORS, WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
-from ..measured.sensor_zeros import CLEARANCE, KILOGRAMS, SensorZeros
+from ..measured.sensor_zeros import CLEARANCE, SensorZeros, in_kilograms
 from ..streams.possible import Refusals
 from .held import HeldValues
 from .signs import Signs
@@ -67,6 +67,7 @@ class Plausibility:
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
+        self._more = 0.0  # sum of the vertical force of the foot that reads more, by magnitude
         self._looks = 0
         joints = len(self._robot.joint_names)
         self._lowest = np.full((2, joints), np.inf)  # positions of joints and motors
@@ -94,6 +95,7 @@ class Plausibility:
         for foot, force in ((Foot.LEFT, left), (Foot.RIGHT, right)):
             self._force[foot] += force
             self._negative[foot] += force < -_NEGATIVE * self._weight
+        self._more += max(abs(left), abs(right))
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
         raw = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
@@ -193,8 +195,8 @@ class Plausibility:
                 "another unit? wanted is the motor side behind the gear, in radians"
             )
             found.append(InputWarning(WarningKind.UNIT, MOTORS, text))
-        share = sum(self._force.values()) / max(self._looks, 1) / self._weight
-        if self._looks >= _MIN_LOOKS and KILOGRAMS[0] < share < KILOGRAMS[1]:
+        share = self.carried
+        if share is not None and in_kilograms(share, self._more / self._looks / self._weight):
             text = (
                 f"wrenches: the mean vertical force of both feet is {share * self._weight:.3g}, and the robot weighs "
                 f"{self._weight:.0f} N: in kilograms? wanted are newtons"

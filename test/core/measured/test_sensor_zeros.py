@@ -12,6 +12,7 @@ from conftest import recording
 import coman_reduced_model as coman
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
 from coman_reduced_model.core.measured.sensor_zeros import SensorZeros
+from coman_reduced_model.core.monitor.plausibility import Plausibility
 from coman_reduced_model.core.predictor import Predictor
 
 LEFT, RIGHT = np.array([20.0, -12.0, 120.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, -70.0, -1.5, 0.5, -0.2])
@@ -57,6 +58,23 @@ def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array,
         np.testing.assert_allclose(predictor.zeros.of(foot)[3:], zero[3:], atol=0.5)
     said = " ".join(map(str, predictor.zeros.warnings()))
     assert ("left_foot" in said) == left.any() and ("right_foot" in said) == right.any()
+
+
+@pytest.mark.parametrize("left", [-0.3, -0.45, -0.7])
+def test_zeros_that_leave_a_tenth_of_the_weight_are_not_taken_for_kilograms(walk, left: float) -> None:
+    robot, config, samples = walk
+    down = np.array([0.0, 0.0, robot.mass * config.robot.gravity, 0.0, 0.0, 0.0])
+    zeros = left * down, (-0.9 - left) * down
+    predictor, _ = run(walk, *zeros)
+    np.testing.assert_allclose(predictor.zeros.both[[2, 8]], [zeros[0][2], zeros[1][2]], atol=5.0)
+    checks = Plausibility(robot, config)
+    for sample in samples:
+        assert sample.left_wrench is not None and sample.right_wrench is not None
+        checks.update(
+            replace(sample, left_wrench=sample.left_wrench + zeros[0], right_wrench=sample.right_wrench + zeros[1])
+        )
+    found = checks.warnings({foot: float(predictor.zeros.of(foot)[2]) for foot in (Foot.LEFT, Foot.RIGHT)})
+    assert not [each.text for each in found if "kilograms" in each.text]
 
 
 def test_zeros_that_cancel_in_the_total_are_found_by_feet_in_the_air(walk) -> None:
