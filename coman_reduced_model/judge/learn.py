@@ -4,8 +4,8 @@
     coman judge --seeds 0:120 --out RUN --no-oracle         # or only the bags of a run
     python -m coman_reduced_model.judge.learn RUN... --out config/nominal.yaml --jobs 2
 
-1. How much nominal robots vary, from the clean cases (expectation maximisation, diagnose/inference/variability.py), and
-   what the laws leave on them that repeats with each stride. --keep-widths: as in the file that ships.
+1. How much nominal robots vary, from the clean cases, how far laws are trusted, and what they leave that repeats with
+   each stride (learn_variability.py). --keep-widths: as in the file that ships.
 2. What the laws leave on them, and the first comparison of explanations of every case, with these widths.
 3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
 4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
@@ -18,8 +18,8 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -33,26 +33,22 @@ from ..core.base.nominal import Nominal, load_nominal
 from ..core.base.types import Array
 from ..core.config.files import load_config
 from ..diagnose.baseline import baseline
-from ..diagnose.data.reading import read_bags
-from ..diagnose.inference.case import Case, evidence_of, examine, repeats_of, with_known
 from ..diagnose.inference.case_cache import CaseCache
-from ..diagnose.inference.check import Checked, check_recordings
+from ..diagnose.inference.check import Checked
 from ..diagnose.inference.compare import compare
 from ..diagnose.inference.decide import ALL, EFFECT, probabilities, score
-from ..diagnose.inference.effects import with_structure
-from ..diagnose.inference.evidence import Evidence
 from ..diagnose.inference.explanation import UNKNOWN, by_law, features
 from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
-from ..diagnose.inference.variability import adapted, learn_widths
-from ..diagnose.physics.hypotheses import candidates, unknowns
+from ..diagnose.physics.hypotheses import candidates
 from ..errors import ComanError
 from ..processes import workers
-from .cases import BAGS
 from .families import class_of, of_this_catalogue
+from .learn_variability import checked_case, learn_variability
 from .seeds import commit
 
-RIDGE = 0.05  # of the squared weights, on the mean log loss
+RIDGE = 0.01  # of the squared weights, on the mean log loss
+SHARES = {"clean": 0.5, "single": 0.3, "pair": 0.1, "unknown": 0.1}  # of kinds of cases, whatever was recorded
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
 ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
@@ -76,48 +72,6 @@ class Example:
         """`none`, `unknown` or classes of effects, any of which is right."""
         kind = self.answer["kind"]
         return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
-
-
-def checked_case(bags: Path) -> Checked:
-    """The recordings of a case.
-
-    Raises:
-        ComanError: they cannot be used.
-    """
-    config = with_structure(load_config(bags / "robot.yaml"))
-    readings = read_bags([bags / bag for bag in BAGS], config, None, None, lambda done, what: None)
-    return check_recordings(readings, 1, config, [])
-
-
-def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[Evidence], dict[str, float]] | None:
-    """Evidence of each recording of a clean case, linear about nominal, and its `repeats`; kept in a file."""
-    if not stored.is_file():
-        try:
-            checked = checked_case(bags)
-        except ComanError:
-            return None
-        recordings = [*checked.train, *checked.select, *checked.confirm]
-        known = unknowns(recordings[0][0], recordings[0][1], nominal)
-        cases = [examine(each, known, np.zeros(len(known)), nominal=nominal) for each in recordings]
-        light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
-        evidence = [replace(case.evidence, unknowns=light) for case in cases]
-        stored.write_bytes(pickle.dumps((evidence, repeats(cases, nominal))))
-    found: tuple[list[Evidence], dict[str, float]] = pickle.loads(stored.read_bytes())
-    return found
-
-
-def repeats(cases: Sequence[Case], nominal: Nominal) -> dict[str, float]:
-    """By law, what repeats with each stride although all that varies on nominal robots is fitted."""
-    known = adapted([case.evidence for case in cases], nominal)
-    cases = [with_known(case, known) for case in cases]
-    return repeats_of(cases, evidence_of(cases).fit())
-
-
-def learn_repeats(robots: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Of the `repeats` of clean robots, the median by law."""
-    laws = sorted({law for each in robots for law in each})
-    medians = {law: float(np.median([each[law] for each in robots if law in each])) for law in laws}
-    return {law: value for law, value in medians.items() if value > 0.0}
 
 
 def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[str, Any]] | None:
@@ -181,15 +135,18 @@ def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]
 
 
 def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
-    """Weights of the features, by the mean log loss of the probability of the truth."""
+    """Weights of the features, by the mean log loss of the probability of the truth, each kind with its share."""
     names = [*EFFECT, *ALL, UNKNOWN]
     free = [name for name in names if selected or name != "select"]
     cases = [(_features(each), each) for each in examples]
+    kinds = Counter(str(each.answer["kind"]) for each in examples)
+    shares = np.array([SHARES[each.answer["kind"]] / kinds[each.answer["kind"]] for each in examples])
+    shares /= shares.sum()
 
     def loss(values: Array) -> float:
         weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
         logs = [-np.log(max(truth_probability(f, each, weights), 1e-6)) for f, each in cases]
-        return float(np.mean(logs) + RIDGE * float(np.sum(values[1:-1] ** 2)))
+        return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
 
     start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
     bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
@@ -293,7 +250,10 @@ def learn(
         (run / "learn").mkdir(exist_ok=True)
     with workers(jobs) as pool:
         if not keep_widths:
-            nominal = _with_widths(nominal, cases, pool)
+            clean = [
+                (run / "bags" / name, run / "learn" / f"{name}.pkl") for run, name, a in cases if a["kind"] == "clean"
+            ]
+            nominal = learn_variability(clean, nominal, pool)
         places = [(run / "bags" / name, run / "learn" / f"{name}.json") for run, name, _ in cases]
         found = list(pool.map(partial(first_comparison, nominal=nominal), *zip(*places, strict=True)))
         examples = [Example(a, nominal, rows) for (_, _, a), rows in zip(cases, found, strict=True) if rows]
@@ -313,15 +273,6 @@ def learn(
         source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
         nominal = replace(nominal, source=source, with_baseline=_decisions(baselines))
     return nominal, examples, baselines
-
-
-def _with_widths(nominal: Nominal, cases: Sequence[tuple[Path, str, Mapping[str, Any]]], pool: Executor) -> Nominal:
-    """How much the clean robots vary, and what the laws leave on them."""
-    clean = [(run / "bags" / name, run / "learn" / f"{name}.pkl") for run, name, a in cases if a["kind"] == "clean"]
-    found = [each for each in pool.map(partial(linear_evidence, nominal=nominal), *zip(*clean, strict=True)) if each]
-    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(found)}}
-    widths = learn_widths([evidence for evidence, _ in found], replace(nominal, widths=nominal.sheets))
-    return replace(nominal, source=source, widths=widths, repeats=learn_repeats([each for _, each in found]))
 
 
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
@@ -356,6 +307,7 @@ def header() -> str:
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most.
+# trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # repeats: by law, what it leaves that repeats with each stride, in the median. In weights for N, weights times m for
 #     Nm, mass times m/s for Ns, else SI.
 # leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm.

@@ -16,10 +16,10 @@ from coman_reduced_model.judge.learn import (
     interval_factor,
     learn_decision,
     learn_leftover,
-    learn_repeats,
     outcome,
     summary,
 )
+from coman_reduced_model.judge.learn_variability import learn_repeats
 
 NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)})
 

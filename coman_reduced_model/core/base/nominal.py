@@ -19,8 +19,8 @@ from ...errors import ConfigError
 from ...resources import config_path
 
 SECTIONS = (
-    "source", "widths", "sheets", "most", "repeats", "leftover", "decision", "interval_factor", "with_baseline",
-    "parameters", "monitor",
+    "source", "widths", "sheets", "most", "repeats", "trust", "leftover", "decision", "interval_factor",
+    "with_baseline", "parameters", "monitor",
 )  # fmt: skip
 
 
@@ -35,6 +35,7 @@ class Nominal:
         source: where the figures come from.
         repeats: by law, what it leaves on nominal robots that repeats with each stride, in the median. In weights for
             N, weights times m for Nm, mass times m/s for Ns, else SI.
+        trust: by law and kind of support, the share of its information that counts (diagnose/inference/trust.py).
         leftover: by law and kind of support (`spring|single`), median, and standard deviation of the logarithm, of what
             the laws leave on nominal robots [noise floors].
         decision: weights of the features by which an effect is named (diagnose/inference/decide.py).
@@ -49,6 +50,7 @@ class Nominal:
     most: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
     repeats: Mapping[str, float] = field(default_factory=dict)
+    trust: Mapping[str, float] = field(default_factory=dict)
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     interval_factor: float = 1.0
@@ -102,6 +104,13 @@ def _row(row: Mapping[str, Any]) -> dict[str, Any]:
     return {"unit": str(row["unit"]), **numbers}
 
 
+def _share(name: str, value: Any) -> float:
+    """A value above 0 and up to 1."""
+    if not 0.0 < float(value) <= 1.0:
+        raise ValueError(f"trust of {name}: {value}")
+    return float(value)
+
+
 @cache
 def _load(path: str) -> Nominal:
     try:
@@ -121,6 +130,7 @@ def _load(path: str) -> Nominal:
             most={name: float(value) for name, value in (document.get("most") or {}).items()},
             source=document.get("source") or {},
             repeats={name: float(value) for name, value in (document.get("repeats") or {}).items()},
+            trust={name: _share(name, value) for name, value in (document.get("trust") or {}).items()},
             leftover={k: (float(a), float(b)) for k, (a, b) in (document.get("leftover") or {}).items()},
             decision={
                 name: {key: float(value) for key, value in weights.items()}

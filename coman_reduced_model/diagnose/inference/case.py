@@ -142,8 +142,8 @@ def examine(
     """Evidence of a recording, linear around deviations `at` (P,) of the parameters from nominal.
 
     With a case `like` it and some parameters that are `fresh`, only the derivatives by these are computed again, and
-    its noise is where that of this case begins. What repeats at least is that of `like`, or of `nominal` robots, by
-    default of the shipped population.
+    its noise is where that of this case begins. What repeats at least, and how far laws are trusted, is that of `like`,
+    or of `nominal` robots, by default of the shipped population.
     """
     recording, world, where = prepared
     near = like if fresh is not None else None
@@ -151,8 +151,10 @@ def examine(
         base = like.reference
     else:
         base = reference(recording, world, where, known, at)
-    misfit = like.problem.misfit if like else _misfit(nominal or load_nominal(), world)
-    problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), misfit)
+    nominal = nominal or load_nominal()
+    misfit = like.problem.misfit if like else _misfit(nominal, world)
+    trust = like.problem.trust if like else nominal.trust
+    problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), misfit, trust)
     evidence, noise, _ = weigh(problem, at, near.noise if near else None)
     if near:
         return Case(near.recording, where, near.state, problem, evidence, noise, base, near.floor)

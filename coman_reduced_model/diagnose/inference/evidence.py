@@ -66,6 +66,7 @@ class Problem:
     resolution: dict[str, float]  # by channel, what one count of an encoder is
     stride: dict[str, Array] = field(default_factory=dict)  # by group (n,), strides so far
     misfit: Mapping[str, float] = field(default_factory=dict)  # by law, what repeats at least [SI]
+    trust: Mapping[str, float] = field(default_factory=dict)  # by law, share of its information; 1 without an entry
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ def assemble(
     like: Problem | None = None,
     fresh: Sequence[int] = (),
     misfit: Mapping[str, float] | None = None,
+    trust: Mapping[str, float] | None = None,
 ) -> Problem:
     """Residuals under a hypothesis and, by difference quotients, what a unit of each unknown has put into them.
 
@@ -116,6 +118,7 @@ def assemble(
         known: all unknowns; at: (P,) their deviations from nominal. Of those without one, what is usual is taken off.
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
         misfit: by law, what nominal robots leave that repeats with each stride [SI].
+        trust: by law, the share of its information that counts.
     """
     usual = np.array([unknown.usual for unknown in known]) * (at == 0.0)
     rest = at - reference.shifts
@@ -156,7 +159,7 @@ def assemble(
     names, counts = reference.measured.world.robot.joint_names, reference.measured.recording.count
     resolution = {f"spring/{name}": float(count) for name, count in zip(names, counts, strict=True)}
     stride = {key: where.stride[ticks] for key, ticks in times.items()}
-    return Problem(known, rows, columns, pieces, times, resolution, stride, misfit or {})
+    return Problem(known, rows, columns, pieces, times, resolution, stride, misfit or {}, trust or {})
 
 
 @dataclass
@@ -279,10 +282,12 @@ def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
         white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
         white = free_of_offsets(white, problem.pieces[key], noise[key])
         white = free_of_repeats(white, problem.stride.get(key), problem.pieces[key], noise[key])
+        share = problem.trust.get(law_of(key), 1.0)
+        white *= np.sqrt(share)
         A, r = white[:, 1:], white[:, 0]
         gram[np.ix_(some, some)] += A.T @ A
         moment[some] += A.T @ r
-        energy += float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
+        energy += float(r @ r) + share * 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
         count += len(r)
     return Evidence(problem.unknowns, at, gram, moment, energy, count)
 

@@ -18,6 +18,7 @@ def test_the_shipped_population_is_whole():
         assert {"one", "train", "select", "ways", "leftover", "pulled", "unknown"} == set(weights)
     assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
     assert nominal.interval_factor >= 1.0
+    assert nominal.trust and all(law in nominal.leftover for law in nominal.trust)
     assert all(median > 0.0 and scatter > 0.0 for median, scatter in nominal.leftover.values())
 
 
@@ -42,6 +43,8 @@ def test_what_is_written_is_what_is_read(tmp_path):
         ("widths: {a.spread: 1.0}\nmonitor: {spring: {single: 1.0}}", "without 'unit'"),
         ("widths: {a.spread: 1.0}\nmonitor: {spring: {unit: rad, single: 0.0}}", "single: 0.0"),
         ("widths: {a.spread: 1.0}\nmonitor: {spring: {unit: rad, usual: .nan}}", "usual: nan"),
+        ("widths: {a.spread: 1.0}\ntrust: {spring|any: 0.0}", "trust of spring"),
+        ("widths: {a.spread: 1.0}\ntrust: {spring|any: 1.5}", "trust of spring"),
         ("widths: {", "is not YAML"),
     ],
 )

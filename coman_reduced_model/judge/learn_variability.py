@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Learns from clean cases how much nominal robots vary, and how far each law is to be trusted.
+
+Both depend on each other: a law that is trusted too far makes robots seem to vary that do not, and the other way round.
+They are learnt in turn, ROUNDS times.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ..core.base.nominal import Nominal
+from ..core.config.files import load_config
+from ..diagnose.data.reading import read_bags
+from ..diagnose.inference.case import Case, evidence_of, examine, repeats_of, with_known
+from ..diagnose.inference.check import Checked, check_recordings
+from ..diagnose.inference.effects import with_structure
+from ..diagnose.inference.trust import ByLaw, by_law, learn_trust
+from ..diagnose.inference.variability import adapted, learn_widths
+from ..diagnose.physics.hypotheses import unknowns
+from ..errors import ComanError
+from .cases import BAGS
+from .seeds import commit
+
+ROUNDS = 3
+
+
+def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool: Executor) -> Nominal:
+    """The same record with new `widths`, `trust` and `repeats`.
+
+    Args:
+        clean: of each clean case, its bags, and a file in which what takes long to compute is kept.
+        nominal: where learning begins.
+        pool: processes that work at it.
+    """
+    read = pool.map(partial(linear_evidence, nominal=nominal), *zip(*clean, strict=True))
+    found = [each for each in read if each and len(each[0]) > 1]
+    robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets)
+    widths, trust = dict(nominal.widths), dict(nominal.trust)
+    for _ in range(ROUNDS):
+        trust = learn_trust(robots, widths, trust, partial(pool.map, chunksize=4))
+        widths = learn_widths([[each.evidence(trust) for each in robot] for robot in robots], sheets)
+    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(robots)}}
+    return replace(
+        nominal, source=source, widths=widths, trust=trust, repeats=learn_repeats([each for _, each in found])
+    )
+
+
+def checked_case(bags: Path) -> Checked:
+    """The recordings of a case.
+
+    Raises:
+        ComanError: they cannot be used.
+    """
+    config = with_structure(load_config(bags / "robot.yaml"))
+    readings = read_bags([bags / bag for bag in BAGS], config, None, None, lambda done, what: None)
+    return check_recordings(readings, 1, config, [])
+
+
+def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[ByLaw], dict[str, float]] | None:
+    """Evidence of each recording of a clean case, linear about nominal, and its `repeats`; kept in a file."""
+    if not stored.is_file():
+        try:
+            checked = checked_case(bags)
+        except ComanError:
+            return None
+        recordings = [*checked.train, *checked.select, *checked.confirm]
+        known = unknowns(recordings[0][0], recordings[0][1], nominal)
+        cases = [examine(each, known, np.zeros(len(known)), nominal=nominal) for each in recordings]
+        light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
+        evidence = [replace(by_law(case), unknowns=light) for case in cases]
+        stored.write_bytes(pickle.dumps((evidence, repeats(cases, nominal))))
+    found: tuple[list[ByLaw], dict[str, float]] = pickle.loads(stored.read_bytes())
+    return found
+
+
+def repeats(cases: Sequence[Case], nominal: Nominal) -> dict[str, float]:
+    """By law, what repeats with each stride although all that varies on nominal robots is fitted."""
+    known = adapted([case.evidence for case in cases], nominal)
+    cases = [with_known(case, known) for case in cases]
+    return repeats_of(cases, evidence_of(cases).fit())
+
+
+def learn_repeats(robots: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Of the `repeats` of clean robots, the median by law."""
+    laws = sorted({law for each in robots for law in each})
+    medians = {law: float(np.median([each[law] for each in robots if law in each])) for law in laws}
+    return {law: value for law, value in medians.items() if value > 0.0}
