@@ -139,7 +139,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     learnt = replace(
         population, source={"recordings": len(cases)}, sheets={}, with_baseline={},
         parameters=parameters, leftover=_leftover(left, population),
-        repeats=_repeats(repeats_of(cases, fit), len(cases), population), **population.with_baseline,
+        repeats=_repeats(repeats_of(cases), len(cases), population), **population.with_baseline,
     )  # fmt: skip
     return Baseline(learnt, len(cases), pulled)
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..core.base.nominal import Nominal
 from ..core.config.files import load_config
 from ..diagnose.data.reading import read_bags
-from ..diagnose.inference.case import Case, evidence_of, examine, repeats_of, with_known
+from ..diagnose.inference.case import Case, examine, repeats_of, with_known
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.trust import ByLaw, by_law, learn_trust
@@ -84,8 +84,7 @@ def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[By
 def repeats(cases: Sequence[Case], nominal: Nominal) -> dict[str, float]:
     """By law, what repeats with each stride although all that varies on nominal robots is fitted."""
     known = adapted([case.evidence for case in cases], nominal)
-    cases = [with_known(case, known) for case in cases]
-    return repeats_of(cases, evidence_of(cases).fit())
+    return repeats_of([with_known(case, known) for case in cases])
 
 
 def learn_repeats(robots: Sequence[Mapping[str, float]]) -> dict[str, float]:

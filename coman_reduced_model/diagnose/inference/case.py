@@ -31,6 +31,7 @@ from .evidence import (
     reference,
     shifts_of,
     weigh,
+    weighed,
 )
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
@@ -170,9 +171,14 @@ def _misfit(nominal: Nominal, world: World) -> dict[str, float]:
     return {law: value * unit_of(law, weight, world.gravity) for law, value in nominal.repeats.items()}
 
 
-def repeats_of(cases: Sequence[Case], fit: Fit) -> dict[str, float]:
-    """By law, what recordings leave that repeats with each stride, in units as `Nominal.repeats` has them."""
+def repeats_of(cases: Sequence[Case]) -> dict[str, float]:
+    """By law, what recordings of a robot leave that repeats with each stride, in units as `Nominal.repeats` has them.
+
+    As all noise, it is that of each law with full trust.
+    """
     squares: dict[str, list[float]] = {}
+    cases = [_with_full_trust(case) for case in cases]
+    fit = evidence_of(cases).fit()
     for case in cases:
         world = case.state.world
         weight = world.robot.mass * world.gravity
@@ -181,3 +187,8 @@ def repeats_of(cases: Sequence[Case], fit: Fit) -> dict[str, float]:
             value = repeated(left, case.problem.stride.get(key)) / unit_of(law, weight, world.gravity)
             squares.setdefault(law, []).append(value**2)
     return {law: float(np.sqrt(np.mean(values))) for law, values in squares.items()}
+
+
+def _with_full_trust(case: Case) -> Case:
+    problem = replace(case.problem, trust={})
+    return replace(case, problem=problem, evidence=weighed(problem, case.evidence.at, case.noise))

@@ -10,7 +10,7 @@ knee's stiffness with both legs', a mass with a sensor's gain) thereby counts ag
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
@@ -245,6 +245,9 @@ def weigh(
 ) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
     """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group.
 
+    The noise is that of each law by itself, with full trust: what is trusted less is explained less, and what then
+    remains of a large effect would be taken for noise.
+
     Args:
         problem: of one recording; at: (P,) deviations from nominal around which it is linear.
         like: noise under a hypothesis near by, to begin with.
@@ -257,9 +260,9 @@ def weigh(
     usual = {key: max(problem.misfit.get(law_of(key), 0.0), resolution[key]) for key in problem.rows}
     noise = {key: replace(each, repeats=max(each.repeats, usual[key])) for key, each in noise.items()}
     for _ in range(ROUNDS_NEAR if like else ROUNDS):
-        evidence = weighed(problem, at, noise)
+        parts = list(_parts(problem, noise))
         # Everything released: the noise must not hold what some unknown explains.
-        best = evidence.fit(range(len(at))).x - at
+        best = _sum(problem, at, parts, {}).fit(range(len(at))).x - at
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
             key: Noise(
@@ -269,27 +272,40 @@ def weigh(
             )
             for key, left in remainder.items()
         }
-    return evidence, noise, remainder
+    return _sum(problem, at, parts, problem.trust), noise, remainder
 
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
     """Evidence with a given noise."""
-    P = len(problem.unknowns)
-    gram, moment, energy, count = np.zeros((P, P)), np.zeros(P), 0.0, 0
+    return _sum(problem, at, _parts(problem, noise), problem.trust)
+
+
+_Part = tuple[str, Integers, Array, Array, float, int]  # group, unknowns that it shows, gram, moment, energy, count
+
+
+def _parts(problem: Problem, noise: dict[str, Noise]) -> Iterator[_Part]:
+    """What each group of rows says."""
     for key, row in problem.rows.items():
         some = np.flatnonzero(problem.columns[key].any(axis=0))
         stacked = np.column_stack([row, problem.columns[key][:, some]])
         white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
         white = free_of_offsets(white, problem.pieces[key], noise[key])
         white = free_of_repeats(white, problem.stride.get(key), problem.pieces[key], noise[key])
-        share = problem.trust.get(law_of(key), 1.0)
-        white *= np.sqrt(share)
         A, r = white[:, 1:], white[:, 0]
-        gram[np.ix_(some, some)] += A.T @ A
-        moment[some] += A.T @ r
-        energy += float(r @ r) + share * 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
-        count += len(r)
-    return Evidence(problem.unknowns, at, gram, moment, energy, count)
+        energy = float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
+        yield key, some, A.T @ A, A.T @ r, energy, len(r)
+
+
+def _sum(problem: Problem, at: Array, parts: Iterable[_Part], trust: Mapping[str, float]) -> Evidence:
+    P = len(problem.unknowns)
+    out = Evidence(problem.unknowns, at, np.zeros((P, P)), np.zeros(P), 0.0, 0)
+    for key, some, gram, moment, energy, count in parts:
+        share = trust.get(law_of(key), 1.0)
+        out.gram[np.ix_(some, some)] += share * gram
+        out.moment[some] += share * moment
+        out.energy += share * energy
+        out.count += count
+    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,7 @@ def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
     best = next(each for each in others if each.option is not None and each.option.effect == "joint_stiffness")
     assert best.option is not None and best.gain > 10.0 < best.confirmed
     (i,) = best.option.unknowns
-    assert cache.known[i].value(best.fit.x[i]) == pytest.approx(factor, rel=0.1)
+    assert cache.known[i].value(best.fit.x[i]) == pytest.approx(factor, rel=0.15)
 
 
 def test_probabilities_add_up_and_follow_the_evidence(nominal):
