@@ -110,6 +110,7 @@ class Monitor:
         self.reset()
         names = self.laws.names
         self._feet, self._forces = of_laws(names, ("feet",)), of_laws(names, ("force",))
+        self._unloaded = of_laws(names, ("unloaded",))
         unknown = np.full(len(names), np.nan)  # compiled before the first phase ends
         nothing = PhaseMean(unknown, unknown, unknown, unknown)
         self._update_channels(0, nothing, self._feet, 0.0)
@@ -262,6 +263,7 @@ class Monitor:
         strength = np.where(self._opposite("change_sigma"), change.max(axis=0), np.sqrt((change**2).sum(axis=0)))
         changed = strength > np.where(self._changed, _RELEASE * self._threshold, self._threshold)
         off = (offset[STANDING] > 0.0) | (offset.any(axis=0) & ~self._opposite("offset_sigma"))
+        off &= ~self._unloaded  # a zero from the start is found, taken off and reported by `SensorZeros`
         return _Evidence(change, offset, strength, changed, off)
 
     def _opposite(self, field: str) -> NDArray[np.bool_]:
