@@ -16,6 +16,7 @@ Kinds of worlds are left out one by one: the shares that are printed are of kind
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import pickle
 from collections import Counter
@@ -135,7 +136,7 @@ def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]
 
 
 def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
-    """Weights of the features, by the mean log loss of the probability of the truth, each kind with its share."""
+    """Weights of the features, by the mean log loss of the truth. Each kind of case counts with its share."""
     names = [*EFFECT, *ALL, UNKNOWN]
     free = [name for name in names if selected or name != "select"]
     cases = [(_features(each), each) for each in examples]
@@ -250,18 +251,18 @@ def learn(
         (run / "learn").mkdir(exist_ok=True)
     with workers(jobs) as pool:
         if not keep_widths:
-            clean = [
-                (run / "bags" / name, run / "learn" / f"{name}.pkl") for run, name, a in cases if a["kind"] == "clean"
-            ]
+            names = [(run, name) for run, name, answer in cases if answer["kind"] == "clean"]
+            clean = [(run / "bags" / name, run / "learn" / f"{name}.laws.pkl") for run, name in names]
             nominal = learn_variability(clean, nominal, pool)
-        places = [(run / "bags" / name, run / "learn" / f"{name}.json") for run, name, _ in cases]
+        made = _made_with(nominal)
+        places = [(run / "bags" / name, run / "learn" / f"{name}.{made}.json") for run, name, _ in cases]
         found = list(pool.map(partial(first_comparison, nominal=nominal), *zip(*places, strict=True)))
         examples = [Example(a, nominal, rows) for (_, _, a), rows in zip(cases, found, strict=True) if rows]
         nominal = replace(nominal, leftover=learn_leftover(examples))
         examples = [replace(example, nominal=nominal) for example in examples]
         known = [each for each in cases if (each[0] / "healthy" / each[1]).is_dir()]
         tasks = [
-            (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.baseline.pkl")
+            (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.{made}.baseline.pkl")
             for run, name, _ in known
         ]
         own = list(pool.map(partial(with_baseline, nominal=nominal), *zip(*tasks, strict=True))) if tasks else []
@@ -273,6 +274,12 @@ def learn(
         source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
         nominal = replace(nominal, source=source, with_baseline=_decisions(baselines))
     return nominal, examples, baselines
+
+
+def _made_with(nominal: Nominal) -> str:
+    """Part of the names of files that depend on these figures."""
+    figures = nominal.widths, nominal.trust, nominal.repeats
+    return hashlib.sha256(json.dumps([dict(sorted(each.items())) for each in figures]).encode()).hexdigest()[:8]
 
 
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:

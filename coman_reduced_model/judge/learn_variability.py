@@ -25,7 +25,7 @@ from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.trust import ByLaw, by_law, learn_trust
 from ..diagnose.inference.variability import adapted, learn_widths
 from ..diagnose.physics.hypotheses import unknowns
-from ..errors import ComanError
+from ..errors import ComanError, ConfigError
 from .cases import BAGS
 from .seeds import commit
 
@@ -37,15 +37,20 @@ def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool
 
     Args:
         clean: of each clean case, its bags, and a file in which what takes long to compute is kept.
-        nominal: where learning begins.
+        nominal: its data sheets are where learning begins; its other figures are kept.
         pool: processes that work at it.
+
+    Raises:
+        ConfigError: there is no clean case with two recordings.
     """
     read = pool.map(partial(linear_evidence, nominal=nominal), *zip(*clean, strict=True))
     found = [each for each in read if each and len(each[0]) > 1]
+    if not found:
+        raise ConfigError("no clean case with two recordings or more: widths cannot be learnt (--keep-widths)")
     robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets)
-    widths, trust = dict(nominal.widths), dict(nominal.trust)
+    widths = dict(nominal.sheets)
     for _ in range(ROUNDS):
-        trust = learn_trust(robots, widths, trust, partial(pool.map, chunksize=4))
+        trust = learn_trust(robots, widths, partial(pool.map, chunksize=4))
         widths = learn_widths([[each.evidence(trust) for each in robot] for robot in robots], sheets)
     source = {**nominal.source, "widths": {"commit": commit(), "robots": len(robots)}}
     return replace(
@@ -53,22 +58,22 @@ def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool
     )
 
 
-def checked_case(bags: Path) -> Checked:
-    """The recordings of a case.
+def checked_case(bags: Path, whole: bool = False) -> Checked:
+    """The recordings of a case; `whole`: no recording is divided where another cannot be used.
 
     Raises:
         ComanError: they cannot be used.
     """
     config = with_structure(load_config(bags / "robot.yaml"))
     readings = read_bags([bags / bag for bag in BAGS], config, None, None, lambda done, what: None)
-    return check_recordings(readings, 1, config, [])
+    return check_recordings(readings, 1, config, [], whole=whole)
 
 
 def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[ByLaw], dict[str, float]] | None:
     """Evidence of each recording of a clean case, linear about nominal, and its `repeats`; kept in a file."""
     if not stored.is_file():
         try:
-            checked = checked_case(bags)
+            checked = checked_case(bags, whole=True)
         except ComanError:
             return None
         recordings = [*checked.train, *checked.select, *checked.confirm]

@@ -141,5 +141,5 @@ def _load(path: str) -> Nominal:
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
             monitor={name: _row(row) for name, row in (document.get("monitor") or {}).items()},
         )
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ConfigError(f"{path}: a value of a wrong kind: {error}") from None

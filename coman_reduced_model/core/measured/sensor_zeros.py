@@ -33,7 +33,7 @@ OFF = 0.1  # share of the weight by which the total vertical force is off where 
 SAID = 0.04  # share of the weight from which a zero is reported
 REVERSED = (-1.2, -0.8)  # shares of the weight: rather the wrong sign than zeros
 KILOGRAMS = (0.09, 0.115)  # the same, of a weight in kgf: about 1 / 9.81
-MOST_KILOGRAMS = 0.25  # share of the weight that the foot which reads more, on average, never reads in kgf
+MOST_KILOGRAMS = 0.25  # share of the weight, by magnitude, that no foot reads in kgf but at a landing
 BEARS = 0.1  # share of the weight: where both feet read less, the robot jumps or hangs
 FIRST_S, MEMORY_S, GAP_S = 0.5, 1.0, 0.05  # [s] of total force that are needed, and that count; of one sample at most
 EVERY_NS = 20_000_000  # between measurements
@@ -63,6 +63,11 @@ class SensorZeros:
         self._in_air, self._air_s = np.zeros((2, 3)), np.zeros(2)  # mean force [N], and time [s], of feet in the air
         self._x = np.zeros(12)
         self._P = np.diag(self._variance(PRIOR, 2))
+
+    @property
+    def settled(self) -> bool:
+        """Whether zeros are taken off, or both feet were in the air for long enough to show that they have none."""
+        return self.active or bool((self._air_s >= FIRST_S).all())
 
     @property
     def both(self) -> Array:
@@ -125,7 +130,7 @@ class SensorZeros:
         fresh = min(1.0, dt / max(self._seconds, 1e-9))
         self._mean += (left + right - self._mean) * fresh
         self._more += (more - self._more) * fresh
-        another = REVERSED[0] < self._mean < REVERSED[1] or in_kilograms(self._mean, self._more)
+        another = REVERSED[0] < self._mean < REVERSED[1] or in_kilograms(self._mean, self._more > MOST_KILOGRAMS)
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
     def _watch_air(self, wrenches: tuple[Array, Array], link: Posture) -> None:
@@ -170,14 +175,14 @@ class SensorZeros:
         return (np.tile(np.repeat(deviations, 3), feet) * self.weight) ** 2
 
 
-def in_kilograms(both: float, more: float) -> bool:
+def in_kilograms(both: float, much: bool) -> bool:
     """Whether vertical forces are in kgf rather than in newtons with zeros that cancel most of the weight.
 
     Args:
         both: mean of both feet, in weights.
-        more: mean of the foot that reads more, by magnitude, in weights.
+        much: whether a foot reads more than MOST_KILOGRAMS, more than now and then.
     """
-    return KILOGRAMS[0] < both < KILOGRAMS[1] and more < MOST_KILOGRAMS
+    return KILOGRAMS[0] < both < KILOGRAMS[1] and not much
 
 
 def _in_the_air(link: Posture) -> Foot:

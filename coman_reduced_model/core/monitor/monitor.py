@@ -193,6 +193,7 @@ class Monitor:
         if self.laws.wrenches_moved(self._zeros.both - self._zeros_before):
             mean.values[self.laws.by_wrenches] = np.nan
             self._forget_levels(self.laws.by_wrenches)
+            self._channels["offset_sigma"][:, self.laws.by_wrenches] = 0.0
             self._intermittent.reset()
         same_gait = self._same_gait(kind, np.append((stamp - self._phase_start_ns) * 1e-9, mean.posture))
         self.phases += same_gait
@@ -263,7 +264,8 @@ class Monitor:
         strength = np.where(self._opposite("change_sigma"), change.max(axis=0), np.sqrt((change**2).sum(axis=0)))
         changed = strength > np.where(self._changed, _RELEASE * self._threshold, self._threshold)
         off = (offset[STANDING] > 0.0) | (offset.any(axis=0) & ~self._opposite("offset_sigma"))
-        off &= ~self._unloaded  # a zero from the start is found, taken off and reported by `SensorZeros`
+        if not self._zeros.settled:  # large zeros are going to be found, taken off and reported
+            off &= ~self._unloaded
         return _Evidence(change, offset, strength, changed, off)
 
     def _opposite(self, field: str) -> NDArray[np.bool_]:

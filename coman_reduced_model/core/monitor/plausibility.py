@@ -16,7 +16,7 @@ from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import JOINTS, MOTORS, WRENCHES
 from ..base.types import Foot, Sample
 from ..config.schema import Config
-from ..measured.sensor_zeros import CLEARANCE, SensorZeros, in_kilograms
+from ..measured.sensor_zeros import CLEARANCE, MOST_KILOGRAMS, SensorZeros, in_kilograms
 from ..streams.possible import Refusals
 from .held import HeldValues
 from .signs import Signs
@@ -32,6 +32,7 @@ _STANDS = 0.4  # share of the weight: a raised foot that carries more stands on 
 _CARRIES = 0.8  # share of both forces on the foot in the air, from which the feet are swapped
 _TURN = 2.0 * np.pi  # [rad] by which no joint of a leg is turned
 _LOADED = 0.3  # share of the weight: a foot on the ground that bears so much is loaded for certain
+_NOW_AND_THEN = 0.02  # share of looks
 _GEARED = 5.0  # motor positions over joint positions, from which they are not on the same side of the gear
 _NO_REFUSALS: Mapping[str, Refusals] = {}
 _NO_ZEROS = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
@@ -67,7 +68,7 @@ class Plausibility:
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
-        self._more = 0.0  # sum of the vertical force of the foot that reads more, by magnitude
+        self._much = 0  # looks at which a foot reads more than it does in kilograms
         self._looks = 0
         joints = len(self._robot.joint_names)
         self._lowest = np.full((2, joints), np.inf)  # positions of joints and motors
@@ -95,7 +96,7 @@ class Plausibility:
         for foot, force in ((Foot.LEFT, left), (Foot.RIGHT, right)):
             self._force[foot] += force
             self._negative[foot] += force < -_NEGATIVE * self._weight
-        self._more += max(abs(left), abs(right))
+        self._much += max(abs(left), abs(right)) > MOST_KILOGRAMS * self._weight
         self._looks += 1
         self._posture.update(sample.q, sample.qd)
         raw = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
@@ -196,7 +197,7 @@ class Plausibility:
             )
             found.append(InputWarning(WarningKind.UNIT, MOTORS, text))
         share = self.carried
-        if share is not None and in_kilograms(share, self._more / self._looks / self._weight):
+        if share is not None and in_kilograms(share, self._much > _NOW_AND_THEN * self._looks):
             text = (
                 f"wrenches: the mean vertical force of both feet is {share * self._weight:.3g}, and the robot weighs "
                 f"{self._weight:.0f} N: in kilograms? wanted are newtons"

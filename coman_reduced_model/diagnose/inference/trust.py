@@ -27,9 +27,9 @@ from .evidence import Evidence, prior_variance, weighed
 from .floor import law_of
 from .variability import with_widths
 
-PRICE = 0.25  # nats that a factor of e in the trust of a law costs: without evidence it is not changed
-LEAST = 3e-4  # trust of a law
-WORST = -50.0  # nats of disagreement from which on a robot counts no more: few with another fault must not rule
+PRICE = 0.25  # nats by which a trust of 1/e must be better than full trust; without evidence trust is full
+LEAST, FIRST = 3e-4, 0.1  # trust of a law, and where it begins to be looked for
+WORST = -50.0  # nats, from which on disagreement counts by its logarithm: few robots with a fault must not rule
 STEPS = 20  # of the optimiser
 
 
@@ -67,7 +67,7 @@ class ByLaw:
 def by_law(case: Case) -> ByLaw:
     """Of a case that is linear about nominal."""
     parts: dict[str, Part] = {}
-    for law in {law_of(key) for key in case.problem.rows}:
+    for law in sorted({law_of(key) for key in case.problem.rows}):
         rows = {key: row for key, row in case.problem.rows.items() if law_of(key) == law}
         each = weighed(replace(case.problem, rows=rows, trust={}), case.evidence.at, case.noise)
         at = np.flatnonzero(each.gram.any(axis=0))
@@ -105,21 +105,20 @@ def _log_evidence(size: int, terms: Sequence[_Term], trust: Mapping[str, float])
     """Log evidence but for the energy, and its derivative by the logarithm of each trust."""
     H, b = np.eye(size), np.zeros(size)
     for law, at, gram, moment in terms:
-        H[np.ix_(at, at)] += trust[law] * gram
-        b[at] += trust[law] * moment
+        H[np.ix_(at, at)] += trust.get(law, 1.0) * gram
+        b[at] += trust.get(law, 1.0) * moment
     factor = cho_factor(H, lower=True)
     x, covariance = cho_solve(factor, b), cho_solve(factor, np.eye(size))
     slopes: dict[str, float] = {}
     for law, at, gram, moment in terms:
         change = x[at] @ moment - 0.5 * x[at] @ gram @ x[at] - 0.5 * np.sum(covariance[np.ix_(at, at)] * gram)
-        slopes[law] = slopes.get(law, 0.0) + trust[law] * float(change)
+        slopes[law] = slopes.get(law, 0.0) + trust.get(law, 1.0) * float(change)
     return 0.5 * float(b @ x) - float(np.log(np.diag(factor[0])).sum()), slopes
 
 
 def learn_trust(
     robots: Sequence[Sequence[ByLaw]],
     widths: Mapping[str, float],
-    start: Mapping[str, float],
     each: Callable[..., Iterable[_Value]] = map,
 ) -> dict[str, float]:
     """By law, the trust with which the recordings of each robot agree best.
@@ -127,7 +126,6 @@ def learn_trust(
     Args:
         robots: recordings of nominal robots, two or more of each.
         widths: how much these robots vary.
-        start: trust to begin with; 1 where none is given.
         each: calls a function for every robot, as `map` does.
     """
     laws = sorted({law for robot in robots for recording in robot for law in recording.parts})
@@ -136,11 +134,12 @@ def learn_trust(
         trust = dict(zip(laws, map(float, np.exp(logs)), strict=True))
         value, slope = PRICE * float(logs @ logs), 2.0 * PRICE * logs
         for nats, slopes in each(partial(agreement, widths=widths, trust=trust), robots):
-            value -= max(nats, WORST)
-            slope = slope - np.array([slopes[law] for law in laws]) * (nats > WORST)
+            beyond = max(WORST - nats, 0.0)
+            value -= nats if nats > WORST else WORST - np.log1p(beyond)
+            slope = slope - np.array([slopes[law] for law in laws]) / (1.0 + beyond)
         return value, slope
 
-    first = np.log([np.clip(start.get(law, 1.0), LEAST, 1.0) for law in laws])
+    first = np.full(len(laws), np.log(FIRST))
     bounds = [(np.log(LEAST), 0.0)] * len(laws)
     found = minimize(loss, first, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS})
     return dict(zip(laws, map(float, np.exp(found.x)), strict=True))
