@@ -34,6 +34,7 @@ HELD_OUT_S = 10.0  # [s] of a held-out walk
 ATTEMPTS = 4  # draws at a level before the next lower level is taken
 _KINDS_OF_BLOCK = [*["clean"] * 20, *["single"] * 12, *["pair"] * 4, *["unknown"] * 4]
 BLOCK = len(_KINDS_OF_BLOCK)
+SHARES = {kind: _KINDS_OF_BLOCK.count(kind) / BLOCK for kind in KINDS}  # of all cases
 PAIRS = [
     pair
     for pair in combinations(CATALOGUED, 2)

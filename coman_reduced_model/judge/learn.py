@@ -44,12 +44,12 @@ from ..diagnose.inference.search import rivals_of
 from ..diagnose.physics.hypotheses import candidates
 from ..errors import ComanError
 from ..processes import workers
+from .cases import SHARES
 from .families import class_of, of_this_catalogue
 from .learn_variability import checked_case, learn_variability
 from .seeds import commit
 
 RIDGE = 0.01  # of the squared weights, on the mean log loss
-SHARES = {"clean": 0.5, "single": 0.3, "pair": 0.1, "unknown": 0.1}  # of kinds of cases, whatever was recorded
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
 ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden

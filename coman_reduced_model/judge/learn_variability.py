@@ -22,7 +22,7 @@ from ..diagnose.data.reading import read_bags
 from ..diagnose.inference.case import Case, examine, repeats_of, with_known
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.effects import with_structure
-from ..diagnose.inference.trust import ByLaw, by_law, learn_trust
+from ..diagnose.inference.trust import ByLaw, learn_trust
 from ..diagnose.inference.variability import adapted, learn_widths
 from ..diagnose.physics.hypotheses import unknowns
 from ..errors import ComanError, ConfigError
@@ -80,7 +80,7 @@ def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[By
         known = unknowns(recordings[0][0], recordings[0][1], nominal)
         cases = [examine(each, known, np.zeros(len(known)), nominal=nominal) for each in recordings]
         light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
-        evidence = [replace(by_law(case), unknowns=light) for case in cases]
+        evidence = [replace(ByLaw.of(case), unknowns=light) for case in cases]
         stored.write_bytes(pickle.dumps((evidence, repeats(cases, nominal))))
     found: tuple[list[ByLaw], dict[str, float]] = pickle.loads(stored.read_bytes())
     return found

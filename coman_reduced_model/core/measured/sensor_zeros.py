@@ -58,7 +58,7 @@ class SensorZeros:
     def __init__(self, weight: float) -> None:
         self.weight = weight
         self.active = False
-        self._mean, self._more, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0.0, 0, 0
+        self.restart()
         self._seen, self._alive = np.zeros(2, dtype=bool), False
         self._in_air, self._air_s = np.zeros((2, 3)), np.zeros(2)  # mean force [N], and time [s], of feet in the air
         self._x = np.zeros(12)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,12 +26,13 @@ from .evidence import (
     Problem,
     Reference,
     assemble,
+    parts_of,
     pooled,
     prior_variance,
     reference,
     shifts_of,
+    summed,
     weigh,
-    weighed,
 )
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
@@ -152,9 +153,11 @@ def examine(
         base = like.reference
     else:
         base = reference(recording, world, where, known, at)
-    nominal = nominal or load_nominal()
-    misfit = like.problem.misfit if like else _misfit(nominal, world)
-    trust = like.problem.trust if like else nominal.trust
+    if like:
+        misfit, trust = like.problem.misfit, like.problem.trust
+    else:
+        nominal = nominal or load_nominal()
+        misfit, trust = _misfit(nominal, world), nominal.trust
     problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), misfit, trust)
     evidence, noise, _ = weigh(problem, at, near.noise if near else None)
     if near:
@@ -165,7 +168,7 @@ def examine(
     return Case(recording, masked, state, problem, evidence, noise, base, like.floor if like else None)
 
 
-def _misfit(nominal: Nominal, world: World) -> dict[str, float]:
+def _misfit(nominal: Nominal, world: World) -> Mapping[str, float]:
     """By law, what nominal robots leave that repeats with each stride [SI], for a robot of this weight."""
     weight = world.robot.mass * world.gravity
     return {law: value * unit_of(law, weight, world.gravity) for law, value in nominal.repeats.items()}
@@ -190,5 +193,5 @@ def repeats_of(cases: Sequence[Case]) -> dict[str, float]:
 
 
 def _with_full_trust(case: Case) -> Case:
-    problem = replace(case.problem, trust={})
-    return replace(case, problem=problem, evidence=weighed(problem, case.evidence.at, case.noise))
+    known, at = case.problem.unknowns, case.evidence.at
+    return replace(case, evidence=summed(known, at, parts_of(case.problem, case.noise), {}))

@@ -260,9 +260,9 @@ def weigh(
     usual = {key: max(problem.misfit.get(law_of(key), 0.0), resolution[key]) for key in problem.rows}
     noise = {key: replace(each, repeats=max(each.repeats, usual[key])) for key, each in noise.items()}
     for _ in range(ROUNDS_NEAR if like else ROUNDS):
-        parts = list(_parts(problem, noise))
+        parts = list(parts_of(problem, noise))
         # Everything released: the noise must not hold what some unknown explains.
-        best = _sum(problem, at, parts, {}).fit(range(len(at))).x - at
+        best = summed(problem.unknowns, at, parts, {}).fit(range(len(at))).x - at
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
             key: Noise(
@@ -272,19 +272,28 @@ def weigh(
             )
             for key, left in remainder.items()
         }
-    return _sum(problem, at, parts, problem.trust), noise, remainder
+    return summed(problem.unknowns, at, parts, problem.trust), noise, remainder
 
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
     """Evidence with a given noise."""
-    return _sum(problem, at, _parts(problem, noise), problem.trust)
+    return summed(problem.unknowns, at, parts_of(problem, noise), problem.trust)
 
 
-_Part = tuple[str, Integers, Array, Array, float, int]  # group, unknowns that it shows, gram, moment, energy, count
+@dataclass(frozen=True)
+class Part:
+    """What one group of rows says of the unknowns `at`, their indices (k,): gram (k, k) and moment (k,)."""
+
+    law: str
+    at: Integers
+    gram: Array
+    moment: Array
+    energy: float
+    count: int
 
 
-def _parts(problem: Problem, noise: dict[str, Noise]) -> Iterator[_Part]:
-    """What each group of rows says."""
+def parts_of(problem: Problem, noise: dict[str, Noise]) -> Iterator[Part]:
+    """What each group of rows says with a given noise, as it takes itself: with full trust."""
     for key, row in problem.rows.items():
         some = np.flatnonzero(problem.columns[key].any(axis=0))
         stacked = np.column_stack([row, problem.columns[key][:, some]])
@@ -293,18 +302,19 @@ def _parts(problem: Problem, noise: dict[str, Noise]) -> Iterator[_Part]:
         white = free_of_repeats(white, problem.stride.get(key), problem.pieces[key], noise[key])
         A, r = white[:, 1:], white[:, 0]
         energy = float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
-        yield key, some, A.T @ A, A.T @ r, energy, len(r)
+        yield Part(law_of(key), some, A.T @ A, A.T @ r, energy, len(r))
 
 
-def _sum(problem: Problem, at: Array, parts: Iterable[_Part], trust: Mapping[str, float]) -> Evidence:
-    P = len(problem.unknowns)
-    out = Evidence(problem.unknowns, at, np.zeros((P, P)), np.zeros(P), 0.0, 0)
-    for key, some, gram, moment, energy, count in parts:
-        share = trust.get(law_of(key), 1.0)
-        out.gram[np.ix_(some, some)] += share * gram
-        out.moment[some] += share * moment
-        out.energy += share * energy
-        out.count += count
+def summed(unknowns: list[Unknown], at: Array, parts: Iterable[Part], trust: Mapping[str, float]) -> Evidence:
+    """Evidence of all parts, linear about `at` (P,), with a trust of each law (1 where none is given)."""
+    P = len(unknowns)
+    out = Evidence(unknowns, at, np.zeros((P, P)), np.zeros(P), 0.0, 0)
+    for part in parts:
+        share = trust.get(part.law, 1.0)
+        out.gram[np.ix_(part.at, part.at)] += share * part.gram
+        out.moment[part.at] += share * part.moment
+        out.energy += share * part.energy
+        out.count += part.count
     return out
 
 

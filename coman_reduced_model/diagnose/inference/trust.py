@@ -23,8 +23,7 @@ from scipy.optimize import minimize
 from ...core.base.types import Array, Integers
 from ...core.effects.unknown import Unknown
 from .case import Case
-from .evidence import Evidence, prior_variance, weighed
-from .floor import law_of
+from .evidence import Evidence, Part, parts_of, prior_variance, summed
 from .variability import with_widths
 
 PRICE = 0.25  # nats by which a trust of 1/e must be better than full trust; without evidence trust is full
@@ -34,45 +33,23 @@ STEPS = 20  # of the optimiser
 
 
 @dataclass(frozen=True)
-class Part:
-    """What one law says in a recording of the unknowns `at`, their indices (k,): gram (k, k) and moment (k,)."""
-
-    at: Integers
-    gram: Array
-    moment: Array
-    energy: float
-    count: int
-
-
-@dataclass(frozen=True)
 class ByLaw:
     """Evidence of one recording, linear about nominal, by law, as each law takes itself: with full trust."""
 
     unknowns: list[Unknown]
-    parts: Mapping[str, Part]
+    parts: Sequence[Part]
+
+    @classmethod
+    def of(cls, case: Case) -> ByLaw:
+        """Of a case that is linear about nominal."""
+        return cls(case.evidence.unknowns, list(parts_of(case.problem, case.noise)))
 
     def evidence(self, trust: Mapping[str, float]) -> Evidence:
         """The sum, with a trust of each law (1 where none is given)."""
-        size = len(self.unknowns)
-        gram, moment, energy, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
-        for law, part in self.parts.items():
-            share = trust.get(law, 1.0)
-            gram[np.ix_(part.at, part.at)] += share * part.gram
-            moment[part.at] += share * part.moment
-            energy += share * part.energy
-            count += part.count
-        return Evidence(self.unknowns, np.zeros(size), gram, moment, energy, count)
+        return summed(self.unknowns, np.zeros(len(self.unknowns)), self.parts, trust)
 
 
-def by_law(case: Case) -> ByLaw:
-    """Of a case that is linear about nominal."""
-    parts: dict[str, Part] = {}
-    for law in sorted({law_of(key) for key in case.problem.rows}):
-        rows = {key: row for key, row in case.problem.rows.items() if law_of(key) == law}
-        each = weighed(replace(case.problem, rows=rows, trust={}), case.evidence.at, case.noise)
-        at = np.flatnonzero(each.gram.any(axis=0))
-        parts[law] = Part(at, each.gram[np.ix_(at, at)], each.moment[at], each.energy, each.count)
-    return ByLaw(case.evidence.unknowns, parts)
+_Value = tuple[float, dict[str, float]]  # and its derivative by the logarithm of each trust
 
 
 def agreement(recordings: Sequence[ByLaw], widths: Mapping[str, float], trust: Mapping[str, float]) -> _Value:
@@ -81,38 +58,37 @@ def agreement(recordings: Sequence[ByLaw], widths: Mapping[str, float], trust: M
     scale, own = np.sqrt(prior_variance(known)), np.array([unknown.own for unknown in known])
     shared, mine = int((~own).sum()), int(own.sum())
     place = np.where(own, shared + np.cumsum(own) - 1, np.cumsum(~own) - 1)
-    together: list[_Term] = []
+    together: list[Part] = []
     total, slopes = 0.0, dict.fromkeys(trust, 0.0)
     for i, recording in enumerate(recordings):
-        terms = []
-        for law, part in recording.parts.items():
-            s = scale[part.at]
-            terms.append((law, place[part.at], s[:, None] * part.gram * s, s * part.moment))
-            at = place[part.at] + np.where(own[part.at], i * mine, 0)
-            together.append((law, at, *terms[-1][2:]))
-        value, slope = _log_evidence(len(known), terms, trust)
+        alone = [_in_units(part, scale, place) for part in recording.parts]
+        together += [replace(part, at=np.where(part.at < shared, part.at, part.at + i * mine)) for part in alone]
+        value, slope = _log_evidence(len(known), alone, trust)
         total -= value
         slopes = {law: slopes[law] - slope.get(law, 0.0) for law in slopes}
     value, slope = _log_evidence(shared + len(recordings) * mine, together, trust)
     return total + value, {law: slopes[law] + slope.get(law, 0.0) for law in slopes}
 
 
-_Term = tuple[str, Integers, Array, Array]  # law, which unknowns; gram and moment by unknowns in units of their prior
-_Value = tuple[float, dict[str, float]]
+def _in_units(part: Part, scale: Array, place: Integers) -> Part:
+    """A part for unknowns in units of their scale (P,), at other places (P,)."""
+    s = scale[part.at]
+    return replace(part, at=place[part.at], gram=s[:, None] * part.gram * s, moment=s * part.moment)
 
 
-def _log_evidence(size: int, terms: Sequence[_Term], trust: Mapping[str, float]) -> _Value:
-    """Log evidence but for the energy, and its derivative by the logarithm of each trust."""
+def _log_evidence(size: int, parts: Sequence[Part], trust: Mapping[str, float]) -> _Value:
+    """Log evidence but for the energy, of unknowns in units of their prior."""
     H, b = np.eye(size), np.zeros(size)
-    for law, at, gram, moment in terms:
-        H[np.ix_(at, at)] += trust.get(law, 1.0) * gram
-        b[at] += trust.get(law, 1.0) * moment
+    for part in parts:
+        H[np.ix_(part.at, part.at)] += trust.get(part.law, 1.0) * part.gram
+        b[part.at] += trust.get(part.law, 1.0) * part.moment
     factor = cho_factor(H, lower=True)
     x, covariance = cho_solve(factor, b), cho_solve(factor, np.eye(size))
     slopes: dict[str, float] = {}
-    for law, at, gram, moment in terms:
-        change = x[at] @ moment - 0.5 * x[at] @ gram @ x[at] - 0.5 * np.sum(covariance[np.ix_(at, at)] * gram)
-        slopes[law] = slopes.get(law, 0.0) + trust.get(law, 1.0) * float(change)
+    for part in parts:
+        at, gram = part.at, part.gram
+        change = x[at] @ part.moment - 0.5 * x[at] @ gram @ x[at] - 0.5 * np.sum(covariance[np.ix_(at, at)] * gram)
+        slopes[part.law] = slopes.get(part.law, 0.0) + trust.get(part.law, 1.0) * float(change)
     return 0.5 * float(b @ x) - float(np.log(np.diag(factor[0])).sum()), slopes
 
 
@@ -128,7 +104,7 @@ def learn_trust(
         widths: how much these robots vary.
         each: calls a function for every robot, as `map` does.
     """
-    laws = sorted({law for robot in robots for recording in robot for law in recording.parts})
+    laws = sorted({part.law for robot in robots for recording in robot for part in recording.parts})
 
     def loss(logs: Array) -> tuple[float, Array]:
         trust = dict(zip(laws, map(float, np.exp(logs)), strict=True))

@@ -13,8 +13,8 @@ from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.inference.case import examine
-from coman_reduced_model.diagnose.inference.evidence import pooled, weighed
-from coman_reduced_model.diagnose.inference.trust import ByLaw, Part, agreement, by_law, learn_trust
+from coman_reduced_model.diagnose.inference.evidence import Part, pooled, weighed
+from coman_reduced_model.diagnose.inference.trust import ByLaw, agreement, learn_trust
 from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 
 SHARED, OWN = 3, 2
@@ -36,11 +36,11 @@ def recordings(rng: np.random.Generator, off: dict[str, float], count: int = 3) 
     out = []
     for _ in range(count):
         x[SHARED:] = 0.5 * rng.standard_normal(OWN)
-        parts = {}
+        parts = []
         for law, error in off.items():
             A = rng.normal(size=(20, SIZE))
             r = A @ (x + error * rng.standard_normal(SIZE)) + 0.1 * rng.standard_normal(20)
-            parts[law] = Part(np.arange(SIZE), 100.0 * A.T @ A, 100.0 * A.T @ r, 100.0 * float(r @ r), 20)
+            parts.append(Part(law, np.arange(SIZE), 100.0 * A.T @ A, 100.0 * A.T @ r, 100.0 * float(r @ r), 20))
         out.append(ByLaw(figures(), parts))
     return out
 
@@ -63,9 +63,8 @@ def test_few_robots_that_agree_with_nothing_change_little():
 
 
 def test_a_law_without_evidence_keeps_full_trust_and_none_has_more():
-    silent = [
-        [ByLaw(figures(), {"law": Part(np.arange(SIZE), np.zeros((SIZE, SIZE)), np.zeros(SIZE), 0.0, 0)})] * 2
-    ] * 3
+    nothing = Part("law", np.arange(SIZE), np.zeros((SIZE, SIZE)), np.zeros(SIZE), 0.0, 0)
+    silent = [[ByLaw(figures(), [nothing])] * 2] * 3
     assert learn_trust(silent, WIDTHS)["law"] == pytest.approx(1.0, abs=0.02)
     rng = np.random.default_rng(2)
     assert max(learn_trust([recordings(rng, {"a": 0.0, "b": 0.0})] * 4, WIDTHS).values()) <= 1.0
@@ -90,7 +89,7 @@ def test_a_recording_is_the_sum_of_its_laws_each_with_its_trust():
     known = unknowns(recording, world)
     nominal = replace(load_nominal(), trust={"spring|any": 0.5, "force/x|double": 0.01})
     case = examine((recording, world, masks(recording, world)), known, np.zeros(len(known)), nominal=nominal)
-    found, full = by_law(case).evidence(nominal.trust), by_law(case).evidence({})
+    found, full = ByLaw.of(case).evidence(nominal.trust), ByLaw.of(case).evidence({})
     whole = weighed(case.problem, case.evidence.at, case.noise)
     np.testing.assert_allclose(found.gram, whole.gram, atol=1e-9 * np.abs(full.gram).max())
     np.testing.assert_allclose(found.moment, whole.moment, atol=1e-9 * np.abs(full.moment).max())
