@@ -158,7 +158,9 @@ def _on_interrupt(number: int, frame: object) -> None:
 def main() -> None:
     """Entry point."""
     signal.signal(signal.SIGINT, _on_interrupt)
-    sys.exit(run())
+    code = run()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done; while Python ends, a Ctrl-C would change the exit code
+    sys.exit(code)
 
 
 if __name__ == "__main__":

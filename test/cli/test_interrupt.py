@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 
@@ -48,7 +49,11 @@ def test_ctrl_c_while_modules_are_loaded(start, module):
 @pytest.mark.parametrize(("command", "after"), [("diagnose", 0.0), ("diagnose", 1.5), ("tune", 0.0)])
 def test_ctrl_c_ends_long_work_in_silence(tmp_path, start, command, after):
     """The second process of a diagnosis is at work; a terminal sends it to both."""
-    process = start("coman", command, bag_path("test1"), "--out", tmp_path / "out")
+    bags = [bag_path("test1")]
+    if command == "diagnose":  # enough of them that no machine is done before the Ctrl-C
+        copies = [(walk, tmp_path / f"{walk}_{n}") for walk in ("test1", "test2") for n in range(5)]
+        bags = [shutil.copytree(bag_path(walk), folder) for walk, folder in copies]
+    process = start("coman", command, *bags, "--out", tmp_path / "out")
     process.wait_for("ing: ")  # comes with the progress, after two seconds of work
     time.sleep(after)
     process.interrupt(times=2)
@@ -63,3 +68,18 @@ def test_ctrl_c_during_the_first_compilation(tmp_path, start, monkeypatch):
     process.interrupt(times=2)
     goes_silently(process)
     assert not (tmp_path / "out").exists()
+
+
+ENDING = """
+import atexit, os, signal
+
+atexit.register(os.kill, os.getpid(), signal.SIGINT)
+from coman_reduced_model.cli.entry import main
+main()
+"""
+
+
+def test_ctrl_c_after_the_work_changes_nothing(start):
+    process = start(sys.executable, "-c", ENDING, "--version")
+    assert process.wait() == 0, process.output
+    assert process.output.startswith("coman ") and len(process.output.splitlines()) == 1
