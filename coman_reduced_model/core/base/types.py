@@ -105,6 +105,10 @@ class Reference:
     preview_com: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m], first at stamp + preview_dt
     preview_com_vel: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m/s]
 
+    def sole_pose(self, foot: int) -> Array:
+        """Planned pose (4, 4) of the sole of a foot."""
+        return self.T_odom_left if foot == Foot.LEFT else self.T_odom_right
+
 
 @dataclass(slots=True)
 class PlannedDeflection:

@@ -18,7 +18,7 @@ def planned_com(reference: Reference, foot: Foot) -> tuple[Array, Array]:
 
     The planned sole is used, not the measured one, so that a drift of the odometry does not become a deflection.
     """
-    T = reference.T_odom_left if foot == Foot.LEFT else reference.T_odom_right
+    T = reference.sole_pose(foot)
     return (reference.com - T[:3, 3]) @ T[:3, :3], reference.com_vel @ T[:3, :3]
 
 
@@ -32,7 +32,7 @@ def plan_ahead(sample: Sample, foot: Foot) -> Plan:
     plan = sample.reference
     if plan is None or len(plan.preview_com) == 0 or not plan.preview_dt > 0.0:
         return _NOTHING, _NOTHING, 0.0
-    R = (plan.T_odom_left if foot == Foot.LEFT else plan.T_odom_right)[:3, :3]
+    R = plan.sole_pose(foot)[:3, :3]
     out = np.zeros((2, len(plan.preview_com) + 1, 3))
     _change(plan.preview_com, plan.com, plan.preview_com_vel, plan.com_vel, R, out)
     return out[0], out[1], plan.preview_dt

@@ -166,7 +166,7 @@ class Laws:
         plan, T_odom_sole = _NAN3, _IDENTITY
         if self._has_motor_plan and sample.reference is not None and sample.motor_q is not None:
             plan = sample.reference.com
-            T_odom_sole = sample.reference.T_odom_left if on_left else sample.reference.T_odom_right
+            T_odom_sole = sample.reference.sole_pose(foot)
         dt, dt_before, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, self._dt, sample.stamp_ns
         if not self.looks:
             self._first_ns = sample.stamp_ns

@@ -264,9 +264,10 @@ def _plan(
         if sample.reference is None or sample.motor_q is None:
             continue
         left = phase == Phase.LEFT or (phase != Phase.RIGHT and share >= 0.5)
-        T = sample.reference.T_odom_left if left else sample.reference.T_odom_right
+        foot = Foot.LEFT if left else Foot.RIGHT
+        T = sample.reference.sole_pose(foot)
         motors.update(sample.motor_q, still)
-        com, _ = motors.com_in_sole(Foot.LEFT if left else Foot.RIGHT)
+        com, _ = motors.com_in_sole(foot)
         rows[i, :2], rows[i, 2:] = (T[:3, :3].T @ (sample.reference.com - T[:3, 3]))[:2], com[:2]
     values = _resample(at, rows, t)
     return values[:, :2], values[:, 2:]

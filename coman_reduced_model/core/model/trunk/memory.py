@@ -22,7 +22,8 @@ class Memory(NamedTuple):
     """Samples of the past, oldest first; fields as in `Assembled`, joints of the support leg first.
 
     Rows of the other foot hold nothing of use where it did not stand, but for C and height.
-    T_odom_sole (n, 4, 4) is the pose of the support sole, plan (n, 3) the planned COM in its own odom, or NaN.
+    T_odom_sole (n, 4, 4) is the pose of the support sole. In the plan's own odom, or NaN: plan (n, 3) the planned COM,
+    planned_sole (n, 3, 3) the orientation of the support sole.
     """
 
     stamp: NDArray[np.int64]
@@ -35,13 +36,14 @@ class Memory(NamedTuple):
     contact: Array
     T_odom_sole: Array
     plan: Array
+    planned_sole: Array
     reference: Array  # (n, 3) COM by the motors, as that of `Geometry`
 
 
 @compiled
 def keep(
     past: Memory, n: int, stamp: int, block: Array, foot: int, double: bool, T_odom_sole: Array, plan: Array,
-    reference: Array,
+    planned_sole: Array, reference: Array,
 ) -> None:  # fmt: skip
     """Remember a sample as number n."""
     terms, rows = terms_of(block, past.theta.shape[1]), 2 * ROWS if double else ROWS
@@ -50,7 +52,8 @@ def keep(
     past.stamp[n], past.foot[n], past.double[n], past.theta[n] = stamp, foot, double, terms.theta
     past.block[n], past.inverse[n] = block, solver.inverse
     past.by_impulse[n, :, :rows], past.contact[n, :rows, :rows] = solver.by_impulse, solver.contact
-    past.T_odom_sole[n], past.plan[n], past.reference[n] = T_odom_sole, plan, reference
+    past.T_odom_sole[n], past.plan[n], past.planned_sole[n] = T_odom_sole, plan, planned_sole
+    past.reference[n] = reference
 
 
 @compiled

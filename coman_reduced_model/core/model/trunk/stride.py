@@ -25,7 +25,7 @@ _EVERY = 0.0395  # [s] between two simulations: in between the last one is read 
 _SPACING = 0.0095  # [s] between remembered samples at least
 _CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
 _ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
-_NO_PLAN = np.full(3, np.nan)
+_NO_PLAN = np.full(3, np.nan), np.full((3, 3), np.nan)
 _PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
 
 
@@ -54,10 +54,10 @@ class Stride:
         if not all_finite(terms.terms.linear.f):  # of a free run that has diverged
             return
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
-            planned = _NO_PLAN if plan is None else plan.com
+            planned, sole = _NO_PLAN if plan is None else (plan.com, plan.sole_pose(now.foot)[:3, :3])
             foot, double = int(terms.foot), terms.double
             memory = self._room(terms)
-            keep(memory, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, reference)
+            keep(memory, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, sole, reference)
             self._n += 1
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
@@ -98,7 +98,7 @@ class Stride:
             m, r = len(terms.terms.theta), 2 * ROWS
             shapes = {
                 "theta": (m,), "block": terms.block.shape, "inverse": (m + 6, m + 6), "by_impulse": (m + 6, r),
-                "contact": (r, r), "T_odom_sole": (4, 4), "plan": (3,), "reference": (3,),
+                "contact": (r, r), "T_odom_sole": (4, 4), "plan": (3,), "planned_sole": (3, 3), "reference": (3,),
             }  # fmt: skip
             types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
             self._memory = Memory(
@@ -106,7 +106,7 @@ class Stride:
             )
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, 0, self._memory, 0)
-            replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, 0, self._memory, 2)
+            replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, np.eye(3), 1, 0, self._memory, 2)
             zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(r))
             self._follow(0, 0, 1, terms, zero, np.eye(4))
         if self._n == _CAPACITY:
@@ -123,10 +123,10 @@ class Stride:
         moved = np.zeros((int(np.ceil(span / STEP)) + 1, 3))
         plan = now.sample.reference
         if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
-            if not replanned(moved, plan.com, plan.preview_com, plan.preview_dt, then, past, n) < _PLAN:
+            sole, preview = plan.sole_pose(now.foot)[:3, :3], (plan.com, plan.preview_com, plan.preview_dt)
+            if not replanned(moved, *preview, sole, int(terms.foot), then, past, n) < _PLAN:
                 return None
-            sole = (plan.T_odom_left if now.foot == 1 else plan.T_odom_right)[:3, :3]
-            moved = moved @ sole @ now.T_odom_sole[:3, :3].T  # the plan's odom is not ours
+            moved = moved @ now.T_odom_sole[:3, :3].T
         course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
         if not len(course):
             return None
@@ -166,15 +166,27 @@ def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> A
 
 
 @compiled
-def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, past: Memory, n: int) -> float:
+def replanned(
+    moved: Array, com: Array, preview: Array, dt: float, sole: Array, foot: int, then: int, past: Memory, n: int
+) -> float:
     """What the plan has changed since the stride before, filled into `moved` (k, 3) [m], every `STEP`; the most of it.
 
+    Each plan counts in the axes of its own sole: a robot that turns repeats itself in them.
+
     Args:
-        com, preview, dt: planned COM (3,) now, and (p, 3) every dt [s] from then on.
+        com, preview, dt: planned COM (3,) now, and (p, 3) every dt [s] from then on, in the plan's odom.
+        sole, foot: orientation (3, 3) of the planned support sole now, and whose it is.
         then: this point of the stride before [ns].
         past, n: the memory.
+
+    Returns:
+        The largest change of an axis [m]; infinite where the stride before had no plan, or another support foot.
     """
     largest, i = 0.0, nearest(then, past.stamp, n, n - 1)
+    same = same_support(past, n, i, foot)
+    if past.foot[same] != foot:
+        return np.inf
+    first, first_before, own, before = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(moved.shape[0]):
         stamp = then + int(k * STEP * 1e9)
         i = nearest(stamp, past.stamp, n, i)
@@ -183,14 +195,16 @@ def replanned(moved: Array, com: Array, preview: Array, dt: float, then: int, pa
         at = min(k * STEP / dt, float(preview.shape[0]))  # a plan that ends stands still
         ahead = min(int(at), preview.shape[0] - 1)
         for axis in range(3):
-            own = com[axis] if ahead == 0 else preview[ahead - 1, axis]
-            own += (at - ahead) * (preview[ahead, axis] - own)
-            before = past.plan[j, axis] + past_share * (past.plan[j + 1, axis] - past.plan[j, axis])
-            moved[k, axis] = own - before
-    first = moved[0].copy()
-    for k in range(moved.shape[0]):
+            begin = com[axis] if ahead == 0 else preview[ahead - 1, axis]
+            own[axis] = begin + (at - ahead) * (preview[ahead, axis] - begin)
+            before[axis] = past.plan[j, axis] + past_share * (past.plan[j + 1, axis] - past.plan[j, axis])
+        if k == 0:
+            first[:], first_before[:] = own, before
         for axis in range(3):
-            moved[k, axis] -= first[axis]
+            moved[k, axis] = 0.0
+            for row in range(3):
+                moved[k, axis] += (own[row] - first[row]) * sole[row, axis]
+                moved[k, axis] -= (before[row] - first_before[row]) * past.planned_sole[same, row, axis]
             if np.isnan(moved[k, axis]):  # the stride before had no plan
                 return np.inf
             largest = max(largest, abs(moved[k, axis]))
