@@ -81,6 +81,8 @@ def diagnose(
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
+    from ..diagnose.report.words import FAR_HEAD, far
+
     print(f"verdict: {result['verdict']}: {result['sentence']}")
     held = result["gap"]["holdout"] or result["gap"]["train"]
     before, after, floor = held["before"], held["after"], held["floor"]
@@ -106,4 +108,6 @@ def _show(result: dict[str, Any], out: Path) -> None:
             for r in result["ranking"][:6]
         ],
     )
+    if rows := [far(row) for row in result["far_from_nominal"]]:
+        print_table("Far from what nominal robots have, beside that", FAR_HEAD, rows[:6], words=2)
     print(f"written: {out}")

@@ -14,9 +14,10 @@ from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import PLAN
 from ..physics.hypotheses import Candidate
-from .evidence import Fit
+from .evidence import Fit, prior_variance
 from .finding import Finding
 from .search import CLASSES
+from .verdict import FAR
 
 CONFIDENCE = 1.96  # standard deviations of an interval
 MEASURED = "the motor states show it, so the model needs no change for it"
@@ -52,13 +53,7 @@ def effect_entries(finding: Finding, config: Config) -> list[dict[str, Any]]:
 
 def _parameters(finding: Finding, fit: Fit, option: Candidate) -> dict[str, dict[str, Any]]:
     """Value, unit and interval by parameter; the place of a payload [m] is its fitted moment m r over its mass m."""
-    deviation = np.sqrt(np.diag(fit.covariance))
-    parameters: dict[str, dict[str, Any]] = {}
-    for i in option.unknowns:
-        known = finding.known[i]
-        half = CONFIDENCE * finding.nominal.interval_factor * deviation[i]
-        low, value, high = (known.value(fit.x[i] + k * half) for k in (-1.0, 0.0, 1.0))
-        parameters[known.key] = {"value": value, "unit": known.unit, "interval": [low, high]}
+    parameters = {finding.known[i].key: _figure(finding, fit, i) for i in option.unknowns}
     if option.effect == "payload" and "x" in parameters:
         mass = parameters["mass"]["value"] or np.nan
         for key in set("xyz") & set(parameters):
@@ -66,6 +61,29 @@ def _parameters(finding: Finding, fit: Fit, option: Candidate) -> dict[str, dict
             low, high = sorted((moment["interval"][0] / mass, moment["interval"][1] / mass))
             parameters[key] = {"value": moment["value"] / mass, "unit": "m", "interval": [low, high]}
     return parameters
+
+
+def _figure(finding: Finding, fit: Fit, i: int) -> dict[str, Any]:
+    """Value, unit and interval of parameter i."""
+    known, half = finding.known[i], CONFIDENCE * finding.nominal.interval_factor * float(np.sqrt(fit.covariance[i, i]))
+    low, value, high = (known.value(fit.x[i] + k * half) for k in (-1.0, 0.0, 1.0))
+    return {"value": value, "unit": known.unit, "interval": [low, high]}
+
+
+def far_from_nominal(finding: Finding) -> list[dict[str, Any]]:
+    """Parameters beside the chosen effects that the best explanation needs FAR from nominal, the furthest first.
+
+    What each recording has of its own (zeros of foot sensors) is left out: it says nothing of the robot.
+    """
+    fit, prior = finding.fit, prior_variance(finding.known, finding.released)
+    assert fit is not None
+    rows = []
+    for i, known in enumerate(finding.known):
+        deviations = abs(fit.x[i]) / float(np.sqrt(prior[i]))
+        if i not in finding.released and not known.own and deviations > FAR:
+            place = {"name": known.effect, "where": known.where, "parameter": known.key}
+            rows.append({**place, **_figure(finding, fit, i), "deviations": round(deviations, 2)})
+    return sorted(rows, key=lambda row: -row["deviations"])
 
 
 def _class(finding: Finding, option: Candidate) -> str | None:

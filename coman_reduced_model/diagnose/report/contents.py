@@ -17,7 +17,7 @@ from ...schemas import VERSION as SCHEMA_VERSION
 from ..inference.case import Case, evidence_of
 from ..inference.check import Checked
 from ..inference.compare import pulls
-from ..inference.effects import MEASURED
+from ..inference.effects import MEASURED, far_from_nominal
 from ..inference.evidence import ONE_A_STEP, Evidence
 from ..inference.finding import ChosenEffect, Finding
 from ..inference.isolability import isolability, taken_for
@@ -73,6 +73,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "groups": groups(evidence, options),
         "probabilities": found.probabilities,
         "pulled": pulled(finding),
+        "far_from_nominal": far_from_nominal(finding),
         "weight": weight(finding),
         "contradicted": list(found.contradicted),
         "confirmed_on": confirmed_on(checked),

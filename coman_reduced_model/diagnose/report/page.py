@@ -20,7 +20,7 @@ from ..inference.search import MOST
 from ..result import Diagnosis
 from .alike import groups, taken_for
 from .figures import Pair, com_error, law, pairs, residuals
-from .words import channel, channel_unit, effect_sentence, figure, known, place, shown, spaced
+from .words import FAR_HEAD, channel, channel_unit, effect_sentence, far, figure, known, place, shown, spaced
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
@@ -132,10 +132,10 @@ def _probabilities(result: dict[str, Any]) -> list[Part]:
             "known (config/nominal.yaml says which)."
         )
         parts.append(Table(["explanation", "probability"], rows[:_ROWS], caption, words=1))
-    pulled = [[spaced(name).replace(".", " "), f"{value:.1f}"] for name, value in result["pulled"].items()]
-    if pulled:
-        caption = "What varies on nominal robots as well, and how far the best explanation pulls it from nominal."
-        parts.append(Table(["what varies", "standard deviations"], pulled[:_ROWS], caption, words=1))
+    rows = [far(row) for row in result["far_from_nominal"]]
+    if rows:
+        caption = "Beside this, the best explanation needs these further from nominal than nominal robots have them."
+        parts.append(Table([*FAR_HEAD], rows[:_ROWS], caption, words=2))
     return parts
 
 

@@ -27,6 +27,7 @@ CHANNELS = {
 }
 # What a unit is shown as: name and factor.
 _SHOWN = {"rad": ("degrees", 180.0 / math.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}
+FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
 HEAVY, SURE = 0.03, 3.0  # of the weight by the URDF, and standard deviations, beyond which it is said
 
@@ -110,6 +111,12 @@ def number(value: float, half: float) -> str:
     fine, coarse = (digits - math.floor(math.log10(size)) for digits, size in ((1, half), (2, max(abs(value), half))))
     decimals = max(0, min(fine, coarse))
     return f"{value:.{decimals}f} ± {half:.{decimals}f}"
+
+
+def far(row: Mapping[str, Any]) -> list[str]:
+    """What is far from nominal: of what, where, its value, and how far [standard deviations]."""
+    name = f"{spaced(row['name'])} {spaced(row['parameter'])}".strip()
+    return [name, row["where"] or "–", figure(row), f"{row['deviations']:.1f}"]
 
 
 def shown(value: float, unit: str) -> str:

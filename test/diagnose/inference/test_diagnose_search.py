@@ -20,7 +20,7 @@ from coman_reduced_model.diagnose.inference import gauss_newton
 from coman_reduced_model.diagnose.inference.case import examine, prepare
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.check import limitations, with_common_streams
-from coman_reduced_model.diagnose.inference.effects import effect_entries, with_effects
+from coman_reduced_model.diagnose.inference.effects import effect_entries, far_from_nominal, with_effects
 from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding, judged, size
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.diagnose.report.words import effect_sentence
@@ -81,6 +81,25 @@ def test_what_measured_motor_states_show_is_named_but_needs_no_change_of_the_mod
         added = option.effect in {effect.name for effect in with_effects(config, [entry]).effects}
         assert entry["in_model"] == added == (reference == "topic")
         assert ("the motor states show it" in effect_sentence(entry)) == (reference == "motor")
+
+
+def test_what_is_far_from_nominal_beside_the_effects_is_listed():
+    recording, world = standing()
+    known = unknowns(recording, world)
+    soft, biased = (next(i for i, u in enumerate(known) if u.name == name) for name in
+                    ("joint_stiffness@LKneeSag.scale", "encoder_bias@RAnkSag.bias"))  # fmt: skip
+    own = next(i for i, unknown in enumerate(known) if unknown.own)
+    x = np.array([unknown.spread for unknown in known])
+    x[soft], x[biased], x[own] = -0.5, 4.0 * known[biased].spread, 9.0 * max(known[own].spread, 1e-3)
+    fit = SimpleNamespace(x=x, covariance=1e-6 * np.eye(len(known)))
+    finding = Finding(known, np.zeros(len(known)), fit=fit)
+    first, second = far_from_nominal(finding)
+    assert (first["name"], first["where"], second["name"]) == ("joint_stiffness", "LKneeSag", "encoder_bias")
+    assert second["value"] == pytest.approx(x[biased]) and second["deviations"] == pytest.approx(4.0)
+    assert second["interval"][0] < second["value"] < second["interval"][1] and second["unit"] == "rad"
+    option = next(each for each in candidates(known) if each.unknowns == (soft,))
+    finding.chosen = [ChosenEffect(option, 9.0, 9.0)]
+    assert [row["name"] for row in far_from_nominal(finding)] == ["encoder_bias"]
 
 
 def test_rivals_that_are_compared_again_converge_to_the_same_values(monkeypatch):
