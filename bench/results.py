@@ -63,6 +63,11 @@ RECORDINGS = (
     Recording("real iCub on one leg", "real/icub_yoga/zeroed", "real/icub_yoga/icub02.yaml", shared=True),
 )
 PENDULUM = Recording("real iCub walking, no motor encoders", "real/icub_walk", "config/icub.yaml", shared=True)
+REAL = (
+    ("real/icub_yoga/zeroed", "{shared}/real/icub_yoga/icub02.yaml"),
+    ("real/icub_yoga/raw", "{shared}/real/icub_yoga/icub02.yaml"),
+    ("real/icub_walk", "config/icub.yaml"),
+)
 PICTURE_BAG = "bags/test2"
 GAITS = ("test1", "test2")  # of the first recordings, which the full simulation repeats
 GROWTH, ONE_LEG = "doc/results/offline_growth.png", "doc/results/one_leg.png"
@@ -327,6 +332,11 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         "A real robot on one leg",
         ("one_leg", "{shared}/real/icub_yoga/zeroed", "{shared}/real/icub_yoga/icub02.yaml", "--picture", ONE_LEG),
         needs="real/icub_yoga",
+    ),
+    "real": script(
+        "Diagnosis of real robots",
+        ("real", *(argument for bag, config in REAL for argument in (f"{{shared}}/{bag}", config))),
+        needs="real",
     ),
     "ground": script("Slopes and steps", ("ground",)),
     "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),

@@ -84,6 +84,8 @@ def _show(result: dict[str, Any], out: Path) -> None:
     from ..diagnose.report.words import FAR_HEAD, far
 
     print(f"verdict: {result['verdict']}: {result['sentence']}")
+    if found := [f"{name.replace('@', ' of ')} {p:.2f}" for name, p in result["probabilities"].items()]:
+        print(f"probabilities: {', '.join(found[:6])}")
     held = result["gap"]["holdout"] or result["gap"]["train"]
     before, after, floor = held["before"], held["after"], held["floor"]
     shrinks = sorted(before, key=lambda c: -(before[c] - after[c]) / max(floor.get(c, 0), 1e-9))

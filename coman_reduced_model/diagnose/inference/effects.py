@@ -71,18 +71,22 @@ def _figure(finding: Finding, fit: Fit, i: int) -> dict[str, Any]:
 
 
 def far_from_nominal(finding: Finding) -> list[dict[str, Any]]:
-    """Parameters beside the chosen effects that the best explanation needs FAR from nominal, the furthest first.
+    """Parameters beside the chosen effects that the best explanation surely needs FAR from nominal, the furthest first.
 
-    What each recording has of its own (zeros of foot sensors) is left out: it says nothing of the robot.
+    Their intervals do not hold nominal. What each recording has of its own (zeros of foot sensors) is left out: it
+    says nothing of the robot.
     """
     fit, prior = finding.fit, prior_variance(finding.known, finding.released)
     assert fit is not None
     rows = []
     for i, known in enumerate(finding.known):
         deviations = abs(fit.x[i]) / float(np.sqrt(prior[i]))
-        if i not in finding.released and not known.own and deviations > FAR:
+        if i in finding.released or known.own or deviations < FAR:
+            continue
+        shown = _figure(finding, fit, i)
+        if not shown["interval"][0] <= known.nominal <= shown["interval"][1]:
             place = {"name": known.effect, "where": known.where, "parameter": known.key}
-            rows.append({**place, **_figure(finding, fit, i), "deviations": round(deviations, 2)})
+            rows.append({**place, **shown, "deviations": round(deviations, 2)})
     return sorted(rows, key=lambda row: -row["deviations"])
 
 

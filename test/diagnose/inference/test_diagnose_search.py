@@ -91,12 +91,15 @@ def test_what_is_far_from_nominal_beside_the_effects_is_listed():
     own = next(i for i, unknown in enumerate(known) if unknown.own)
     x = np.array([unknown.spread for unknown in known])
     x[soft], x[biased], x[own] = -0.5, 4.0 * known[biased].spread, 9.0 * max(known[own].spread, 1e-3)
-    fit = SimpleNamespace(x=x, covariance=1e-6 * np.eye(len(known)))
+    fit = SimpleNamespace(x=x, covariance=1e-8 * np.eye(len(known)))
     finding = Finding(known, np.zeros(len(known)), fit=fit)
     first, second = far_from_nominal(finding)
     assert (first["name"], first["where"], second["name"]) == ("joint_stiffness", "LKneeSag", "encoder_bias")
     assert second["value"] == pytest.approx(x[biased]) and second["deviations"] == pytest.approx(4.0)
     assert second["interval"][0] < second["value"] < second["interval"][1] and second["unit"] == "rad"
+    fit.covariance[biased, biased] = (2.0 * x[biased]) ** 2  # it could be nominal as well
+    assert [row["name"] for row in far_from_nominal(finding)] == ["joint_stiffness"]
+    fit.covariance[biased, biased] = 1e-8
     option = next(each for each in candidates(known) if each.unknowns == (soft,))
     finding.chosen = [ChosenEffect(option, 9.0, 9.0)]
     assert [row["name"] for row in far_from_nominal(finding)] == ["encoder_bias"]
