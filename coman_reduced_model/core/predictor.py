@@ -55,8 +55,8 @@ class Predictor:
     """Predicts the COM of one robot, sample by sample.
 
     *Free run*: initialised from the measurement at touchdown (every `prediction.reset_every_steps` steps). Until the
-    next restart its inputs are plan or motors, support phase and switching times. *Horizon*: from each measured state
-    some tenths of a second ahead.
+    next restart its inputs are plan or motors, support phase and switching times. *Horizon*: at each sample some tenths
+    of a second ahead.
 
     Attributes:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.

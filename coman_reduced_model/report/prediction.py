@@ -267,7 +267,7 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         "horizons",
         lambda: figures.horizon_error(errors),
         "RMS error against the horizon of what is published, of the model alone and of baselines, per axis.",
-        "Error of predictions from the measured state, some tenths of a second ahead, all judged on the same samples. "
+        "Error of predictions some tenths of a second ahead, all judged on the same samples. "
         "Published: the model and the baselines, blended by how wrong each has lately been. Planned: a rigid robot "
         "whose motors go on as announced, or at their speed. Persistence: the COM keeps its velocity. LIPM: inverted "
         "pendulum about the measured ZMP.",

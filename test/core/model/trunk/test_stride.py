@@ -72,3 +72,23 @@ def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_kn
     for h, most in (("0.1", 0.75 if plan else 1.05), ("0.2", 0.7 if plan else 0.9)):
         assert rmse[h]["model"][0] < most * min(rmse[h][other][0] for other in ("clairvoyant", "lipm", "persistence"))
     assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["clairvoyant"][2]
+
+
+def test_a_repeated_stride_starts_from_the_joints_and_anything_else_from_the_estimate():
+    """A COM that is 5 mm off moves the prediction only where the stride is not repeated."""
+    moved: dict[bool, list[float]] = {False: [], True: []}
+    with Session(bag_path("test1"), Config()) as session:
+        predictor = session.pipeline.predictor
+        dynamics, ahead = predictor.dynamics, predictor.dynamics.ahead
+
+        def twice(now, com, com_vel, plan, horizons):
+            off = ahead(now, com + np.array([5e-3, 0.0, 0.0]), com_vel, plan, horizons)
+            out = ahead(now, com, com_vel, plan, horizons)
+            moved[dynamics.repeating].append(np.abs(off - out).max())
+            return out
+
+        dynamics.ahead = twice
+        for _ in session.predictions():
+            if len(moved[True]) > 100:
+                break
+    assert max(moved[True]) == 0.0 and min(moved[False]) > 1e-6
