@@ -279,7 +279,7 @@ class Predictor:
         )
         if not ready:
             return None, flags
-        return published, flags
+        return published, flags | Flags.SIMPLER_AHEAD if self.judge.simpler_is_better else flags
 
     def _deflections(self, now: Now, ready: bool) -> list[DeflectionPrediction]:
         """Of COM and joints, now and at the horizons; none, if the model has no input."""
