@@ -26,6 +26,7 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.evaluation.baselines import BASELINES, best_baseline
 from coman_reduced_model.core.evaluation.consistency import Consistency
 from coman_reduced_model.core.evaluation.statistics import RunStatistics
+from coman_reduced_model.judge.by_kind import new_kinds
 from coman_reduced_model.judge.cases import data_sheet
 from coman_reduced_model.sim.worlds import record_world, world_of
 
@@ -51,6 +52,8 @@ class Figures:
     """What a recording shows; RMS errors (3,) [m], [m/s], NaN where not known."""
 
     title: str
+    by_seed: bool = False  # a world that was drawn by seed: nothing was chosen on it
+    new_kind: bool = False  # and it has a kind that nothing was chosen on
     rigid: Array = field(default_factory=lambda: NONE)
     paper: Array = field(default_factory=lambda: NONE)
     default: Array = field(default_factory=lambda: NONE)
@@ -122,7 +125,12 @@ def since(early: tuple[ByPredictor, Counts], late: tuple[ByPredictor, Counts]) -
 def in_world(name: str, made: Path) -> Figures | None:
     """Of a world, see `recorded`; None: the robot falls."""
     walk = recorded(name, made)
-    return None if walk is None else figures(*walk)
+    if walk is None:
+        return None
+    found = figures(*walk)
+    found.by_seed = name.isdigit()
+    found.new_kind = found.by_seed and bool(new_kinds({"worlds": world_of(name).kinds}))
+    return found
 
 
 def recorded(name: str, made: Path) -> tuple[str, Path, Config] | None:
@@ -148,7 +156,7 @@ def recorded(name: str, made: Path) -> tuple[str, Path, Config] | None:
 # --- tables ---
 
 
-def tables(rows: Sequence[Figures]) -> list[str]:
+def tables(rows: list[Figures]) -> list[str]:
     """The sections of the page, without phases."""
     judged = [row for row in rows if row.settled]
     return [
@@ -186,7 +194,7 @@ def tables(rows: Sequence[Figures]) -> list[str]:
         "The same of the model alone, without the blend:",
         by_horizon(rows, lambda row, h: skill(row.whole[h], "model")),
         "Share of what is published that is within its 90 % interval [%]:",
-        by_horizon(rows, lambda row, h: 100.0 * row.within[h]),
+        by_horizon(rows + means_of_worlds(rows), lambda row, h: 100.0 * row.within[h]),
     ]  # fmt: skip
 
 
@@ -237,6 +245,19 @@ def by_phase(rows: Sequence[Figures]) -> str:
 def by_horizon(rows: Sequence[Figures], of: Callable[[Figures, str], Array]) -> str:
     cells = [[row.title, *(", ".join(value(of(row, h)[axis]) for h in row.whole) for axis in range(3))] for row in rows]
     return table(["recording", *AXES], cells)
+
+
+def means_of_worlds(rows: Sequence[Figures]) -> list[Figures]:
+    """Rows whose shares are means over the worlds that were drawn by seed, each counting once."""
+    means = []
+    for title, some in (
+        ("all worlds by seed", [row for row in rows if row.by_seed]),
+        ("those with a kind that nothing was chosen on", [row for row in rows if row.new_kind]),
+    ):
+        if some:
+            shares = {h: np.nanmean([row.within[h] for row in some], axis=0) for h in some[0].within}
+            means.append(Figures(f"{title}: {len(some)}", whole=some[0].whole, within=shares))
+    return means
 
 
 def mm(values: Array, digits: int = 2) -> str:

@@ -66,6 +66,17 @@ def test_without_a_truth_only_innovations_are_judged():
     assert consistency.summary() == pytest.approx({"nis": 2.5, "inconsistent": 0.0})
 
 
+def test_the_nis_of_steps_is_that_of_the_middles_of_single_supports():
+    """Of three supports, each with a NIS of its own at its middle; the double support does not count."""
+    consistency = Consistency()
+    consistency.add(prediction(0, Phase.DOUBLE, np.zeros(3), np.zeros(3)))
+    for k, phase in enumerate((Phase.LEFT, Phase.DOUBLE, Phase.RIGHT, Phase.LEFT)):
+        for i in range(5):
+            nis = 10.0 * k if i == 2 else 3.0
+            consistency.add(prediction((100 + 5 * k + i) * 50_000_000, phase, np.zeros(3), np.zeros(3), nis))
+    assert consistency.nis.tolist() == [0.0, 20.0, 30.0]
+
+
 def test_true_motion_is_in_the_axes_of_the_sole():
     com, vel = truth(2.0).at(0, Foot.LEFT)  # the sole's x is the world's y
     assert com == pytest.approx([0.01, 0.0, 0.5], abs=1e-6)
