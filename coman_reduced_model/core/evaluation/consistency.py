@@ -65,6 +65,7 @@ class Consistency:
         nees: (n, 2) of position and velocity, there.
         nis: (n,) there; also without a truth.
         errors: (n, 2, 3) [m/s] of the velocity: of the estimate, and of encoders alone, at all samples.
+        position_errors: (n, 2, 3) [m] the same of the position.
     """
 
     def __init__(self, truth: TrueMotion | None = None) -> None:
@@ -76,6 +77,7 @@ class Consistency:
         self._nees: list[list[float]] = []
         self._nis: list[float] = []
         self._errors: list[list[Array]] = []
+        self._position_errors: list[list[Array]] = []
 
     def add(self, prediction: Prediction) -> None:
         """Take in the next one."""
@@ -88,7 +90,8 @@ class Consistency:
         self._samples += 1
         self._lost += bool(prediction.flags & Flags.INCONSISTENT)
         if self._truth is not None:
-            _, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
+            com, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
+            self._position_errors.append([estimate.com - com, prediction.measured_com - com])
             self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
         if self._phase and self._phase[-1].support.phase != prediction.support.phase:
             self._close()
@@ -125,6 +128,10 @@ class Consistency:
     @property
     def errors(self) -> Array:
         return np.array(self._errors).reshape(-1, 2, 3)
+
+    @property
+    def position_errors(self) -> Array:
+        return np.array(self._position_errors).reshape(-1, 2, 3)
 
     def summary(self) -> dict[str, Any]:
         """The part of `summary.json` that this knows; NaN where nothing was judged."""

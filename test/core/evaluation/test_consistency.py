@@ -59,6 +59,17 @@ def test_errors_that_are_twice_as_large():
     assert max(found["within_90"]["position"].values()) < 0.7
 
 
+def test_errors_of_estimate_and_encoders_stand_side_by_side():
+    motion, consistency = truth(10.0), Consistency(truth(10.0))
+    for stamp in range(0, 10 * 10**9, 10**8):
+        com, vel = motion.at(stamp, Foot.LEFT)
+        each = prediction(stamp, Phase.LEFT, com, vel)
+        each.measured_com, each.measured_com_vel = com + 2e-3, vel - 0.1
+        consistency.add(each)
+    for errors, of_encoders in ((consistency.position_errors, 2e-3), (consistency.errors, -0.1)):
+        assert errors[:, 0] == pytest.approx(0.0) and errors[:, 1] == pytest.approx(of_encoders)
+
+
 def test_without_a_truth_only_innovations_are_judged():
     consistency = Consistency()
     for k in range(100):
