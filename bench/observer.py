@@ -6,11 +6,11 @@
 NEES needs the truth: of worlds, which are recorded for it, 8 s each, and of bags with BAG.truth.npz beside them (coman
 record). Truth is the COM of all that the robot carries, in the frame of the true sole.
 
-NIS and NEES are 3 on average if all is as assumed. Errors are correlated in time, so one sample a step enters NEES:
-the middle of each single support. The error of the position is made by what is constant in a walk, zeros of encoders
-and masses of links: a walk counts once for it, however many steps it has, and its band is that of a single draw. Motors
-and springs take no part in the estimate, so `prediction.reference` is `none`. Walks in which the robot falls are left
-out.
+NIS and NEES are 3 on average if all is as assumed. Errors are correlated in time, so one sample a step enters NEES, and
+the NIS of steps, whose mean has the same band: the middle of each single support. The error of the position is made by
+what is constant in a walk, zeros of encoders and masses of links: a walk counts once for it, however many steps it has,
+and its band is that of a single draw. Motors and springs take no part in the estimate, so `prediction.reference` is
+`none`. Walks in which the robot falls are left out.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ from scipy.stats import chi2
 
 import coman_reduced_model as coman
 from coman_reduced_model.bag.truth import true_motion
-from coman_reduced_model.core.base.types import Array
+from coman_reduced_model.core.base.types import Array, Integers
 from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
+from coman_reduced_model.judge.by_kind import new_kinds
 from coman_reduced_model.sim.worlds.draw import world_of
 from coman_reduced_model.sim.worlds.run import record_world
 
 HEAD = [
-    "recording", "kinds", "NIS", "steps", "NEES position", "NEES velocity", "95 % band of it",
-    "RMS error of velocity [mm/s]", "of that by encoders alone",
+    "recording", "kinds", "NIS", "steps", "NIS of steps", "NEES position", "NEES velocity",
+    "95 % band of a mean of steps", "RMS error of velocity [mm/s]", "of that by encoders alone",
 ]  # fmt: skip
 DURATION = 8.0  # [s] of a walk
 SHOWN = ("engine", "contact", "floor", "controller", "body", "gait", "sensors", "imperfections")
@@ -48,7 +49,7 @@ def main() -> int:
     parser.add_argument("--worlds", nargs="*", default=[], metavar="SEED")
     arguments = parser.parse_args()
     rows = [row(Path(bag).name, judged(bag, arguments.config)) for bag in arguments.bags]
-    walks: list[Consistency] = []
+    walks: dict[str, Consistency] = {}
     with tempfile.TemporaryDirectory() as folder:
         for seed in arguments.worlds:
             bag = f"{folder}/{seed}"
@@ -56,11 +57,13 @@ def main() -> int:
             if record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
                 rows.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
                 continue
-            walks.append(judged(bag, arguments.config))
-            rows.append(row(f"world {seed}", walks[-1], kinds(seed)))
+            walks[seed] = judged(bag, arguments.config)
+            rows.append(row(f"world {seed}", walks[seed], kinds(seed)))
     print(table(HEAD, rows))
     if walks:
-        print(f"\n{pooled(walks)}")
+        print(f"\n{pooled(list(walks.values()))}")
+    if new := [walk for seed, walk in walks.items() if new_kinds({"worlds": world_of(seed).kinds})]:
+        print("\nOf worlds with a kind that nothing was chosen on:", *in_bands(new), sep="\n")
     return 0
 
 
@@ -84,35 +87,37 @@ def kinds(seed: str) -> str:
 def row(name: str, found: Consistency, kinds: str = "") -> list[str]:
     """The figures of one recording."""
     summary = found.summary()
-    cells = [name, kinds, f"{summary['nis']:.1f}"]
-    if "steps" not in summary:
+    nis = found.nis
+    n = len(nis)
+    cells = [name, kinds, f"{summary['nis']:.1f}", str(n)]
+    if not n:
         return cells + [""] * (len(HEAD) - len(cells))
-    n = summary["steps"]
-    low, high = chi2.ppf([0.025, 0.975], 3 * n) / n
+    low, high = bands(np.array([n]))
+    cells.append(f"{nis.mean():.1f}")
+    band = f"{low[0]:.1f} to {high[0]:.1f}"
+    if "steps" not in summary:
+        return [*cells, "", "", band, "", ""]
     rms = [
         ", ".join(f"{1e3 * each:.0f}" for each in np.sqrt((e**2).mean(axis=0))) for e in found.errors.transpose(1, 0, 2)
     ]
     nees = [f"{summary[f'nees_{part}']:.1f}" for part in ("position", "velocity")]
-    return [*cells, str(n), *nees, f"{low:.1f} to {high:.1f}", *rms]
+    return [*cells, *nees, band, *rms]
 
 
 def pooled(walks: list[Consistency]) -> str:
     """What all worlds show together."""
     n = len(walks)
     position = np.array([walk.nees[:, 0].mean() for walk in walks])
-    velocity = np.array([walk.nees[:, 1].mean() for walk in walks])
-    steps = np.array([len(walk.nees) for walk in walks])
+    steps = sum(len(walk.nees) for walk in walks)
     single, together = chi2.ppf([0.025, 0.975], 3), chi2.ppf([0.025, 0.975], 3 * n) / n
-    low, high = (chi2.ppf(q, 3 * steps) / steps for q in (0.025, 0.975))
     off: Array = np.concatenate([walk.off for walk in walks])
     inside = within(off)
     lines = [
-        f"{n} worlds, {steps.sum()} steps.",
+        f"{n} worlds, {steps} steps.",
         f"NEES of position, a walk counting once: {position.mean():.1f} on average (95 % band {together[0]:.1f} to "
         f"{together[1]:.1f}); {_in(position, *single)} of {n} within the band of one walk, {single[0]:.1f} to "
         f"{single[1]:.1f}.",
-        f"NEES of velocity: median {np.median(velocity):.1f}; {_in(velocity, low, high)} of {n} within their band, "
-        f"{int((velocity < low).sum())} below (too cautious), {int((velocity > high).sum())} above (too sure).",
+        *in_bands(walks),
         "Within their 90 % interval, all worlds together, x, y, z: position "
         + ", ".join(f"{100 * each:.0f}" for each in inside[0])
         + " %, velocity "
@@ -125,6 +130,27 @@ def pooled(walks: list[Consistency]) -> str:
         for k, name in enumerate(("position", "velocity"))
     ]
     return "\n".join(lines) + f"\n\n{table(head, shares)}"
+
+
+def in_bands(walks: list[Consistency]) -> list[str]:
+    """How many walks are consistent, each in the band of as many steps as it has."""
+    low, high = bands(np.array([len(walk.nis) for walk in walks]))
+    lines = []
+    for name, values in (
+        ("NIS", [walk.nis for walk in walks]),
+        ("NEES of velocity", [walk.nees[:, 1] for walk in walks]),
+    ):
+        means = np.array([each.mean() for each in values])
+        lines.append(
+            f"{name}: median {np.median(means):.1f}; {_in(means, low, high)} of {len(walks)} walks in the band, "
+            f"{int((means < low).sum())} below (too cautious), {int((means > high).sum())} above (too sure)."
+        )
+    return lines
+
+
+def bands(steps: Integers) -> tuple[Array, Array]:
+    """Ends of the 95 % bands of the mean over each number of steps."""
+    return chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
 
 
 def _in(values: Array, low: Array, high: Array) -> int:

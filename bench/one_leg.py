@@ -6,8 +6,9 @@
 RMS errors after the first seconds, x, y, z [mm]. Data sheet: the configuration as it is. Identified, tuned: by what
 `coman identify` and `coman tune` make of the first seconds alone (joints that are not excited there keep their
 constants). Adapted: with `prediction.adapt` besides, which learns all the time, or only in the first seconds. Rigid:
-where the motors, without springs, put the COM. Ahead: what is published, against the best causal baseline of each axis.
-Nothing was chosen on the recording.
+where the motors, without springs, put the COM. Ahead, of each of these configurations: what is published, and the model
+alone, against the best causal baseline of each axis. One row of all of them: their predictions ahead are the same.
+Where no stride is repeated the deflection stays or fades, whatever the springs. Nothing was chosen on the recording.
 
 In the picture: without springs, x is 2 mm off on one leg, and the springs of the data sheet are too soft; what is left
 of x wanders with the hip pitch, whose deflection at one torque depends on the past (hysteresis, right). y is off
@@ -127,17 +128,25 @@ def show(courses: dict[str, Course], after: float) -> None:
         mean = np.nanmean(course.residual[course.t >= after], axis=0)
         table.add_row(name, mm(course.rms(course.residual, after)), mm(mean))
     console.print(table)
-    table = Table("ahead", "published [mm]", "best baseline [mm]", "skill", "skill of the model alone")
-    for h, by in plain.ahead.items():
-        best = np.array([best_baseline({name: each[axis] for name, each in by.items()})[0] for axis in range(3)])
-        skills = [", ".join(f"{each:.2f}" for each in skill(by, of)) for of in ("published", "model")]
-        table.add_row(f"{h} s", mm(by["published"]), mm(best), *skills)
+    table = Table("ahead", "configuration", "published [mm]", "best baseline [mm]", "skill", "skill of the model alone")
+    for h in plain.ahead:
+        table.add_section()
+        rows = {name: ahead_cells(course.ahead[h]) for name, course in courses.items()}
+        for name, cells in rows.items() if len(set(rows.values())) > 1 else [("all of them", rows["data sheet"])]:
+            table.add_row(f"{h} s", name, *cells)
     console.print(table)
     roll, pitch = np.degrees(np.abs(np.median(plain.soles[plain.double & (plain.t < after)], axis=0)))
     print(f"On both feet the soles differ by {roll:.1f} degrees in roll and {pitch:.1f} in pitch by the encoders.")
     for phase, which in (("two feet", plain.double), ("one foot", ~plain.double)):
         errors = [np.sqrt(np.nanmean(each[which] ** 2, axis=0)) for each in (plain.rigid, plain.residual)]
         print(f"Whole recording, on {phase}: rigid {mm(errors[0])} mm, data sheet {mm(errors[1])} mm.")
+
+
+def ahead_cells(by: dict[str, Array]) -> tuple[str, ...]:
+    """RMSE of what is published and of the best baselines [mm], skill of both."""
+    best = np.array([best_baseline({name: rms[axis] for name, rms in by.items()})[0] for axis in range(3)])
+    skills = [", ".join(f"{each:.2f}" for each in skill(by, of)) for of in ("published", "model")]
+    return mm(by["published"]), mm(best), *skills
 
 
 def draw(courses: dict[str, Course], bag: Path, config: Config, target: Path, after: float) -> None:

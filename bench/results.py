@@ -170,8 +170,8 @@ def free_run(shared: Path) -> tuple[str, str]:
         "touchdown. Rigid robot: the COM is where the motors, without springs, would put it. Only virtual robots "
         f"hold a plan with a preview. {PENDULUM.title}: the filtered pendulum of `prediction.reference: none`, as in "
         "worlds without motors; no rigid robot among the baselines.",
-        "Kinds of [worlds](../worlds.md) are the plain virtual robot but for that; `world SEED` are worlds drawn by "
-        "seed, on which nothing was chosen.",
+        "Kinds of [worlds](../worlds.md) are the plain virtual robot but for that, or, joined by +, for both; `world "
+        "SEED` are worlds drawn by seed, on which nothing was chosen.",
         *tables(rows),
         "## Free run by support phase",
         by_phase(recorded),

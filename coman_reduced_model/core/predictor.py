@@ -55,8 +55,8 @@ class Predictor:
     """Predicts the COM of one robot, sample by sample.
 
     *Free run*: initialised from the measurement at touchdown (every `prediction.reset_every_steps` steps). Until the
-    next restart its inputs are plan or motors, support phase and switching times. *Horizon*: from each measured state
-    some tenths of a second ahead.
+    next restart its inputs are plan or motors, support phase and switching times. *Horizon*: at each sample some tenths
+    of a second ahead.
 
     Attributes:
         DIVERGED: [m] a free run that is this far from the measured COM has diverged.
@@ -279,7 +279,7 @@ class Predictor:
         )
         if not ready:
             return None, flags
-        return published, flags
+        return published, flags | Flags.SIMPLER_AHEAD if self.judge.simpler_is_better else flags
 
     def _deflections(self, now: Now, ready: bool) -> list[DeflectionPrediction]:
         """Of COM and joints, now and at the horizons; none, if the model has no input."""

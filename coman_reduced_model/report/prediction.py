@@ -39,6 +39,7 @@ _FLAGS = {
     "RESET": "the free run was initialised from the measurement",
     "UNKNOWN_GROUND": "neither IMU nor plan knows the slope of the ground, and the feet bear forces as on one",
     "COMPUTED_WRENCH": "the foot wrenches are computed (streams.wrench_source), not measured",
+    "SIMPLER_AHEAD": "ahead, simpler predictions were better than the model on some axis, and (partly) published",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
 }
 
@@ -267,7 +268,7 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         "horizons",
         lambda: figures.horizon_error(errors),
         "RMS error against the horizon of what is published, of the model alone and of baselines, per axis.",
-        "Error of predictions from the measured state, some tenths of a second ahead, all judged on the same samples. "
+        "Error of predictions some tenths of a second ahead, all judged on the same samples. "
         "Published: the model and the baselines, blended by how wrong each has lately been. Planned: a rigid robot "
         "whose motors go on as announced, or at their speed. Persistence: the COM keeps its velocity. LIPM: inverted "
         "pendulum about the measured ZMP.",
@@ -283,8 +284,9 @@ def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Secti
         "perfect. Within: share of what was published that was within its 90 % interval. A rigid robot that knows what "
         "its motors will do is no baseline: nobody knows that."
     )
-    if summary.get("simpler_ahead"):
-        note += " At the end of the run a baseline was better than the model on some axis, and had taken over."
+    if simpler := (summary.get("flags") or {}).get("SIMPLER_AHEAD"):
+        taken_over = percent(simpler / max(summary.get("samples") or 0, 1))
+        note += f" In {taken_over} of the samples a baseline had been better than the model on some axis."
     if not errors and skill:  # of a live run, which holds no more
         rows = [[f"{horizon} s", *(shown(horizon, axis) for axis in AXES)] for horizon in skill]
         return Section("Prediction ahead", [Table(["skill, horizon", *AXES], rows, note)], "ahead")

@@ -81,7 +81,7 @@ def test_predicted_com_is_continuous_in_odom(source):
     path = np.array([in_odom(p) for p in predictions])
     speed = np.diff(path, axis=0) * 1000.0
     jumps = np.abs(np.diff(speed, axis=0)).max(axis=1)  # [m/s] from sample to sample
-    restarted = np.array([bool(p.flags) for p in predictions])  # the pendulum of no walk topples
+    restarted = np.array([bool(p.flags.invalid) for p in predictions])  # the pendulum of no walk topples
     jumps = jumps[~(restarted[:-2] | restarted[1:-1] | restarted[2:])]
     # 0.5 mm within a millisecond; the legs of this walk disagree by centimetres and pull hard when they take over.
     assert len(jumps) > 2900 and jumps.max() < 0.5
@@ -126,7 +126,7 @@ def test_the_leg_behind_and_the_leg_that_has_landed_have_their_own_shares():
 def test_lateral_follows_the_reference_unless_integrated():
     plain = run(end=1.0)[5:]
     for p in plain:
-        if not p.flags:
+        if not p.flags.invalid:
             assert p.predicted_com[1] == p.reference_com[1] and p.predicted_com_vel[1] == p.reference_com_vel[1]
     lateral = run(CONFIG.replaced({"model.lateral_compliance": "with"}), end=1.0)[5:]
     assert np.abs(column(lateral, "predicted_com") - column(lateral, "reference_com"))[:, 1].max() > 1e-5
@@ -165,7 +165,7 @@ def test_a_gap_and_time_that_goes_back_restart_everything():
         assert a.flags == b.flags and a.support == b.support
     short = Predictor(ROBOT, CONFIG)
     run(end=0.5, predictor=short)
-    assert not short.update(sample(0.5 + 0.18)).flags, "a short gap is bridged"
+    assert not short.update(sample(0.5 + 0.18)).flags.invalid, "a short gap is bridged"
 
 
 # --- what is missing ---

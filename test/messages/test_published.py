@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import messages as m
@@ -23,7 +25,9 @@ from coman_reduced_model.bag.encode import (
     encode_support,
     encode_transforms,
 )
+from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.types import bag_types, typestore
+from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import (
     DeflectionPrediction,
     Estimate,
@@ -34,6 +38,7 @@ from coman_reduced_model.core.base.types import (
     Prediction,
     SupportState,
 )
+from coman_reduced_model.report.verdict import sentence
 
 ROS, BAG = m.ros_types(), bag_types()
 KINDS = pytest.mark.parametrize("types", [ROS, BAG], ids=["rclpy", "rosbags"])
@@ -93,30 +98,23 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert message.flags == 48
 
 
-def test_predictions_of_the_version_before_are_read():
-    """Bags keep their definitions: those of version 1 have no covariances."""
-    store, definitions = get_typestore(Stores.ROS2_JAZZY), {}
-    names = """covariance model_share predicted_covariance estimated_position estimated_velocity estimated_covariance
-        measured_covariance nis"""
-    new_fields = [[name] for name in names.split()]
-    for path in sorted((ROOT / "msg_defs" / "msg").glob("*.msg")):
-        lines = [line.partition("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
-        text = "\n".join(" ".join(words) for words in lines if words[1:2] not in new_fields)
-        definitions.update(get_types_from_msg(text, f"{m.OWN}/msg/{path.stem}"))
-    store.register(definitions)
-    old, sent = m.MessageTypes(lambda name: store.types[name], lambda values: values), a_prediction()
-    horizons = [
-        old.HorizonPrediction(h=each.h, position=old.Point(**dict(zip("xyz", map(float, each.com), strict=True))))
-        for each in sent.horizons
-    ]
-    new = m.prediction_to(BAG, sent)
-    fields = {name: getattr(new, name) for name in old.ComPrediction.__dataclass_fields__ if name != "__msgtype__"}
-    message = old.ComPrediction(**{**fields, "horizons": horizons})
-    read = m.prediction_from(message)
-    assert [each.com.tolist() for each in read.horizons] == [each.com.tolist() for each in sent.horizons]
-    assert np.isnan(read.predicted_covariance).all() and np.isnan(read.horizons[0].model_share).all()
-    assert np.isnan(read.estimate.com).all() and np.isnan(read.estimate.covariance).all()
-    assert read.flags == sent.flags
+def test_predictions_of_the_version_before_are_read_and_reported(tmp_path):
+    """The output of `coman predict` 0.2.0 of one second: its bag has the definitions of then, without covariances."""
+    folder = Path(shutil.copytree(ROOT / "test/data/predicted_0.2.0", tmp_path / "predicted"))
+    with Bag(folder / "predictions") as bag:
+        (topic,) = [topic for topic, kind in bag.topics.items() if kind == m.COM_PREDICTION]
+        read = [m.prediction_from(message) for _, _, message in bag.messages([topic])]
+    summary = json.loads((folder / "summary.json").read_text())
+    assert len(read) == summary["samples"] == 50
+    last = read[-1]
+    assert last.flags == Flags.OK and np.isfinite(last.residual).all()
+    assert [each.h for each in last.horizons] == [0.1, 0.2, 0.4]
+    assert all(np.isfinite(each.com).all() for each in last.horizons)
+    for unknown in (last.predicted_covariance, last.horizons[0].covariance, last.horizons[0].model_share):
+        assert np.isnan(unknown).all()
+    assert np.isnan(last.estimate.com).all() and np.isnan(last.estimate.covariance).all()
+    assert run(["report", str(folder)]) == 0
+    assert sentence(summary) in (folder / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("frame", ["", "l_sole", "r_sole_", "a", "left/sole"])

@@ -226,6 +226,10 @@ DEGENERATE = {
         [replace(p, flags=Flags.RESET | Flags.REJECTED_STATE) for p in walk()[:45]] + walk()[45:],
         "In 45 samples (10 %) the free run diverged",
     ),
+    "predictions ahead that simpler ones took over": (
+        [replace(p, flags=Flags.SIMPLER_AHEAD) for p in walk()[:90]] + walk()[90:],
+        "In 20 % of the samples a baseline had been better than the model on some axis.",
+    ),
     "predictions ahead beyond physics": (
         [replace(p, flags=Flags.REJECTED_STATE) for p in walk()[:45]] + walk()[45:],
         "In 45 samples (10 %) a prediction ahead was beyond physics",

@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.model.trunk.adaptation import Adapted
+from coman_reduced_model.resources import bag_path
 from coman_reduced_model.ros.interface.diagnostic_report import (
     Level,
     Report,
@@ -17,7 +23,7 @@ from coman_reduced_model.ros.interface.diagnostic_report import (
     restart_value,
     skill_values,
 )
-from coman_reduced_model.ros.interface.diagnostics import _text
+from coman_reduced_model.ros.interface.diagnostics import Diagnostics, _text
 
 
 def sent(values: dict, level: Level = Level.WARN) -> Report:
@@ -61,3 +67,24 @@ def test_nothing_was_reported():
 def test_levels_are_those_of_the_message(level):
     assert bytes([level]) == getattr(DiagnosticStatus, level.name)
     assert sent({}, level).level is level
+
+
+@pytest.mark.parametrize(("rotation", "taken_over"), [("with", False), ("without", True)])
+def test_the_report_says_when_simpler_predictions_have_taken_over(rotation, taken_over):
+    """After 6 s of a walk by the default model, and by the paper's, which is worse than none ahead."""
+    node, config = MagicMock(), Config().replaced({"model.trunk_rotation": rotation})
+    node.config, node.get_fully_qualified_name.return_value = config, "/predictor"
+    node.get_clock.return_value.now.return_value.to_msg.return_value = Time()
+    with Session(bag_path("test1"), config) as session:
+        node.pipeline, diagnostics = session.pipeline, Diagnostics(node)
+        for count, prediction in enumerate(session.predictions()):
+            diagnostics.on_prediction(prediction, 0.0)
+            if count == 1200:
+                break
+        node.create_timer.call_args.args[1]()
+    (array,) = node.create_publisher.return_value.publish.call_args.args
+    prediction = next(each for each in array.status if each.name == "predictor: prediction")
+    assert bytes(prediction.level) == DiagnosticStatus.OK and prediction.message.startswith("error RMS")
+    assert ("ahead, simpler predictions have taken over from the model" in prediction.message) == taken_over
+    share = {each.key: float(each.value) for each in prediction.values}["share simpler_ahead"]
+    assert (share > 0.1) == taken_over

@@ -141,9 +141,9 @@ class Sample:
 
 
 class Flags(IntFlag):
-    """Why (part of) a prediction is not valid; the bits of ComPrediction.flags."""
+    """Why (part of) a prediction is not valid, and SIMPLER_AHEAD, with which it is; the bits of ComPrediction.flags."""
 
-    OK = 0
+    OK = 0  # everything is valid; so it is if `invalid` is
     NO_REFERENCE = 1  # no reference of the configured source: reference and predictions are NaN
     STALE_WRENCH = 2  # a foot wrench is missing or too old: phase held
     NOT_INITIALISED = 4  # the free run has not started yet (no support phase so far)
@@ -154,6 +154,12 @@ class Flags(IntFlag):
     INCONSISTENT = 128  # the estimate's innovations have been far larger than its covariance says
     COMPUTED_WRENCH = 256  # the wrenches are computed (streams.wrench_source), not measured
     UNKNOWN_GROUND = 512  # neither IMU nor plan knows the ground, and the feet bear forces as on a slope
+    SIMPLER_AHEAD = 1024  # ahead, simpler predictions have been better than the model on some axis: (partly) published
+
+    @property
+    def invalid(self) -> Flags:
+        """Those of them that say that something is not valid."""
+        return self & ~Flags.SIMPLER_AHEAD
 
     @property
     def diverged(self) -> bool:

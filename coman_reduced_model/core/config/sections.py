@@ -138,9 +138,7 @@ class PredictionConfig:
     reset_every_steps: int = par(
         1, "steps", "number of steps after which the free run restarts from the measurement; 0: never", 0, 1000
     )
-    horizons: tuple[float, ...] = par(
-        (0.1, 0.2, 0.4), "s", "horizons of the prediction from the measured state", 0.005, 2.0
-    )
+    horizons: tuple[float, ...] = par((0.1, 0.2, 0.4), "s", "how far ahead of each sample it predicts", 0.005, 2.0)
     blend: bool = par(
         True, "", "blend the model's predictions ahead with simpler ones, by how wrong each has lately been"
     )

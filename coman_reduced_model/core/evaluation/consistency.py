@@ -3,8 +3,8 @@
 
 By the innovations (NIS), which need no truth, and by the truth of a virtual robot (NEES), that a file beside its bag
 holds. Both are 3 on average if all is as assumed. Errors of consecutive samples are alike, so that one sample a step
-enters NEES: the middle of each single support. The error of the position is nearly the same at each of them, by zeros
-of encoders and masses, so that a walk counts once for it.
+enters NEES, and the NIS that has a band: the middle of each single support. The error of the position is nearly the
+same at each of them, by zeros of encoders and masses, so that a walk counts once for it.
 """
 
 from __future__ import annotations
@@ -63,17 +63,21 @@ class Consistency:
     Attributes:
         off: (n, 2, 3) errors of position and velocity in their standard deviations, at the middles of steps.
         nees: (n, 2) of position and velocity, there.
+        nis: (n,) there; also without a truth.
         errors: (n, 2, 3) [m/s] of the velocity: of the estimate, and of encoders alone, at all samples.
+        position_errors: (n, 2, 3) [m] the same of the position.
     """
 
     def __init__(self, truth: TrueMotion | None = None) -> None:
         self._truth = truth
         self._first: int | None = None
-        self._nis, self._samples, self._lost = 0.0, 0, 0
+        self._sum_of_nis, self._samples, self._lost = 0.0, 0, 0
         self._phase: list[Prediction] = []  # of one single support
         self._off: list[Array] = []
         self._nees: list[list[float]] = []
+        self._nis: list[float] = []
         self._errors: list[list[Array]] = []
+        self._position_errors: list[list[Array]] = []
 
     def add(self, prediction: Prediction) -> None:
         """Take in the next one."""
@@ -82,13 +86,13 @@ class Consistency:
         estimate = prediction.estimate
         if (prediction.stamp_ns - self._first) * 1e-9 < SETTLED or not isfinite(estimate.nis):
             return
-        self._nis += estimate.nis
+        self._sum_of_nis += estimate.nis
         self._samples += 1
         self._lost += bool(prediction.flags & Flags.INCONSISTENT)
-        if self._truth is None:
-            return
-        _, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
-        self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
+        if self._truth is not None:
+            com, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
+            self._position_errors.append([estimate.com - com, prediction.measured_com - com])
+            self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
         if self._phase and self._phase[-1].support.phase != prediction.support.phase:
             self._close()
         if prediction.support.phase in (Phase.LEFT, Phase.RIGHT):
@@ -96,15 +100,17 @@ class Consistency:
 
     def _close(self) -> None:
         """The phase has ended: its middle counts."""
-        if not self._phase or self._truth is None:
+        if not self._phase:
             return
         middle = self._phase[len(self._phase) // 2]
-        estimate = middle.estimate
+        estimate, self._phase = middle.estimate, []
+        self._nis.append(estimate.nis)
+        if self._truth is None:
+            return
         off = errors_of(estimate, *self._truth.at(middle.stamp_ns, middle.support.support_foot))
         P = estimate.covariance
         self._nees.append([float(e @ np.linalg.solve(P[s, s], e)) for e, s in zip(off, PARTS, strict=True)])
         self._off.append(off / np.sqrt(np.diag(P)).reshape(2, 3))
-        self._phase = []
 
     @property
     def off(self) -> Array:
@@ -115,14 +121,23 @@ class Consistency:
         return np.array(self._nees).reshape(-1, 2)
 
     @property
+    def nis(self) -> Array:
+        self._close()
+        return np.array(self._nis)
+
+    @property
     def errors(self) -> Array:
         return np.array(self._errors).reshape(-1, 2, 3)
+
+    @property
+    def position_errors(self) -> Array:
+        return np.array(self._position_errors).reshape(-1, 2, 3)
 
     def summary(self) -> dict[str, Any]:
         """The part of `summary.json` that this knows; NaN where nothing was judged."""
         self._close()
         samples = self._samples or np.nan
-        found: dict[str, Any] = {"nis": self._nis / samples, "inconsistent": self._lost / samples}
+        found: dict[str, Any] = {"nis": self._sum_of_nis / samples, "inconsistent": self._lost / samples}
         if self._truth is None or not self._off:
             return found
         position, velocity = self.nees.mean(axis=0).tolist()

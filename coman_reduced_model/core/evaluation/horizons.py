@@ -82,6 +82,7 @@ class HorizonJudge:
         # Through a stride that is repeated the model is another one than without: each has its own errors.
         self.experiences: tuple[Experience, Experience] = (no_experience(n, k), no_experience(n, k))
         self._kind, self._repeated = 0, False
+        self._simpler = [False, False]  # by experience, whether a baseline has been better than the model
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -123,6 +124,7 @@ class HorizonJudge:
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
+            self._simpler = [bool(each.worse.any()) for each in self.experiences]
         self._last_ns = stamp_ns
         return made
 
@@ -143,7 +145,7 @@ class HorizonJudge:
     @property
     def simpler_is_better(self) -> bool:
         """Whether on some axis, at some horizon, a baseline has lately been better than the model."""
-        return bool(self.experiences[self._kind].worse.any())
+        return self._simpler[self._kind]
 
     def rmse(self) -> dict[str, dict[str, Array]]:
         """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged."""

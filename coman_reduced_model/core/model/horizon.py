@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Predictions h seconds ahead, from the measured state."""
+"""Predictions h seconds ahead, from the estimated or measured state."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def predict_horizons(
     com: Array, com_vel: Array, horizons: Array, M: Array, K: Array, D: Array, axes: Integers, force: Array,
     reference: Array, reference_vel: Array, plan: Array, plan_vel: Array, plan_dt: float,
 ) -> Array:  # fmt: skip
-    """COM at each horizon ahead of the measured state, posture and phase staying as they are.
+    """COM at each horizon ahead of a state, posture and phase staying as they are.
 
     Args:
-        com, com_vel: (3,) measured [m], [m/s] in the support sole.
+        com, com_vel: (3,) estimated or measured [m], [m/s] in the support sole.
         horizons: (k,) ascending [s], at least one.
         M, K, D, axes, force: `model.Terms` now.
         reference, reference_vel: (3,) now; NaN without a reference (LIPM): what is not integrated stays.

@@ -257,5 +257,5 @@ def _triple(values: Array) -> str:
 def _reasons(flags: Counter[int]) -> str:
     union = Flags(0)
     for bits in flags:
-        union |= Flags(bits)
+        union |= Flags(bits).invalid
     return ", ".join(str(flag.name).lower() for flag in Flags if flag and flag in union) or "unknown"

@@ -59,11 +59,33 @@ def test_errors_that_are_twice_as_large():
     assert max(found["within_90"]["position"].values()) < 0.7
 
 
+def test_errors_of_estimate_and_encoders_stand_side_by_side():
+    motion, consistency = truth(10.0), Consistency(truth(10.0))
+    for stamp in range(0, 10 * 10**9, 10**8):
+        com, vel = motion.at(stamp, Foot.LEFT)
+        each = prediction(stamp, Phase.LEFT, com, vel)
+        each.measured_com, each.measured_com_vel = com + 2e-3, vel - 0.1
+        consistency.add(each)
+    for errors, of_encoders in ((consistency.position_errors, 2e-3), (consistency.errors, -0.1)):
+        assert errors[:, 0] == pytest.approx(0.0) and errors[:, 1] == pytest.approx(of_encoders)
+
+
 def test_without_a_truth_only_innovations_are_judged():
     consistency = Consistency()
     for k in range(100):
         consistency.add(prediction(k * 50_000_000, Phase.LEFT, np.zeros(3), np.zeros(3), nis=2.0 + k % 2))
     assert consistency.summary() == pytest.approx({"nis": 2.5, "inconsistent": 0.0})
+
+
+def test_the_nis_of_steps_is_that_of_the_middles_of_single_supports():
+    """Of three supports, each with a NIS of its own at its middle; the double support does not count."""
+    consistency = Consistency()
+    consistency.add(prediction(0, Phase.DOUBLE, np.zeros(3), np.zeros(3)))
+    for k, phase in enumerate((Phase.LEFT, Phase.DOUBLE, Phase.RIGHT, Phase.LEFT)):
+        for i in range(5):
+            nis = 10.0 * k if i == 2 else 3.0
+            consistency.add(prediction((100 + 5 * k + i) * 50_000_000, phase, np.zeros(3), np.zeros(3), nis))
+    assert consistency.nis.tolist() == [0.0, 20.0, 30.0]
 
 
 def test_true_motion_is_in_the_axes_of_the_sole():

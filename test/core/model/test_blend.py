@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Flags
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.evaluation.baselines import best_baseline
 from coman_reduced_model.core.evaluation.blend import blend, least_squares, no_experience
 from coman_reduced_model.core.evaluation.horizons import HorizonJudge
+from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.resources import bag_path
 
 H = 0.1
@@ -130,6 +132,24 @@ def test_errors_are_as_large_as_is_said():
     walk.go(20.0, sizes)
     np.testing.assert_allclose(np.sqrt(np.diag(walk.judge.covariance(0))), sizes[0], rtol=0.2)
     np.testing.assert_allclose(walk.judge.within()["0.1"], 0.9, atol=0.03)
+
+
+def test_where_simpler_predictions_are_better_a_flag_says_so_and_all_is_valid():
+    """The paper's model knows no gravity in its springs: ahead, it is off by centimetres."""
+    settings, valid, flagged = Config().replaced({"model.trunk_rotation": "without"}), Flags(0), 0
+    with Session(bag_path("test1"), settings) as session:
+        predictor = Predictor(session.robot, settings)
+        for sample in session.samples():
+            prediction = predictor.update(sample)
+            simpler = Flags.SIMPLER_AHEAD in prediction.flags
+            assert simpler == predictor.judge.simpler_is_better
+            if simpler:
+                flagged += 1
+                valid |= prediction.flags.invalid
+                assert all(np.isfinite(each.com).all() for each in prediction.horizons)
+            if flagged > 300:
+                break
+    assert flagged > 300 and valid in Flags.RESET
 
 
 @pytest.mark.slow

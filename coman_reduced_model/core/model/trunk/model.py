@@ -183,10 +183,10 @@ class TrunkModel(Dynamics):
             self.state = np.full(6, np.nan)
 
     def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
-        """Through the stride before, if the robot repeats it.
+        """Through the stride before, if the robot repeats it: from the filtered joints, whatever the state handed in.
 
-        Else as planned from here (without a plan as fast as now), while the horizontal deflection fades, unless the
-        robot stands.
+        Else as planned from the state handed in (without a plan as fast as now), while the horizontal deflection fades,
+        unless the robot stands.
         """
         assert self._terms is not None and self._filtered is not None
         terms = self._terms
