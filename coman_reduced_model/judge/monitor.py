@@ -48,6 +48,7 @@ class Onset:
     family: str
     after: float  # [s]
     effect: Disturbance
+    lowered: bool = False  # medium would be beyond what a walking robot can have
 
 
 def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = None) -> Onset:
@@ -59,10 +60,10 @@ def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = N
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
     rng = np.random.default_rng([23, seed, attempt])
     after = float(rng.uniform(7.0, 10.0))
-    values, _ = draw_effect(family, rng, MEDIUM, world)
+    values, level = draw_effect(family, rng, MEDIUM, world)
     effect = beginning(make(FAMILIES[family].effect, values), after)
     assert effect is not None
-    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect)
+    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect, level < MEDIUM)
 
 
 def families_with_onset() -> list[str]:
@@ -109,6 +110,7 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
         "seed": onset.seed,
         "family": onset.family,
         "worlds": onset.world.kinds,
+        "lowered": onset.lowered,
         "fell": False,
         "failed": "",
         "detections": [],
@@ -171,6 +173,7 @@ def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "alarms_per_hour": len(channels) / hours if hours else None,
         "walks_with_alarm": rate(sum(bool(walk["alarms"]) for walk in good), len(good)),
         "channels": dict(sorted(counts.items(), key=lambda item: -item[1])[:5]),
+        "redrawn": sum(walk["attempt"] > 0 for walk in walks),
     }
 
 
@@ -186,6 +189,8 @@ def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "walks": len(rows),
         "fell": sum(row["fell"] for row in rows),
+        "redrawn": sum(row["attempt"] > 0 for row in rows),
+        "lowered": sum(row.get("lowered", False) for row in rows),  # not in rows of earlier versions
         "alarm_before": len(watched) - len(quiet),
         "detected": rate(len(within), len(quiet)),
         "median_s": float(np.median(within)) if within else None,

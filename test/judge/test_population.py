@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from coman_reduced_model.cli.judge_tables import show_monitor, show_prediction
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import families
@@ -135,21 +137,51 @@ def test_the_prediction_is_judged_on_clean_robots_by_kind(clean_run, capsys):
 
 
 def test_errors_that_are_missing_are_not_zero():
-    good = {"failed": "", "rmse_m": [1e-3, 2e-3, 3e-3], "rigid_m": [2e-3, 1e-3, None], "skill": [0.5, None, 0.1],
-            "attempt": 0}  # fmt: skip
+    skill = {"0.1": [None] * 3, "0.2": [0.5, None, 0.1], "0.4": [0.2, 0.3, -0.4]}
+    good = {"failed": "", "rmse_m": [1e-3, 2e-3, 3e-3], "rigid_m": [2e-3, 1e-3, None], "skill": skill, "attempt": 0}
     found = measure([good, {"failed": "no clock", "attempt": 1}])
     assert found["walks"] == 2 and found["failed"] == 1 and found["redrawn"] == 1
     assert found["worse_than_rigid"] == [0.0, 1.0, None]
-    assert found["skill"] == [0.5, None, 0.1]
+    assert found["skill"] == skill
 
 
-def test_a_kind_of_which_nothing_could_be_predicted_has_a_row(capsys):
-    from coman_reduced_model.cli.judge_tables import show_prediction
+def test_kinds_are_shown_worst_first_with_all_horizons(capsys):
+    skill = {"0.1": [0.11, 0.12, 0.13], "0.2": [0.21, 0.22, 0.23], "0.4": [0.41, 0.42, 0.43]}
+    walk = {"failed": "", "rigid_m": [2e-3] * 3, "skill": skill, "attempt": 1}
+    good, bad = ({**walk, "rmse_m": [error] * 3} for error in (1e-3, 5e-3))
+    without_rigid = {**walk, "rmse_m": [9e-3] * 3, "rigid_m": [None] * 3}
+    streams = {"all_streams": [good], "no_imu": [bad], "no_motors": [without_rigid],
+               "bare": [{"failed": "no topic", "attempt": 0}]}  # fmt: skip
+    by = {"streams": {kind: measure(rows) for kind, rows in streams.items()}}
+    show_prediction({"all": measure([good, bad]), "by_kind": by}, Path("judged"))
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" streams")]
+    free_run, ahead = lines[:4], lines[4:]
+    assert [line[1] for line in free_run] == ["bare", "no_motors", "no_imu", "all_streams"]
+    assert free_run[0][2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1", "0"]
+    assert free_run[3][-2:] == ["0", "1"]  # none, redrawn
+    assert " ".join(ahead[3][2:]) == "0.11, 0.12, 0.13 0.21, 0.22, 0.23 0.41, 0.42, 0.43"
 
-    none = measure([{"failed": "no topic", "attempt": 0}])
-    show_prediction({"all": none, "by_kind": {"streams": {"no_motors": none}}}, Path("judged"))
-    row = next(line for line in capsys.readouterr().out.splitlines() if "no_motors" in line)
-    assert row.split()[2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1"]
+
+def test_results_of_earlier_versions_are_shown(capsys):
+    """They had one horizon, and did not count robots that were drawn again."""
+    found = {"walks": 1, "failed": 0, "rmse_m": [1e-3] * 3, "rigid_m": [2e-3] * 3, "worse_than_rigid": [0.0] * 3,
+             "skill": [0.1, 0.2, 0.3], "redrawn": 0}  # fmt: skip
+    show_prediction({"all": found, "by_kind": {}}, Path("judged"))
+    nothing = {"hits": 0, "of": 0, "share": None}
+    clean = {"hours": 0.5, "alarms_per_hour": 4.0, "walks_with_alarm": nothing, "channels": {}}
+    late = {"walks": 1, "detected": nothing, "median_s": None}
+    show_monitor({"alarms": clean, "delays": late, "alarms_by_kind": {}, "delays_by_family": {}}, Path("judged"))
+    printed = capsys.readouterr().out
+    assert "0.10, 0.20, 0.30" in printed and "4.00" in printed
+
+
+def test_the_line_of_the_readme_says_how_many_cases_were_drawn_again(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "bench")
+    share = {"share": 0.1, "hits": 1, "of": 10}
+    workflow = {"false_alarms_on_clean": share, "right_on_medium_and_strong": share}
+    found = {"workflow": workflow, "cases": {"clean": 12, "pair": 8}, "redrawn": {"cases": 5, "lowered": 3}}
+    line = importlib.import_module("markdown").honest_line(found)
+    assert "5 of 20 cases were drawn again" in line and "3 have a lower level" in line
 
 
 # --- monitor ---
@@ -185,15 +217,16 @@ def test_springs_that_change_in_mid_walk_transmit_their_change_from_then_on(effe
 
 
 def test_an_alarm_before_the_effect_says_nothing_of_its_delay():
-    base = {"fell": False, "failed": ""}
+    base = {"fell": False, "failed": "", "attempt": 0}
     rows = [
         {**base, "detections": [{"after_s": 2.0, "channel": "force"}, {"after_s": 1.0, "channel": "spring"}]},
         {**base, "detections": [{"after_s": -3.0, "channel": "force"}, {"after_s": 1.0, "channel": "force"}]},
         {**base, "detections": [{"after_s": 5.5, "channel": "force"}]},
         {**base, "detections": []},
-        {**base, "fell": True, "detections": [{"after_s": 0.5, "channel": "force"}]},
+        {**base, "fell": True, "attempt": 3, "lowered": True, "detections": [{"after_s": 0.5, "channel": "force"}]},
     ]
     found = delays(rows)
+    assert (found["redrawn"], found["lowered"]) == (1, 1)
     assert (found["walks"], found["fell"], found["alarm_before"]) == (5, 1, 1)
     assert (found["detected"]["hits"], found["detected"]["of"]) == (1, 3) and found["median_s"] == 1.0
 
