@@ -72,6 +72,16 @@ def judge(
             help="Each diagnosis gets the baseline of its robot, from three nominal recordings.",
         ),
     ] = False,
+    hours: Annotated[
+        float,
+        typer.Option(
+            "--hours",
+            metavar="H",
+            min=0.0,
+            help="Monitor: watch this many more hours of clean walking, in walks of 120 s; their bags are not kept.",
+            show_default=False,
+        ),
+    ] = 0.0,
     again: Annotated[
         bool, typer.Option("--again", help="Another round of verdicts on the bags in DIR; the score counts the rounds.")
     ] = False,
@@ -100,7 +110,7 @@ def judge(
         options |= {"again": again, "baseline": baseline, **fixed}
         _judge_diagnosis(out, chosen, _kinds(only), jobs, command, options, json)
     else:
-        _judge_on_clean(what, out, chosen, jobs, fixed, json)
+        _judge_on_clean(what, out, chosen, jobs, fixed, hours, json)
 
 
 def _judge_folder(cases: Path, out: Path, config: Path | None, jobs: int, command: Sequence[str], json: bool) -> None:
@@ -137,9 +147,10 @@ def _judge_diagnosis(
 
 
 def _judge_on_clean(
-    what: str, out: Path, seeds: Sequence[int], jobs: int, fixed: Mapping[str, Any], json: bool
+    what: str, out: Path, seeds: Sequence[int], jobs: int, fixed: Mapping[str, Any], hours: float, json: bool
 ) -> None:
-    """The prediction, or the monitor, whose false alarms are those of the same walks."""
+    """The prediction, or the monitor, whose false alarms are those of the same walks, and of long ones."""
+    from ..judge.hours import run_hours
     from ..judge.monitor import run_onsets, score_monitor
     from ..judge.prediction import run_predictions, score_predictions
 
@@ -150,7 +161,8 @@ def _judge_on_clean(
     else:
         with progress("watching") as report:
             run_onsets(out, seeds, jobs, report, **fixed)
-        result = score_monitor(out, names, seeds)
+            long = run_hours(out, seeds, hours, jobs, report, **fixed)
+        result = score_monitor(out, names, seeds, long)
     if json:
         print_json(result)
     else:

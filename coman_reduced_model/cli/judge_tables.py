@@ -103,7 +103,7 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
     print_table("by effect", ["effect", "detected within 5 s", "median [s]"], families)
     channels = ", ".join(f"{name} {n}" for name, n in result["alarms"]["channels"].items())
     print(f"{_REDRAWN}; lowered: at a lower level than medium, which would be beyond what a walking robot can have")
-    print(f"channels of the false alarms: {channels or 'none'}; all in {out}/monitor.json")
+    print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
 
 
 def show_folder(result: Mapping[str, Any], out: Path) -> None:
@@ -217,7 +217,13 @@ def _alarms(found: Mapping[str, Any], delays: Mapping[str, Any] | None) -> list[
         redrawn, lowered = None if redrawn is None else redrawn + delays["redrawn"], delays.get("lowered")
     again = ", ".join("-" if value is None else str(value) for value in (redrawn, lowered))
     walks = share(found["walks_with_alarm"])
-    return [f"{found['hours']:.2f}", _number(found["alarms_per_hour"]), walks, *detected, again]
+    return [f"{found['hours']:.2f}", _per_hour(found), walks, *detected, again]
+
+
+def _per_hour(found: Mapping[str, Any]) -> str:
+    """Alarms in an hour with the 95 % interval, which earlier versions did not have."""
+    interval = found.get("interval_per_hour")
+    return _number(found["alarms_per_hour"]) + (f" ({interval[0]:.1f}-{interval[1]:.1f})" if interval else "")
 
 
 def _redrawn(cases: int, lowered: int) -> str:

@@ -185,7 +185,7 @@ def _drop_verdicts(folder: RunFolder) -> None:
         with folder.rounds.open("a", encoding="utf-8") as file:
             file.write(f"{digest}\n")
         folder.hashes.unlink()
-    for name in ("verdicts", "oracle", "ranking", "predictions", "monitor"):
+    for name in ("verdicts", "oracle", "ranking", "predictions", "monitor", "hours"):
         shutil.rmtree(folder.out / name, ignore_errors=True)
     (folder.out / "verdicts").mkdir()
 

@@ -23,15 +23,10 @@ from coman_reduced_model.judge.cases import draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
-from coman_reduced_model.judge.monitor import delays, draw_onset, families_with_onset
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
-from coman_reduced_model.judge.sudden import beginning
 from coman_reduced_model.judge.variability import true_deviations
-from coman_reduced_model.sim.describe import mujoco_spec
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
-from coman_reduced_model.sim.robot_table import COMAN
-from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.worlds import AXES, World, draw_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
@@ -185,50 +180,6 @@ def test_the_line_of_the_readme_says_how_many_cases_were_drawn_again(monkeypatch
 
 
 # --- monitor ---
-
-
-def test_families_take_turns_in_beginning_in_mid_walk():
-    able = families_with_onset()
-    onsets = [draw_onset(seed) for seed in range(len(able))]
-    assert [onset.family for onset in onsets] == able and len(able) > 20
-    for onset in onsets:
-        assert 7.0 <= onset.after <= 10.0 and onset.world.duration_s == 17.0
-    again = draw_onset(3, attempt=1)
-    assert again.family == onsets[3].family and again.world.kinds == onsets[3].world.kinds
-    assert draw_onset(3, worlds={"contact": "creeping"}).world.kinds["contact"] == "creeping"
-
-
-def test_what_changes_the_robots_build_begins_as_forces_or_not_at_all():
-    assert beginning(make("body_mass", {"where": "LKneeSag", "scale": 1.5}), 5.0) is None
-    assert beginning(make("encoder_bias", {"where": "LKneeSag", "bias": 0.01}), 5.0) is not None
-    assert beginning(make("payload", {"mass": 1.0}), 5.0) is not None
-
-
-@pytest.mark.parametrize(("effect", "share"), [("joint_stiffness", "stiffness"), ("joint_damping", "damping")])
-def test_springs_that_change_in_mid_walk_transmit_their_change_from_then_on(effect, share):
-    later = beginning(make(effect, {"where": "LKneeSag", "scale": 1.5}), 5.0)
-    later.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
-    springs = SpringLaws.of(later.spring_laws(), 12)
-    deflection, rate = (0.02, 0.0) if share == "stiffness" else (0.0, 0.3)
-    torque = springs.torque(6.0, np.full(12, deflection), np.full(12, rate))
-    wanted = 0.5 * getattr(COMAN.joints()[3], share) * (deflection + rate)
-    assert torque == pytest.approx(np.where(np.arange(12) == 3, wanted, 0.0))
-    assert not springs.torque(4.9, np.full(12, deflection), np.full(12, rate)).any()
-
-
-def test_an_alarm_before_the_effect_says_nothing_of_its_delay():
-    base = {"fell": False, "failed": "", "attempt": 0}
-    rows = [
-        {**base, "detections": [{"after_s": 2.0, "channel": "force"}, {"after_s": 1.0, "channel": "spring"}]},
-        {**base, "detections": [{"after_s": -3.0, "channel": "force"}, {"after_s": 1.0, "channel": "force"}]},
-        {**base, "detections": [{"after_s": 5.5, "channel": "force"}]},
-        {**base, "detections": []},
-        {**base, "fell": True, "attempt": 3, "lowered": True, "detections": [{"after_s": 0.5, "channel": "force"}]},
-    ]
-    found = delays(rows)
-    assert (found["redrawn"], found["lowered"]) == (1, 1)
-    assert (found["walks"], found["fell"], found["alarm_before"]) == (5, 1, 1)
-    assert (found["detected"]["hits"], found["detected"]["of"]) == (1, 3) and found["median_s"] == 1.0
 
 
 @pytest.mark.slow
