@@ -145,15 +145,20 @@ def _show_shares(result: Mapping[str, Any]) -> None:
 
 def _show_kinds(result: Mapping[str, Any]) -> None:
     """Shares by kind of world, those with most false alarms first."""
+    from ..core.base.nominal import load_nominal
+    from ..judge.score import by_what_was_learnt
+
+    learnt = result.get("learnt") or by_what_was_learnt(result["rows"], load_nominal())  # earlier versions: without
+    new = ", ".join(learnt["new_kinds"]) or "none"
     rows = [
-        ["only kinds that something was chosen on", "", *_kind(result["only_kinds_chosen_on"])],
-        ["a kind that nothing was chosen on", "", *_kind(result["some_new_kind"])],
+        ["never learnt on", new, *_kind(learnt["some_new_kind"])],
+        ["all learnt on", "", *_kind(learnt["only_learnt_kinds"])],
     ]
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     kinds.sort(key=lambda each: -(each[2]["false_alarms_on_clean"]["share"] or 0.0))
     rows += [[axis, kind, *_kind(found)] for axis, kind, found in kinds]
     print_table(
-        "by kind of world",
+        "by kind of world; learnt on: by weights or widths of config/nominal.yaml",
         ["axis", "kind", "cases", "false alarms", "right", "wrong", "outside: unknown", "redrawn, lowered"],
         rows,
         words=2,

@@ -44,6 +44,7 @@ from ..diagnose.inference.search import rivals_of
 from ..diagnose.physics.hypotheses import candidates
 from ..errors import ComanError
 from ..processes import workers
+from .by_kind import kinds_of
 from .cases import SHARES
 from .families import class_of, of_this_catalogue
 from .learn_variability import checked_case, learn_variability
@@ -269,6 +270,10 @@ def learn(
     baselines = [Example(a, *each) for (_, _, a), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
     source = {**nominal.source, "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
+    source["kinds"] = kinds_of(
+        [example.answer for example in examples],
+        nominal.source.get("kinds") if keep_widths or not baselines else None,  # with what is kept of the earlier file
+    )
     nominal = replace(nominal, source=source, **_decisions(examples))
     if baselines:
         source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
@@ -311,6 +316,7 @@ def header() -> str:
 #
 # What nominal robots are like. Written by judge/learn.py; `coman baseline` writes such a file for a robot of your own.
 #
+# source: where the figures come from. kinds: by axis, the kinds of worlds that they were learnt on, but for monitor.
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most.

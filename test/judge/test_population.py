@@ -16,15 +16,17 @@ from conftest import ROOT
 
 from coman_reduced_model.cli.judge_tables import show_monitor, show_prediction
 from coman_reduced_model.cli.main import run as coman
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import families
-from coman_reduced_model.judge.by_kind import by_kind, new_kinds
+from coman_reduced_model.judge.by_kind import by_kind, kinds_of, new_kinds
 from coman_reduced_model.judge.cases import draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
+from coman_reduced_model.judge.seeds import spent
 from coman_reduced_model.judge.variability import true_deviations
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
 from coman_reduced_model.sim.worlds import AXES, World, draw_world
@@ -45,12 +47,18 @@ def test_figures_by_kind_are_of_the_rows_of_that_kind_only():
     ]
     found = by_kind(rows, lambda those: sum(row["value"] for row in those))
     assert found == {"engine": {"mujoco": 3, "drake": 4}, "contact": {"firm": 1, "creeping": 6}}
-    assert [set(new_kinds(row)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
+    learnt = replace(load_nominal(), source={"kinds": kinds_of(rows[:1], {"gait": ["test1"]})})
+    assert learnt.source["kinds"] == {"engine": ["mujoco"], "contact": ["firm"], "gait": ["test1"]}
+    assert [set(new_kinds(row, learnt)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
 
 
-def test_engines_contacts_and_controllers_have_kinds_that_nothing_was_chosen_on():
-    for axis in ("engine", "contact", "controller", "body", "floor", "sensors"):
-        assert 0 < sum(kind.chosen_on for kind in AXES[axis].values()) < len(AXES[axis])
+def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
+    """Worlds of MuJoCo alone, by judge/seeds.yaml; of these, all kinds that are drawn."""
+    kinds = load_nominal().source["kinds"]
+    drawn = {axis: [name for name, kind in of.items() if kind.weight] for axis, of in AXES.items()}
+    assert kinds == {**drawn, "engine": ["mujoco"]}
+    notes = [entry.purpose for entry in spent("worlds") if "weights again" in entry.purpose]
+    assert notes and all("MuJoCo alone" in purpose for purpose in notes)
 
 
 # --- sizes against what clean robots vary by ---
