@@ -128,6 +128,27 @@ def show_folder(result: Mapping[str, Any], out: Path) -> None:
     print(f"all in {out}/score.json")
 
 
+def show_left_out(result: Mapping[str, Any], path: Path) -> None:
+    """What weights are worth on kinds of worlds that were left out when they were learnt; most false alarms first."""
+    shares = ("right", "wrong", "false_alarms", "unknown")
+    for name, title in (("population", "without a baseline"), ("with_baseline", "with a baseline")):
+        kinds = [(axis, kind, found) for axis, by in result[name].items() for kind, found in by.items()]
+        kinds.sort(
+            key=lambda each: [each[1] != "", *(-(each[2][k]["share"] or 0.0) for k in ("false_alarms", "wrong"))]
+        )
+        print_table(
+            f"{title}: each kind by weights that were learnt on all others",
+            ["axis", "kind", "cases", "right", "wrong", "false alarms", "outside: unknown"],
+            [
+                [axis, kind or "all, each left out", str(found["cases"]), *(share(found[key]) for key in shares)]
+                for axis, kind, found in kinds
+            ],
+            words=2,
+        )
+    source = result["source"]
+    print(f"learnt at commit {source['commit']} from {source['cases']} cases; all in {path}")
+
+
 def _show_shares(result: Mapping[str, Any]) -> None:
     """Seeds, and the shares of workflow and baselines beside their targets."""
     methods = {"workflow": result["workflow"], **result["baselines"]}
