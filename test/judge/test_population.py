@@ -26,7 +26,7 @@ from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
-from coman_reduced_model.judge.seeds import spent
+from coman_reduced_model.judge.seeds import commit, spent
 from coman_reduced_model.judge.variability import true_deviations
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
 from coman_reduced_model.sim.worlds import AXES, World, draw_world
@@ -249,6 +249,18 @@ def test_recordings_of_others_are_judged_by_their_kinds(tmp_path, foreign, capsy
     assert {row["case"]: row["result"] for row in result["rows"]} == {"one": "right", "two": "wrong", "three": "miss"}
 
 
+def test_recordings_of_others_are_judged_by_one_commit(tmp_path, foreign, capsys):
+    tool, out = tmp_path / "says.py", tmp_path / "out"
+    tool.write_text(SAYS)
+    arguments = ["judge", "--cases", str(foreign), "--out", str(out), "--jobs", "1", "--workflow"]
+    arguments += [f"{sys.executable} {tool}"]
+    assert coman(arguments) == 0 and (out / "commit.txt").read_text().strip() == commit()
+    (out / "commit.txt").write_text("0000000\n")
+    assert coman(arguments) == 2 and "was begun at commit 0000000" in capsys.readouterr().err
+    (out / "commit.txt").unlink()  # of an earlier version, which did not write it
+    assert coman(arguments) == 2 and "(not known)" in capsys.readouterr().err
+
+
 def test_a_name_that_is_true_of_the_kind_is_a_miss_and_no_mistake():
     answer = {"hidden": "x", "right": ["payload"]}
     verdict = {"verdict": "effect", "effects": [{"name": "foot_slip"}]}
@@ -291,6 +303,13 @@ def test_the_shared_cases_have_the_form_that_is_read():
         (["--world", "creeping", "--world", "holding"], "both of the axis contact"),
         (["monitor", "--cases", "x"], "judges the diagnosis, not the monitor"),
         (["--only", "dirty"], "allowed: clean"),
+        (["prediction", "--again"], "--again: has no effect with prediction"),
+        (["prediction", "--hours", "1"], "--hours: has no effect with prediction"),
+        (["monitor", "--only", "clean"], "--only: has no effect with monitor (allowed: --seeds, --world, --hours)"),
+        (["monitor", "--baseline"], "--baseline: has no effect with monitor"),
+        (["monitor", "--workflow", "true"], "--workflow: has no effect with monitor"),
+        (["--hours", "1"], "--hours: has no effect with diagnosis"),
+        (["--cases", "x"], "--seeds: has no effect with --cases (allowed: --config, --workflow)"),
     ],
 )
 def test_what_the_judge_cannot_do_is_said_in_one_line(tmp_path, capsys, options, words):
