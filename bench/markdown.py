@@ -46,8 +46,11 @@ def honest_line(found: Mapping[str, Any]) -> str:
         value = found["workflow"][key]
         return f"{100 * value['share']:.0f} % ({value['hits']} of {value['of']})"
 
+    redrawn, cases = found["redrawn"], sum(found["cases"].values())
     return (
         f"- On virtual robots of [all kinds of worlds](doc/worlds.md), `coman diagnose` gives "
         f"{percent('false_alarms_on_clean')} of clean robots an effect or `unknown`, and names "
-        f"{percent('right_on_medium_and_strong')} of medium and strong effects ([by kind](doc/results/judge.md))."
+        f"{percent('right_on_medium_and_strong')} of medium and strong effects ([by kind](doc/results/judge.md)); "
+        f"{redrawn['cases']} of {cases} cases were drawn again because the robot fell, {redrawn['lowered']} have a "
+        "lower level than wanted."
     )

@@ -6,8 +6,8 @@
     python bench/results.py --list
 
 `judge`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED
-names; they are written only when they are named, as are `fuzz` and `soak`, runs of long tests. A page holds what a
-command prints, or a table made of what it writes.
+names, `left_out` is of the file of judge/learn.py that LEFT_OUT names; they are written only when they are named, as
+are `fuzz` and `soak`, runs of long tests. A page holds what a command prints, or a table made of what it writes.
 `free_run` also writes the table of the README and the picture beside it; WORLDS_MADE is a folder of recordings of its
 worlds, which are made if they are not there. Recordings that are not part of the
 project are read from ../shared, or --shared DIR; a page says which of them it went without.
@@ -40,7 +40,16 @@ from markdown import AXES, honest_line, millimetres, table, trimmed, value, writ
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
-OF_RUNS = ("judge", "baseline", "prediction", "monitor", "others", "fuzz", "soak")  # pages of what takes hours
+OF_RUNS = (
+    "judge",
+    "baseline",
+    "prediction",
+    "monitor",
+    "others",
+    "left_out",
+    "fuzz",
+    "soak",
+)  # pages of what takes hours
 
 
 @dataclass(frozen=True)
@@ -293,6 +302,23 @@ def judged(title: str, file: str, show: str, folder: str = "") -> Callable[[Path
     return page
 
 
+def left_out(shared: Path) -> tuple[str, str]:
+    """A page of what judge/learn.py writes beside the file that it learns; LEFT_OUT names it."""
+    from coman_reduced_model.cli.judge_tables import show_left_out
+
+    path = Path(os.environ.get("LEFT_OUT", "nominal.left_out.json"))
+    if not path.is_file():
+        sys.exit(f"{path}: not there: run judge/learn.py first (LEFT_OUT is the file that it writes)")
+    os.environ["COLUMNS"] = "150"
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        show_left_out(json.loads(path.read_text(encoding="utf-8")), Path(path.name))
+    return "Kinds of worlds left out", (
+        "The weights by which an effect is named, learnt again without each kind of world in turn, and judged on the "
+        "cases of that kind. What a case is compared by (widths, trust, what laws leave) was learnt on all of them.\n\n"
+        f"```text\n{trimmed(printed.getvalue())}\n```"
+    )
+
+
 PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "free_run": free_run,
     "update": script("Cost of an update", ("predictor",)),
@@ -356,6 +382,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "baseline": judged("How good the diagnosis is with a baseline", "score.json", "show_diagnosis", "baseline"),
     "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),
     "monitor": judged("Monitor by kind of world", "monitor.json", "show_monitor"),
+    "left_out": left_out,
     "others": judged("Diagnosis of recordings that others simulated", "score.json", "show_folder", "others"),
 }
 

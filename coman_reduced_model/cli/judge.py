@@ -17,6 +17,14 @@ from .common import ConfigOption, JsonOption, print_json, progress
 from .judge_tables import show_diagnosis, show_folder, show_monitor, show_prediction
 
 WHAT = ("diagnosis", "prediction", "monitor")
+TAKEN = {  # options by what is judged, beside --out, --jobs and --json
+    "diagnosis": (
+        "--seeds", "--only", "--world", "--workflow", "--no-baselines", "--no-oracle", "--baseline", "--again",
+    ),
+    "prediction": ("--seeds", "--world"),
+    "monitor": ("--seeds", "--world", "--hours"),
+    "--cases": ("--config", "--workflow"),
+}  # fmt: skip
 
 
 def judge(
@@ -72,6 +80,16 @@ def judge(
             help="Each diagnosis gets the baseline of its robot, from three nominal recordings.",
         ),
     ] = False,
+    hours: Annotated[
+        float,
+        typer.Option(
+            "--hours",
+            metavar="H",
+            min=0.0,
+            help="Monitor: watch this many more hours of clean walking, in walks of 120 s; their bags are not kept.",
+            show_default=False,
+        ),
+    ] = 0.0,
     again: Annotated[
         bool, typer.Option("--again", help="Another round of verdicts on the bags in DIR; the score counts the rounds.")
     ] = False,
@@ -87,11 +105,15 @@ def judge(
 
     if what not in WHAT:
         raise ConfigError(f"{what!r}: allowed: {', '.join(WHAT)}")
+    if cases is not None and what != "diagnosis":
+        raise ConfigError(f"--cases: judges the diagnosis, not the {what}")
+    given = {"--seeds": seeds, "--only": only, "--world": worlds, "--config": config, "--workflow": workflow,
+             "--no-baselines": no_baselines, "--no-oracle": no_oracle, "--baseline": baseline, "--hours": hours,
+             "--again": again}  # fmt: skip
+    _refuse_ignored("--cases" if cases is not None else what, [option for option, value in given.items() if value])
     jobs = jobs or len(os.sched_getaffinity(0))
     command = shlex.split(workflow)
     if cases is not None:
-        if what != "diagnosis":
-            raise ConfigError(f"--cases: judges the diagnosis, not the {what}")
         _judge_folder(cases, out, config, jobs, command, json)
         return
     chosen, fixed = _seeds(seeds, out), {"worlds": _worlds(worlds or ())}
@@ -100,7 +122,20 @@ def judge(
         options |= {"again": again, "baseline": baseline, **fixed}
         _judge_diagnosis(out, chosen, _kinds(only), jobs, command, options, json)
     else:
-        _judge_on_clean(what, out, chosen, jobs, fixed, json)
+        _judge_on_clean(what, out, chosen, jobs, fixed, hours, json)
+
+
+def _refuse_ignored(what: str, given: Sequence[str]) -> None:
+    """Refuse options that would have no effect.
+
+    Raises:
+        ConfigError: one is given.
+    """
+    from ..errors import ConfigError
+
+    for option in given:
+        if option not in TAKEN[what]:
+            raise ConfigError(f"{option}: has no effect with {what} (allowed: {', '.join(TAKEN[what])})")
 
 
 def _judge_folder(cases: Path, out: Path, config: Path | None, jobs: int, command: Sequence[str], json: bool) -> None:
@@ -137,9 +172,10 @@ def _judge_diagnosis(
 
 
 def _judge_on_clean(
-    what: str, out: Path, seeds: Sequence[int], jobs: int, fixed: Mapping[str, Any], json: bool
+    what: str, out: Path, seeds: Sequence[int], jobs: int, fixed: Mapping[str, Any], hours: float, json: bool
 ) -> None:
-    """The prediction, or the monitor, whose false alarms are those of the same walks."""
+    """The prediction, or the monitor, whose false alarms are those of the same walks, and of long ones."""
+    from ..judge.hours import run_hours
     from ..judge.monitor import run_onsets, score_monitor
     from ..judge.prediction import run_predictions, score_predictions
 
@@ -150,7 +186,8 @@ def _judge_on_clean(
     else:
         with progress("watching") as report:
             run_onsets(out, seeds, jobs, report, **fixed)
-        result = score_monitor(out, names, seeds)
+            long = run_hours(out, seeds, hours, jobs, report, **fixed)
+        result = score_monitor(out, names, seeds, long)
     if json:
         print_json(result)
     else:

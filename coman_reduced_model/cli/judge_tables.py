@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ _ROWS = (
     ("one_of_a_pair", "one of a pair, nothing wrong", ""),
     ("failed", "no verdict", ""),
 )
+_REDRAWN = "redrawn: walks of robots that were drawn again because they fell"
 
 
 def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
@@ -55,18 +57,27 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
 
 
 def show_prediction(result: Mapping[str, Any], out: Path) -> None:
-    """Errors and skills by kind, the worst first."""
-    rows = [["all", "", *_errors(result["all"])]]
+    """Errors, and skills against the best causal baseline, by kind, the worst first."""
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
-    kinds.sort(key=lambda each: -max(share or 0.0 for share in each[2]["worse_than_rigid"]))
-    rows += [[axis, kind, *_errors(found)] for axis, kind, found in kinds]
+    kinds.sort(key=lambda each: _error(each[2]), reverse=True)
+    ordered = [("all", "", result["all"]), *kinds]
     print_table(
-        "clean walks: medians of the free run's RMS error, the rigid robot's, and the skill 0.2 s ahead; x, y, z",
-        ["axis", "kind", "walks", "model [mm]", "rigid [mm]", "walks worse than rigid", "skill", "none"],
-        rows,
+        "clean walks: medians of the free run's RMS error and the rigid robot's; x, y, z",
+        ["axis", "kind", "walks", "model [mm]", "rigid [mm]", "walks worse than rigid", "none", "redrawn"],
+        [[axis, kind, *_errors(found)] for axis, kind, found in ordered],
         words=2,
     )
-    print(f"none: nothing could be predicted. {_redrawn_walks(result['all'])}; all in {out}/prediction.json")
+    horizons = list(_skills(result["all"]))
+    print_table(
+        "predictions ahead: median skill against the best causal baseline; x, y, z",
+        ["axis", "kind", *(f"{horizon} s" for horizon in horizons)],
+        [
+            [axis, kind, *(_three(_skills(found)[horizon], lambda v: f"{v:.2f}") for horizon in horizons)]
+            for axis, kind, found in ordered
+        ],
+        words=2,
+    )
+    print(f"none: nothing could be predicted. {_REDRAWN}; all in {out}/prediction.json")
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
@@ -80,17 +91,19 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
     rows += [[axis, kind, *_alarms(found, delays)] for axis, kind, found, delays in kinds]
     print_table(
         "monitor: clean walks; and effects of medium size that begin in mid-walk",
-        ["axis", "kind", "hours", "alarms in an hour", "walks with an alarm", "detected within 5 s", "median [s]"],
+        ["axis", "kind", "hours", "alarms in an hour", "walks with an alarm", "detected within 5 s", "median [s]",
+         "redrawn, lowered"],
         rows,
         words=2,
-    )
+    )  # fmt: skip
     families = [
         [name, share(found["detected"]), _number(found["median_s"])]
         for name, found in result["delays_by_family"].items()
     ]
     print_table("by effect", ["effect", "detected within 5 s", "median [s]"], families)
     channels = ", ".join(f"{name} {n}" for name, n in result["alarms"]["channels"].items())
-    print(f"channels of the false alarms: {channels or 'none'}; all in {out}/monitor.json")
+    print(f"{_REDRAWN}; lowered: at a lower level than medium, which would be beyond what a walking robot can have")
+    print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
 
 
 def show_folder(result: Mapping[str, Any], out: Path) -> None:
@@ -115,6 +128,27 @@ def show_folder(result: Mapping[str, Any], out: Path) -> None:
     print(f"all in {out}/score.json")
 
 
+def show_left_out(result: Mapping[str, Any], path: Path) -> None:
+    """What weights are worth on kinds of worlds that were left out when they were learnt; most false alarms first."""
+    shares = ("right", "wrong", "false_alarms", "unknown")
+    for name, title in (("population", "without a baseline"), ("with_baseline", "with a baseline")):
+        kinds = [(axis, kind, found) for axis, by in result[name].items() for kind, found in by.items()]
+        kinds.sort(
+            key=lambda each: [each[1] != "", *(-(each[2][k]["share"] or 0.0) for k in ("false_alarms", "wrong"))]
+        )
+        print_table(
+            f"{title}: each kind by weights that were learnt on all others",
+            ["axis", "kind", "cases", "right", "wrong", "false alarms", "outside: unknown"],
+            [
+                [axis, kind or "all, each left out", str(found["cases"]), *(share(found[key]) for key in shares)]
+                for axis, kind, found in kinds
+            ],
+            words=2,
+        )
+    source = result["source"]
+    print(f"learnt at commit {source['commit']} from {source['cases']} cases; all in {path}")
+
+
 def _show_shares(result: Mapping[str, Any]) -> None:
     """Seeds, and the shares of workflow and baselines beside their targets."""
     methods = {"workflow": result["workflow"], **result["baselines"]}
@@ -132,15 +166,20 @@ def _show_shares(result: Mapping[str, Any]) -> None:
 
 def _show_kinds(result: Mapping[str, Any]) -> None:
     """Shares by kind of world, those with most false alarms first."""
+    from ..core.base.nominal import load_nominal
+    from ..judge.score import by_what_was_learnt
+
+    learnt = result.get("learnt") or by_what_was_learnt(result["rows"], load_nominal())  # earlier versions: without
+    new = ", ".join(learnt["new_kinds"]) or "none"
     rows = [
-        ["only kinds that something was chosen on", "", *_kind(result["only_kinds_chosen_on"])],
-        ["a kind that nothing was chosen on", "", *_kind(result["some_new_kind"])],
+        ["never learnt on", new, *_kind(learnt["some_new_kind"])],
+        ["all learnt on", "", *_kind(learnt["only_learnt_kinds"])],
     ]
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     kinds.sort(key=lambda each: -(each[2]["false_alarms_on_clean"]["share"] or 0.0))
     rows += [[axis, kind, *_kind(found)] for axis, kind, found in kinds]
     print_table(
-        "by kind of world",
+        "by kind of world; learnt on: by weights or widths of config/nominal.yaml",
         ["axis", "kind", "cases", "false alarms", "right", "wrong", "outside: unknown", "redrawn, lowered"],
         rows,
         words=2,
@@ -171,14 +210,24 @@ def _show_how_to_record(seeds: Mapping[str, Any]) -> None:
         print(entry_to_add((seeds["first"], seeds["last"])))
 
 
+def _error(found: Mapping[str, Any]) -> float:
+    """Length of the median errors of the three axes; infinite: nothing could be predicted."""
+    return math.hypot(*(math.inf if value is None else value for value in found["rmse_m"]))
+
+
+def _skills(found: Mapping[str, Any]) -> Mapping[str, Sequence[float | None]]:
+    """By horizon; earlier versions wrote that of 0.2 s alone."""
+    return found["skill"] if isinstance(found["skill"], Mapping) else {"0.2": found["skill"]}
+
+
 def _errors(found: Mapping[str, Any]) -> list[str]:
     return [
         str(found["walks"]),
         _three(found["rmse_m"], lambda v: f"{1e3 * v:.2f}"),
         _three(found["rigid_m"], lambda v: f"{1e3 * v:.2f}"),
         _three(found["worse_than_rigid"], lambda v: f"{100 * v:.0f} %"),
-        _three(found["skill"], lambda v: f"{v:.2f}"),
         str(found["failed"]),
+        str(found["redrawn"]),
     ]
 
 
@@ -187,17 +236,24 @@ def _three(values: Sequence[float | None], text: Callable[[float], str]) -> str:
 
 
 def _alarms(found: Mapping[str, Any], delays: Mapping[str, Any] | None) -> list[str]:
-    detected = ["-", "-"] if delays is None else [share(delays["detected"]), _number(delays["median_s"])]
+    redrawn, lowered = found.get("redrawn"), None  # earlier versions did not count them
+    detected = ["-", "-"]
+    if delays is not None:
+        detected = [share(delays["detected"]), _number(delays["median_s"])]
+        redrawn, lowered = None if redrawn is None else redrawn + delays["redrawn"], delays.get("lowered")
+    again = ", ".join("-" if value is None else str(value) for value in (redrawn, lowered))
     walks = share(found["walks_with_alarm"])
-    return [f"{found['hours']:.2f}", _number(found["alarms_per_hour"]), walks, *detected]
+    return [f"{found['hours']:.2f}", _per_hour(found), walks, *detected, again]
+
+
+def _per_hour(found: Mapping[str, Any]) -> str:
+    """Alarms in an hour with the 95 % interval, which earlier versions did not have."""
+    interval = found.get("interval_per_hour")
+    return _number(found["alarms_per_hour"]) + (f" ({interval[0]:.1f}-{interval[1]:.1f})" if interval else "")
 
 
 def _redrawn(cases: int, lowered: int) -> str:
     return f"cases drawn again because the robot fell: {cases}; at a lower level than wanted: {lowered}"
-
-
-def _redrawn_walks(found: Mapping[str, Any]) -> str:
-    return f"walks of cases that were drawn again because the robot fell: {found['redrawn']}"
 
 
 def _is_false_alarm(row: Mapping[str, Any]) -> bool:

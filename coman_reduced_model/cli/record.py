@@ -139,6 +139,9 @@ def _record_world(
     with progress("recording") as report:
         result = record_world(chosen, out, hidden, seed, force, report)
     _show(result, chosen.gait, json)
+    if not json:
+        drawn = ", ".join(kind for axis, kind in chosen.kinds.items() if axis not in ("gait", "length"))
+        print(f"world: {drawn or text}; robot {chosen.robot}; in full: {out}.world.yaml")
 
 
 def _hidden(texts: Sequence[str]) -> list[Disturbance]:

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures by kind of world, and on the kinds of worlds that nothing was chosen on."""
+"""Figures by kind of world, and the kinds of worlds that something was learnt on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
+from ..core.base.nominal import Nominal
 from ..sim.worlds import AXES
 
 Measured = TypeVar("Measured")
@@ -27,6 +28,16 @@ def by_kind(rows: Sequence[Row], measure: Callable[[Sequence[Row]], Measured]) -
     return out
 
 
-def new_kinds(row: Row) -> list[str]:
-    """The kinds of a row's world that nothing was chosen on."""
-    return [kind for axis, kind in row["worlds"].items() if not (axis in AXES and AXES[axis][kind].chosen_on)]
+def kinds_of(rows: Sequence[Row], more: Mapping[str, Sequence[str]] | None = None) -> dict[str, list[str]]:
+    """By axis, the kinds of all worlds among rows with `worlds`, and `more` of them."""
+    others = [{"worlds": {axis: kind}} for axis, kinds in (more or {}).items() for kind in kinds]
+    found: dict[str, list[str]] = {}
+    for axis, kind in kinds_among([*rows, *others]):
+        found.setdefault(axis, []).append(kind)
+    return found
+
+
+def new_kinds(row: Row, nominal: Nominal) -> list[str]:
+    """The kinds of a row's world that no weight and no width of the diagnosis was learnt on."""
+    learnt = nominal.source.get("kinds", {})
+    return [kind for axis, kind in row["worlds"].items() if kind not in learnt.get(axis, ())]

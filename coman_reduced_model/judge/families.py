@@ -36,7 +36,9 @@ CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, in
 Draw = Callable[[np.random.Generator, float, RobotTable], dict[str, Any]]
 JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
 SOFT = ("KneeSag", "AnkSag")
-HEAVY = ("HipYaw", "KneeSag")  # thigh and shank
+SPRINGS = ("HipSag", "HipYaw", *SOFT)  # whose spring or damper alone may differ; those of roll: soft_roll
+BENT = {"HipSag": 0.41, "KneeSag": 0.14, "AnkSag": 0.065}  # springs that may be bent: torque / (weight * COM height)
+LINKS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # by the joint that moves them
 
 
 @dataclass(frozen=True)
@@ -135,20 +137,19 @@ def _axis(rng: np.random.Generator, size: float, *axes: str) -> dict[str, Any]:
 
 def working_stretch(joint: str, table: RobotTable) -> float:
     """Largest deflection of a joint's spring in a plain walk [rad], measured; joint without its side."""
-    torque = {"KneeSag": 0.14, "AnkSag": 0.065}[joint] * 9.81 * table.mass * com_height(table)
-    return torque / table.stiffness[joint]
+    return BENT[joint] * 9.81 * table.mass * com_height(table) / table.stiffness[joint]
 
 
 def _bend(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
     """The secant stiffness changes by `change` at the largest deflection of these joints in a plain walk."""
-    where = _joints(rng, *SOFT)
+    where = _joints(rng, *BENT)
     form = str(rng.choice(["cubic", "tanh", "steps"]))
-    stretch = max(working_stretch(joint, table) for joint in SOFT if where in ("", "left", "right", *_sides(joint)))
+    if where[1:] in BENT:
+        stretch = working_stretch(where[1:], table)
+        form = form if where[1:] in SOFT else "cubic"  # the other forms bend where no hip gets to
+    else:
+        stretch = max(working_stretch(joint, table) for joint in SOFT)
     return {"where": where, "cubic": change / stretch**2, "form": form}
-
-
-def _sides(joint: str) -> tuple[str, str]:
-    return f"L{joint}", f"R{joint}"
 
 
 def _wrench_bias(rng: np.random.Generator, size: float, table: RobotTable) -> dict[str, Any]:
@@ -177,7 +178,7 @@ def _soft_ground(rng: np.random.Generator, size: float, table: RobotTable) -> di
 
 def _damping(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
     factor = 1.0 + change
-    return {"where": _joints(rng, *SOFT), "scale": factor if rng.random() < 0.5 else 1.0 / factor}
+    return {"where": _joints(rng, *SPRINGS), "scale": factor if rng.random() < 0.5 else 1.0 / factor}
 
 
 def link_mass(table: RobotTable, joint: str) -> float:
@@ -186,8 +187,8 @@ def link_mass(table: RobotTable, joint: str) -> float:
 
 
 def _body_mass(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
-    """`mass` [kg] more, or less, of a thigh, a shank or the trunk."""
-    where = str(rng.choice(["", _joint(rng, *HEAVY)]))
+    """`mass` [kg] more, or less, of a link of a leg or of the trunk."""
+    where = str(rng.choice(["", _joint(rng, *LINKS)]))
     share = mass / link_mass(table, where)
     return {"where": where, "scale": 1.0 + share if share > 0.7 or rng.random() < 0.5 else 1.0 - share}
 
@@ -234,7 +235,7 @@ FAMILIES: dict[str, Family] = {
         "joint_stiffness",
         "1",
         0.6,
-        lambda rng, s, table: {"where": _joints(rng, *SOFT), "scale": _factor(rng, s)},
+        lambda rng, s, table: {"where": _joints(rng, *SPRINGS), "scale": _factor(rng, s)},
         parameter="scale",
     ),
     "soft_roll": Family(  # a worn flexspline, a soft mount
@@ -301,7 +302,7 @@ FAMILIES: dict[str, Family] = {
         "rad",
         0.02,
         lambda rng, s, table: {
-            "where": _joint(rng, "HipSag", *SOFT),
+            "where": _joints(rng, "HipSag", *SOFT),
             "width": s,
             "friction": float(rng.uniform(0.2, 1.0)),
         },

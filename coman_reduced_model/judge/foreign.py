@@ -22,7 +22,8 @@ from ..progress import Progress
 from ..resources import config_path, version
 from .by_kind import by_kind
 from .commands import run_diagnosis
-from .run import DIAGNOSE, run_all
+from .folder import RunFolder
+from .run import DIAGNOSE, keep_to_one_commit, run_all
 from .score import OTHER, rate
 
 NOT_KINDS = ("hidden", "right", "parameters")
@@ -58,7 +59,7 @@ def judge_folder(
 
     Args:
         folder: of the cases.
-        out: gets `verdicts/`; what exists is kept.
+        out: gets `verdicts/` and `commit.txt`; what exists is kept.
         config: data sheet of a robot that has none in the folder; default: the shipped one.
         jobs: processes at a time.
         command: the workflow, to which bags and options are appended.
@@ -66,13 +67,14 @@ def judge_folder(
 
     Raises:
         ConfigError: the folder holds no cases.
-        OutputError: `out` cannot be written.
+        OutputError: `out` cannot be written, or the run was begun at another commit.
     """
     cases = sorted(path.parent for path in folder.glob("*/train"))
     if not cases:
         raise ConfigError(f"{folder}: no case in it (wanted: CASE/train, CASE/heldout_*, answers.json)")
     try:
         (out / "verdicts").mkdir(parents=True, exist_ok=True)
+        keep_to_one_commit(RunFolder(out))
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
     tasks = [(case, out / "verdicts" / case.name, _data_sheet(case, config), tuple(command)) for case in cases]

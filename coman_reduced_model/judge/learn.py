@@ -10,7 +10,8 @@
 3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
 4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
 
-Kinds of worlds are left out one by one: the shares that are printed are of kinds that the weights did not see.
+Kinds of worlds are left out one by one: the shares that are printed, and written beside the file as
+NAME.left_out.json, are of kinds that the weights did not see.
 """
 
 from __future__ import annotations
@@ -43,15 +44,19 @@ from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
 from ..diagnose.physics.hypotheses import candidates
 from ..errors import ComanError
+from ..output import to_json
 from ..processes import workers
+from .by_kind import kinds_of
 from .cases import SHARES
 from .families import class_of, of_this_catalogue
 from .learn_variability import checked_case, learn_variability
+from .score import rate
 from .seeds import commit
 
 RIDGE = 0.01  # of the squared weights, on the mean log loss
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
+SHOWN = ("right", "wrong", "false_alarms", "unknown")
 ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
 
 
@@ -210,26 +215,40 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
                 yield axis, kind, example, outcome(_features(example), example, weights)
 
 
-def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, str]:
-    """Shares over examples with their probabilities."""
-    rows: dict[str, list[bool]] = {}
+def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, Any]:
+    """Shares over examples with their probabilities, and the mean log loss of the truth.
+
+    right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
+    unknown: of effects outside the catalogue.
+    """
+    rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
+    losses = []
     for example, p in found:
         best = max(p, key=lambda name: p[name])
         kind, levels = example.answer["kind"], example.answer["levels"]
         if kind == "clean":
-            rows.setdefault("false alarms", []).append(best != "none")
+            rows["false_alarms"].append(best != "none")
         elif kind == "unknown":
-            rows.setdefault("outside: unknown", []).append(best == UNKNOWN)
-            rows.setdefault("outside: none", []).append(best == "none")
+            rows["unknown"].append(best == UNKNOWN)
         else:
             if kind == "single" and levels[0] != "weak":
-                rows.setdefault("medium, strong: right", []).append(best in example.truth)
-            rows.setdefault("wrong", []).append(best not in {*example.truth, "none", UNKNOWN})
-        rows.setdefault("log loss", []).append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
-    return {
-        name: f"{np.mean(values):.2f}" if name == "log loss" else f"{sum(values)}/{len(values)}"
-        for name, values in rows.items()
-    }
+                rows["right"].append(best in example.truth)
+            rows["wrong"].append(best not in {*example.truth, "none", UNKNOWN})
+        losses.append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
+    shares = {name: rate(sum(values), len(values)) for name, values in rows.items()}
+    return {"cases": len(found), **shares, "log_loss": float(np.mean(losses))}
+
+
+def by_left_out(examples: Sequence[Example]) -> dict[str, dict[str, Any]]:
+    """By axis and kind of world, what weights are worth on it that were learnt on all other kinds; "" of all kinds."""
+    found = list(left_out(examples))
+    out: dict[str, dict[str, Any]] = {}
+    for axis in dict.fromkeys(axis for axis, *_ in found):
+        of_axis = [(kind, example, p) for one, kind, example, p in found if one == axis]
+        for name in ("", *dict.fromkeys(kind for kind, *_ in of_axis)):
+            rows = [(example, p) for kind, example, p in of_axis if name in ("", kind)]
+            out.setdefault(axis, {})[name] = summary(rows)
+    return out
 
 
 def cases_of(run: Path) -> dict[str, dict[str, Any]]:
@@ -269,6 +288,10 @@ def learn(
     baselines = [Example(a, *each) for (_, _, a), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
     source = {**nominal.source, "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
+    source["kinds"] = kinds_of(
+        [example.answer for example in examples],
+        nominal.source.get("kinds") if keep_widths or not baselines else None,  # with what is kept of the earlier file
+    )
     nominal = replace(nominal, source=source, **_decisions(examples))
     if baselines:
         source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
@@ -299,10 +322,15 @@ def main() -> None:
     runs = [run.absolute() for run in asked.runs]
     nominal, *several = learn(runs, load_nominal(), asked.jobs, asked.keep_widths)
     asked.out.write_text(header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
-    for title, examples in zip(("population", "with a baseline"), several, strict=True):
-        found = list(left_out(examples))
-        for axis in AXES if found else ():
-            print(f"{title}: kinds of {axis} left out:", summary([(e, p) for a, _, e, p in found if a == axis]))
+    names = ("population", "with_baseline")
+    kinds = {name: by_left_out(examples) for name, examples in zip(names, several, strict=True)}
+    beside = asked.out.with_suffix(".left_out.json")
+    beside.write_text(to_json({"source": nominal.source, **kinds}), encoding="utf-8")
+    for name, by_axis in kinds.items():
+        for axis, found in by_axis.items():
+            shares = (f"{key} {found[''][key]['hits']} of {found[''][key]['of']}" for key in SHOWN)
+            print(f"{name}: kinds of {axis} left out: {', '.join(shares)}")
+    print(f"by kind: {beside}")
 
 
 def header() -> str:
@@ -311,6 +339,7 @@ def header() -> str:
 #
 # What nominal robots are like. Written by judge/learn.py; `coman baseline` writes such a file for a robot of your own.
 #
+# source: where the figures come from. kinds: by axis, the kinds of worlds that they were learnt on, but for monitor.
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most.

@@ -21,6 +21,7 @@ from ..core.config.files import load_config
 from ..diagnose.monitor_rows import Walk, rows_of_population, watch
 from ..errors import BagError, ComanError
 from ..processes import workers
+from .by_kind import kinds_of
 from .cases import BAGS
 from .learn import cases_of, header
 from .seeds import commit
@@ -47,7 +48,7 @@ def learn_monitor(runs: Sequence[Path], nominal: Nominal, jobs: int, without: Se
         BagError: no clean robot can be followed.
     """
     cases = {
-        run / "bags" / name: int(answer["seed"])
+        run / "bags" / name: answer
         for run in runs
         for name, answer in cases_of(run).items()
         if answer["kind"] == "clean" and not set(without) & set(answer["worlds"].values())
@@ -58,8 +59,10 @@ def learn_monitor(runs: Sequence[Path], nominal: Nominal, jobs: int, without: Se
         walks = {bag: walk for bag, walk in zip(bags, pool.map(watched, bags, configs), strict=True) if walk}
     if not walks:
         raise BagError(f"no clean robot that can be followed in {', '.join(map(str, runs))}")
-    seeds = sorted({cases[bag.parent] for bag in walks})
-    source = {"commit": commit(), "robots": len(seeds), "walks": len(walks), "seeds": [seeds[0], seeds[-1]]}
+    answers = [cases[case] for case in {bag.parent for bag in walks}]
+    seeds = sorted({int(answer["seed"]) for answer in answers})
+    source = {"commit": commit(), "robots": len(seeds), "walks": len(walks), "seeds": [seeds[0], seeds[-1]],
+              "kinds": kinds_of(answers)}  # fmt: skip
     rows = rows_of_population(list(walks.values()), nominal.monitor)
     return replace(nominal, source={**nominal.source, "monitor": source}, monitor=rows)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The monitor on all kinds of worlds: alarms per hour of clean walking, and how soon it detects what begins later.
 
-OUT/predictions/CASE/   the clean walks, as `judge/prediction.py` leaves them
+OUT/predictions/CASE/   the clean walks, as `judge/prediction.py` leaves them; more of them: hours.py
 OUT/monitor/SEED.json   a walk in which an effect of medium size begins after 7 to 10 s
 """
 
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from ..bag.session import Session
 from ..core.config.files import load_config
@@ -48,6 +49,7 @@ class Onset:
     family: str
     after: float  # [s]
     effect: Disturbance
+    lowered: bool = False  # medium would be beyond what a walking robot can have
 
 
 def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = None) -> Onset:
@@ -59,10 +61,10 @@ def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = N
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
     rng = np.random.default_rng([23, seed, attempt])
     after = float(rng.uniform(7.0, 10.0))
-    values, _ = draw_effect(family, rng, MEDIUM, world)
+    values, level = draw_effect(family, rng, MEDIUM, world)
     effect = beginning(make(FAMILIES[family].effect, values), after)
     assert effect is not None
-    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect)
+    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect, level < MEDIUM)
 
 
 def families_with_onset() -> list[str]:
@@ -109,6 +111,7 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
         "seed": onset.seed,
         "family": onset.family,
         "worlds": onset.world.kinds,
+        "lowered": onset.lowered,
         "fell": False,
         "failed": "",
         "detections": [],
@@ -117,15 +120,8 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
     config.write_text(data_sheet(onset.world), encoding="utf-8")
     try:
         row["fell"] = record_world(onset.world, bag, [onset.effect], onset.seed).fallen_s is not None
-        with Session(bag, load_config(config).replaced({"prediction.horizons": []})) as session:
-            for _ in session.predictions():
-                pass
-            monitor, start_ns = session.pipeline.monitor, session.bag.start_ns
-            assert monitor is not None
-            row["detections"] = [
-                {"after_s": (each.detected_ns - start_ns) * 1e-9 - onset.after, "channel": each.channel}
-                for each in monitor.first.values()
-            ]
+        _, found = detections(bag, config)
+        row["detections"] = [{"after_s": time - onset.after, "channel": channel} for channel, time in found]
     except EngineError:
         row["fell"] = True
     except ComanError as error:
@@ -133,16 +129,34 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
     return row
 
 
-def score_monitor(out: str | Path, names: Sequence[str], seeds: Sequence[int]) -> dict[str, Any]:
+def detections(bag: Path, config: Path) -> tuple[float, list[tuple[str, float]]]:
+    """Length of a recording [s]; of each channel that detects something, its name and when it first does [s].
+
+    Raises:
+        ComanError: the recording cannot be used.
+    """
+    with Session(bag, load_config(config).replaced({"prediction.horizons": []})) as session:
+        for _ in session.predictions():
+            pass
+        monitor, start_ns = session.pipeline.monitor, session.bag.start_ns
+        assert monitor is not None
+        first = [(each.channel, (each.detected_ns - start_ns) * 1e-9) for each in monitor.first.values()]
+        return session.bag.duration_s, first
+
+
+def score_monitor(
+    out: str | Path, names: Sequence[str], seeds: Sequence[int], long: Sequence[Mapping[str, Any]] = ()
+) -> dict[str, Any]:
     """Alarms on the clean walks and delays of detections, by kind of world; writes OUT/monitor.json.
 
     Args:
         out: folder of the run.
         names: of the clean cases, predicted before.
         seeds: of the walks with an onset.
+        long: more clean walks, of `hours.run_hours`.
     """
     folder = RunFolder(Path(out).absolute())
-    clean = prediction_rows(folder, names)
+    clean = [*prediction_rows(folder, names), *long]
     onsets = [json.loads((folder.out / "monitor" / f"{seed}.json").read_text(encoding="utf-8")) for seed in seeds]
     result = {
         "version": version(),
@@ -161,7 +175,10 @@ def score_monitor(out: str | Path, names: Sequence[str], seeds: Sequence[int]) -
 
 
 def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Hours of clean walking, alarms in an hour, walks with an alarm, channels that raise them."""
+    """Hours of clean walking, alarms in an hour, walks with an alarm, channels that raise them.
+
+    In a walk a channel counts once. The 95 % interval of alarms in an hour is that of a Poisson process.
+    """
     good = [walk for walk in walks if not walk["failed"]]
     hours = sum(walk["seconds"] for walk in good) / 3600.0
     channels = [channel for walk in good for channel in walk["alarms"]]
@@ -169,9 +186,17 @@ def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "hours": hours,
         "alarms_per_hour": len(channels) / hours if hours else None,
+        "interval_per_hour": [limit / hours for limit in _poisson_interval(len(channels))] if hours else None,
         "walks_with_alarm": rate(sum(bool(walk["alarms"]) for walk in good), len(good)),
         "channels": dict(sorted(counts.items(), key=lambda item: -item[1])[:5]),
+        "redrawn": sum(walk["attempt"] > 0 for walk in walks),
     }
+
+
+def _poisson_interval(count: int) -> tuple[float, float]:
+    """Exact 95 % interval of the mean of a Poisson distribution, from one count (Garwood 1936)."""
+    low = 0.5 * chi2.ppf(0.025, 2 * count) if count else 0.0
+    return float(low), float(0.5 * chi2.ppf(0.975, 2 * count + 2))
 
 
 def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -186,6 +211,8 @@ def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "walks": len(rows),
         "fell": sum(row["fell"] for row in rows),
+        "redrawn": sum(row["attempt"] > 0 for row in rows),
+        "lowered": sum(row.get("lowered", False) for row in rows),  # not in rows of earlier versions
         "alarm_before": len(watched) - len(quiet),
         "detected": rate(len(within), len(quiet)),
         "median_s": float(np.median(within)) if within else None,

@@ -29,7 +29,7 @@ from .folder import RunFolder
 from .run import chosen_cases, make_case, run_all
 
 AXES_XYZ = ("x", "y", "z")
-HORIZON = "0.2"  # [s] of the skill that is reported
+HORIZONS = ("0.1", "0.2", "0.4")  # [s] of the skills that are reported
 
 
 def run_predictions(
@@ -109,24 +109,25 @@ def prediction_rows(folder: RunFolder, names: Sequence[str]) -> list[dict[str, A
 def _figures_of(found: Mapping[str, Any]) -> dict[str, Any]:
     if "failed" in found:
         return {"failed": found["failed"]}
-    skill = found["skill"].get(HORIZON, {})
+    skill = {horizon: found["skill"].get(horizon, {}) for horizon in HORIZONS}
     return {
         "failed": "",
         "seconds": found["duration_s"],
         "rmse_m": [found["rmse_m"][axis] for axis in AXES_XYZ],
         "rigid_m": [found["rmse_rigid_m"][axis] for axis in AXES_XYZ],
-        "skill": [skill.get(axis) for axis in AXES_XYZ],
+        "skill": {horizon: [by_axis.get(axis) for axis in AXES_XYZ] for horizon, by_axis in skill.items()},
         "alarms": [f"{each['channel']}" for each in found["mismatches"]],
     }
 
 
 def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Medians over walks of the free run's error, the rigid robot's and the skill, by axis x, y, z.
+    """Medians over walks, by axis x, y, z: errors of the free run and of the rigid robot, skills by horizon.
 
+    A skill is 1 - error / error of the best baseline that knows no more than the prediction does.
     `worse_than_rigid` is the share of walks on which the free run is worse than to assume no springs, by axis.
     """
     good = [row for row in rows if not row["failed"]]
-    error, rigid, skill = (_array([row[key] for row in good]) for key in ("rmse_m", "rigid_m", "skill"))
+    error, rigid = (_array([row[key] for row in good]) for key in ("rmse_m", "rigid_m"))
     known = np.isfinite(error) & np.isfinite(rigid)
     return {
         "walks": len(rows),
@@ -137,7 +138,7 @@ def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "worse_than_rigid": [
             float(np.mean((error > rigid)[known[:, k], k])) if known[:, k].any() else None for k in range(3)
         ],
-        "skill": _median(skill),
+        "skill": {horizon: _median(_array([row["skill"][horizon] for row in good])) for horizon in HORIZONS},
         "redrawn": sum(row["attempt"] > 0 for row in rows),
     }
 

@@ -92,23 +92,25 @@ def chosen_cases(
         _write_sealed(folder.seeds, list(seeds))
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    _keep_to_one_commit(folder, again)
+    keep_to_one_commit(folder, again)
     return folder, cases
 
 
-def _keep_to_one_commit(folder: RunFolder, again: bool) -> None:
-    """A run goes on with the code that it was begun with.
+def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
+    """A run goes on with the code that it was begun with; writes OUT/commit.txt.
 
     Raises:
         OutputError: this is another commit, and `again` is not asked for.
     """
     begun = folder.commit.read_text(encoding="utf-8").strip() if folder.commit.is_file() else ""
+    if not begun and any((folder.out / "verdicts").iterdir()):
+        begun = "(not known)"
     if again:
         _drop_verdicts(folder)
     elif begun and begun != commit():
         raise OutputError(
             f"{folder.out}: was begun at commit {begun}, and this is {commit()}: figures of different versions are not "
-            "pooled; --again judges the same bags again"
+            "pooled; take another folder (for cases of our own, --again diagnoses the same bags again)"
         )
     folder.commit.write_text(f"{commit()}\n", encoding="utf-8")
 
@@ -185,7 +187,7 @@ def _drop_verdicts(folder: RunFolder) -> None:
         with folder.rounds.open("a", encoding="utf-8") as file:
             file.write(f"{digest}\n")
         folder.hashes.unlink()
-    for name in ("verdicts", "oracle", "ranking", "predictions", "monitor"):
+    for name in ("verdicts", "oracle", "ranking", "predictions", "monitor", "hours"):
         shutil.rmtree(folder.out / name, ignore_errors=True)
     (folder.out / "verdicts").mkdir()
 

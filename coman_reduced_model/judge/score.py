@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from ..core.base.nominal import Nominal, load_nominal
 from ..resources import version
 from .by_kind import by_kind, new_kinds
 from .families import CLASSES, class_of, of_this_catalogue
@@ -170,8 +171,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         },
         "confusion": confusion(rows),
         "by_kind": by_kind(rows, _by_world),
-        "only_kinds_chosen_on": _by_world([row for row in rows if not new_kinds(row)]),
-        "some_new_kind": _by_world([row for row in rows if new_kinds(row)]),
+        "learnt": by_what_was_learnt(rows, load_nominal()),
         "ranking": _rankings(rows),
         "rows": rows,
     }
@@ -208,6 +208,16 @@ def _by_world(rows: Sequence[Any]) -> dict[str, Any]:
         "clean": sum(row["kind"] == "clean" for row in rows),
         "redrawn": sum(row["attempt"] > 0 for row in rows),
         "lowered": sum(row["lowered"] for row in rows),
+    }
+
+
+def by_what_was_learnt(rows: Sequence[Any], nominal: Nominal) -> dict[str, Any]:
+    """Shares on worlds with a kind that nothing was learnt on, by `nominal.source`, and on all other worlds."""
+    new = {row["case"]: new_kinds(row, nominal) for row in rows}
+    return {
+        "new_kinds": sorted({kind for kinds in new.values() for kind in kinds}),
+        "some_new_kind": _by_world([row for row in rows if new[row["case"]]]),
+        "only_learnt_kinds": _by_world([row for row in rows if not new[row["case"]]]),
     }
 
 

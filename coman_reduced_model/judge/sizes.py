@@ -20,7 +20,7 @@ from ..errors import ComanError
 from ..processes import workers
 from ..sim.worlds import World
 from ..sim.worlds.world import world_from_yaml
-from .families import FAMILIES, HEAVY, SIZES, Family, link_mass, working_stretch
+from .families import BENT, FAMILIES, LINKS, SIZES, Family, link_mass, working_stretch
 from .folder import RunFolder
 from .rank import evidence_with, ranking
 from .variability import true_deviations
@@ -48,11 +48,11 @@ def _size(name: str, family: Family, row: Mapping[str, Any], world: World) -> fl
     """The deviation in units of the size, for COMAN; None: not at a place of this family."""
     where, value = row["where"], float(row["parameters"][family.parameter]["deviation"])
     if name in ("hardening", "softening"):
-        if where[1:] not in ("KneeSag", "AnkSag"):
+        if where[1:] not in BENT:
             return None
         value *= working_stretch(where[1:], world.table) ** 2
     if name == "body_mass":
-        if where and where[1:] not in HEAVY:
+        if where and where[1:] not in LINKS:
             return None
         value *= link_mass(world.table, where)
     if (name == "soft_roll") != (where[1:] in ("HipLat", "AnkLat")) and family.effect == "joint_stiffness":

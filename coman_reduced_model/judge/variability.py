@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much clean robots of a world vary, and how well their recordings determine the size of an effect.
-
-python -m coman_reduced_model.judge.variability OUT      # of a run with clean cases: measures sizes.yaml
-"""
+"""How much clean robots of a world vary: the true standard deviations, by which rank.py and sizes.py measure."""
 
 from __future__ import annotations
 

@@ -81,6 +81,39 @@ def test_levels_grow_and_can_be_built_on_every_robot(family):
         assert reached[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("family", "places"),
+    [
+        ("joint_stiffness", {"LHipSag", "RHipYaw", "LKneeSag", "RAnkSag", "left", ""}),
+        ("joint_damping", {"RHipSag", "LHipYaw", "right", ""}),
+        ("hardening", {"LHipSag", "RAnkSag", "left", ""}),
+        ("softening", {"RHipSag", "LKneeSag", "right", ""}),
+        ("hysteresis", {"LHipSag", "RKneeSag", "left", "right", ""}),
+        ("body_mass", {"LHipSag", "RHipLat", "LHipYaw", "RKneeSag", "LAnkSag", "RAnkLat", ""}),
+    ],
+)
+def test_effects_are_hidden_at_all_their_places(family, places):
+    drawn = set()
+    for seed in range(150):
+        robot = list(ROBOTS)[seed % len(ROBOTS)]
+        values, _ = draw_effect(family, np.random.default_rng(seed), seed % 3, World(robot=robot))
+        make(FAMILIES[family].effect, values)  # within its bounds
+        drawn.add(values["where"])
+    assert places <= drawn
+
+
+def test_a_bent_spring_has_its_change_at_the_deflections_of_its_joint():
+    values = {}
+    for seed in range(100):
+        found, _ = draw_effect("hardening", np.random.default_rng(seed), 1, World())
+        values.setdefault(found["where"][1:], []).append(found)
+    low, high = (multiple * families.deviations()["hardening"] for multiple in families.MULTIPLES[1])
+    for joint in ("HipSag", "KneeSag", "AnkSag"):
+        changes = [v["cubic"] * families.working_stretch(joint, ROBOTS["coman"]) ** 2 for v in values[joint]]
+        assert low < min(changes) and max(changes) < high
+    assert {v["form"] for v in values["HipSag"]} == {"cubic"} and len({v["form"] for v in values["KneeSag"]}) == 3
+
+
 def test_every_effect_that_can_be_hidden_is_drawn():
     assert {f.effect for f in FAMILIES.values()} == set(DISTURBANCES) - {"scatter", "imperfections"}
 
@@ -267,6 +300,11 @@ def test_a_run_from_the_first_draw_to_the_score(tmp_path, spy):
     hidden = draw_case(seeds[1], **short).effects[0]["name"]
     assert {row["truth"][0] for row in result["rows"] if row["truth"]} == {hidden}
     assert all(oct(path.stat().st_mode)[-3:] == "600" for path in RunFolder(tmp_path / "judged").sealed.iterdir())
+    run(tmp_path / "alone", seeds, jobs=1, command=[sys.executable, str(spy)], baselines=(), oracle=False, **short)
+    both = [tmp_path / name for name in ("judged", "alone")]
+    bags = [sorted(path.relative_to(out) for path in (out / "bags").rglob("*.*")) for out in both]
+    assert bags[0] == bags[1] and len(bags[0]) > 12
+    assert all((both[0] / bag).read_bytes() == (both[1] / bag).read_bytes() for bag in bags[0])
 
 
 # --- the command ---

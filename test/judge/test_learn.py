@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.judge.learn import (
     AXES,
     Example,
     _features,
+    by_left_out,
     interval_factor,
     learn_decision,
     learn_leftover,
@@ -20,6 +23,7 @@ from coman_reduced_model.judge.learn import (
     summary,
 )
 from coman_reduced_model.judge.learn_variability import learn_repeats
+from coman_reduced_model.judge.score import rate
 
 NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)})
 
@@ -54,9 +58,27 @@ def test_weights_separate_what_the_features_separate(examples):
     found = [(each, outcome(_features(each), each, weights)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
     said = summary(found)
-    assert said["medium, strong: right"] == "20/20" and said["wrong"] == "0/20" and said["outside: none"] == "0/10"
-    assert int(said["false alarms"].split("/")[0]) <= 2
+    assert said["cases"] == 60
+    assert said["right"]["share"] == 1.0 and said["right"]["of"] == 20 and said["wrong"]["share"] == 0.0
+    assert said["false_alarms"]["hits"] <= 2 and said["false_alarms"]["of"] == 30 and said["unknown"]["of"] == 10
     assert all(weights[name] >= 0.0 for name in ("train", "select", "leftover", "pulled"))
+
+
+def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
+    """On soft floors, where the evidence for an effect is large also on clean robots, the other kinds say too much."""
+    rng = np.random.default_rng(1)
+    soft = [example("clean", rng.uniform(20.0, 40.0)) for _ in range(10)]
+    soft = [
+        replace(each, answer={**each.answer, "worlds": {**each.answer["worlds"], "contact": "soft"}}) for each in soft
+    ]
+    found = by_left_out([*examples, *soft])
+    assert list(found) == ["contact"]  # the only axis with two kinds, and each with enough others
+    kinds = found["contact"]
+    assert kinds["soft"]["false_alarms"] == rate(10, 10) and kinds["usual"]["cases"] == len(examples)
+    assert kinds[""]["cases"] == len(examples) + 10
+    show_left_out({"population": found, "with_baseline": {}, "source": {"commit": "0", "cases": 70}}, Path("x.json"))
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(" contact")]
+    assert [line.split()[1] for line in lines] == ["all,", "soft", "usual"]
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):

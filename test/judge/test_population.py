@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from dataclasses import replace
@@ -13,23 +14,21 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from coman_reduced_model.cli.judge_tables import show_monitor, show_prediction
 from coman_reduced_model.cli.main import run as coman
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import families
-from coman_reduced_model.judge.by_kind import by_kind, new_kinds
+from coman_reduced_model.judge.by_kind import by_kind, kinds_of, new_kinds
 from coman_reduced_model.judge.cases import draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
-from coman_reduced_model.judge.monitor import delays, draw_onset, families_with_onset
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
-from coman_reduced_model.judge.sudden import beginning
+from coman_reduced_model.judge.seeds import commit, spent
 from coman_reduced_model.judge.variability import true_deviations
-from coman_reduced_model.sim.describe import mujoco_spec
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
-from coman_reduced_model.sim.robot_table import COMAN
-from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.worlds import AXES, World, draw_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
@@ -48,12 +47,18 @@ def test_figures_by_kind_are_of_the_rows_of_that_kind_only():
     ]
     found = by_kind(rows, lambda those: sum(row["value"] for row in those))
     assert found == {"engine": {"mujoco": 3, "drake": 4}, "contact": {"firm": 1, "creeping": 6}}
-    assert [set(new_kinds(row)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
+    learnt = replace(load_nominal(), source={"kinds": kinds_of(rows[:1], {"gait": ["test1"]})})
+    assert learnt.source["kinds"] == {"engine": ["mujoco"], "contact": ["firm"], "gait": ["test1"]}
+    assert [set(new_kinds(row, learnt)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
 
 
-def test_engines_contacts_and_controllers_have_kinds_that_nothing_was_chosen_on():
-    for axis in ("engine", "contact", "controller", "body", "floor", "sensors"):
-        assert 0 < sum(kind.chosen_on for kind in AXES[axis].values()) < len(AXES[axis])
+def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
+    """Worlds of MuJoCo alone, by judge/seeds.yaml; of these, all kinds that are drawn."""
+    kinds = load_nominal().source["kinds"]
+    drawn = {axis: [name for name, kind in of.items() if kind.weight] for axis, of in AXES.items()}
+    assert kinds == {**drawn, "engine": ["mujoco"]}
+    notes = [entry.purpose for entry in spent("worlds") if "weights again" in entry.purpose]
+    assert notes and all("MuJoCo alone" in purpose for purpose in notes)
 
 
 # --- sizes against what clean robots vary by ---
@@ -135,67 +140,54 @@ def test_the_prediction_is_judged_on_clean_robots_by_kind(clean_run, capsys):
 
 
 def test_errors_that_are_missing_are_not_zero():
-    good = {"failed": "", "rmse_m": [1e-3, 2e-3, 3e-3], "rigid_m": [2e-3, 1e-3, None], "skill": [0.5, None, 0.1],
-            "attempt": 0}  # fmt: skip
+    skill = {"0.1": [None] * 3, "0.2": [0.5, None, 0.1], "0.4": [0.2, 0.3, -0.4]}
+    good = {"failed": "", "rmse_m": [1e-3, 2e-3, 3e-3], "rigid_m": [2e-3, 1e-3, None], "skill": skill, "attempt": 0}
     found = measure([good, {"failed": "no clock", "attempt": 1}])
     assert found["walks"] == 2 and found["failed"] == 1 and found["redrawn"] == 1
     assert found["worse_than_rigid"] == [0.0, 1.0, None]
-    assert found["skill"] == [0.5, None, 0.1]
+    assert found["skill"] == skill
 
 
-def test_a_kind_of_which_nothing_could_be_predicted_has_a_row(capsys):
-    from coman_reduced_model.cli.judge_tables import show_prediction
+def test_kinds_are_shown_worst_first_with_all_horizons(capsys):
+    skill = {"0.1": [0.11, 0.12, 0.13], "0.2": [0.21, 0.22, 0.23], "0.4": [0.41, 0.42, 0.43]}
+    walk = {"failed": "", "rigid_m": [2e-3] * 3, "skill": skill, "attempt": 1}
+    good, bad = ({**walk, "rmse_m": [error] * 3} for error in (1e-3, 5e-3))
+    without_rigid = {**walk, "rmse_m": [9e-3] * 3, "rigid_m": [None] * 3}
+    streams = {"all_streams": [good], "no_imu": [bad], "no_motors": [without_rigid],
+               "bare": [{"failed": "no topic", "attempt": 0}]}  # fmt: skip
+    by = {"streams": {kind: measure(rows) for kind, rows in streams.items()}}
+    show_prediction({"all": measure([good, bad]), "by_kind": by}, Path("judged"))
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" streams")]
+    free_run, ahead = lines[:4], lines[4:]
+    assert [line[1] for line in free_run] == ["bare", "no_motors", "no_imu", "all_streams"]
+    assert free_run[0][2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1", "0"]
+    assert free_run[3][-2:] == ["0", "1"]  # none, redrawn
+    assert " ".join(ahead[3][2:]) == "0.11, 0.12, 0.13 0.21, 0.22, 0.23 0.41, 0.42, 0.43"
 
-    none = measure([{"failed": "no topic", "attempt": 0}])
-    show_prediction({"all": none, "by_kind": {"streams": {"no_motors": none}}}, Path("judged"))
-    row = next(line for line in capsys.readouterr().out.splitlines() if "no_motors" in line)
-    assert row.split()[2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1"]
+
+def test_results_of_earlier_versions_are_shown(capsys):
+    """They had one horizon, and did not count robots that were drawn again."""
+    found = {"walks": 1, "failed": 0, "rmse_m": [1e-3] * 3, "rigid_m": [2e-3] * 3, "worse_than_rigid": [0.0] * 3,
+             "skill": [0.1, 0.2, 0.3], "redrawn": 0}  # fmt: skip
+    show_prediction({"all": found, "by_kind": {}}, Path("judged"))
+    nothing = {"hits": 0, "of": 0, "share": None}
+    clean = {"hours": 0.5, "alarms_per_hour": 4.0, "walks_with_alarm": nothing, "channels": {}}
+    late = {"walks": 1, "detected": nothing, "median_s": None}
+    show_monitor({"alarms": clean, "delays": late, "alarms_by_kind": {}, "delays_by_family": {}}, Path("judged"))
+    printed = capsys.readouterr().out
+    assert "0.10, 0.20, 0.30" in printed and "4.00" in printed
+
+
+def test_the_line_of_the_readme_says_how_many_cases_were_drawn_again(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "bench")
+    share = {"share": 0.1, "hits": 1, "of": 10}
+    workflow = {"false_alarms_on_clean": share, "right_on_medium_and_strong": share}
+    found = {"workflow": workflow, "cases": {"clean": 12, "pair": 8}, "redrawn": {"cases": 5, "lowered": 3}}
+    line = importlib.import_module("markdown").honest_line(found)
+    assert "5 of 20 cases were drawn again" in line and "3 have a lower level" in line
 
 
 # --- monitor ---
-
-
-def test_families_take_turns_in_beginning_in_mid_walk():
-    able = families_with_onset()
-    onsets = [draw_onset(seed) for seed in range(len(able))]
-    assert [onset.family for onset in onsets] == able and len(able) > 20
-    for onset in onsets:
-        assert 7.0 <= onset.after <= 10.0 and onset.world.duration_s == 17.0
-    again = draw_onset(3, attempt=1)
-    assert again.family == onsets[3].family and again.world.kinds == onsets[3].world.kinds
-    assert draw_onset(3, worlds={"contact": "creeping"}).world.kinds["contact"] == "creeping"
-
-
-def test_what_changes_the_robots_build_begins_as_forces_or_not_at_all():
-    assert beginning(make("body_mass", {"where": "LKneeSag", "scale": 1.5}), 5.0) is None
-    assert beginning(make("encoder_bias", {"where": "LKneeSag", "bias": 0.01}), 5.0) is not None
-    assert beginning(make("payload", {"mass": 1.0}), 5.0) is not None
-
-
-@pytest.mark.parametrize(("effect", "share"), [("joint_stiffness", "stiffness"), ("joint_damping", "damping")])
-def test_springs_that_change_in_mid_walk_transmit_their_change_from_then_on(effect, share):
-    later = beginning(make(effect, {"where": "LKneeSag", "scale": 1.5}), 5.0)
-    later.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
-    springs = SpringLaws.of(later.spring_laws(), 12)
-    deflection, rate = (0.02, 0.0) if share == "stiffness" else (0.0, 0.3)
-    torque = springs.torque(6.0, np.full(12, deflection), np.full(12, rate))
-    wanted = 0.5 * getattr(COMAN.joints()[3], share) * (deflection + rate)
-    assert torque == pytest.approx(np.where(np.arange(12) == 3, wanted, 0.0))
-    assert not springs.torque(4.9, np.full(12, deflection), np.full(12, rate)).any()
-
-
-def test_an_alarm_before_the_effect_says_nothing_of_its_delay():
-    base = {"fell": False, "failed": ""}
-    rows = [
-        {**base, "detections": [{"after_s": 2.0, "channel": "force"}, {"after_s": 1.0, "channel": "spring"}]},
-        {**base, "detections": [{"after_s": -3.0, "channel": "force"}, {"after_s": 1.0, "channel": "force"}]},
-        {**base, "detections": [{"after_s": 5.5, "channel": "force"}]},
-        {**base, "detections": []},
-        {**base, "fell": True, "detections": [{"after_s": 0.5, "channel": "force"}]},
-    ]
-    found = delays(rows)
-    assert (found["walks"], found["fell"], found["alarm_before"]) == (5, 1, 1)
-    assert (found["detected"]["hits"], found["detected"]["of"]) == (1, 3) and found["median_s"] == 1.0
 
 
 @pytest.mark.slow
@@ -257,6 +249,18 @@ def test_recordings_of_others_are_judged_by_their_kinds(tmp_path, foreign, capsy
     assert {row["case"]: row["result"] for row in result["rows"]} == {"one": "right", "two": "wrong", "three": "miss"}
 
 
+def test_recordings_of_others_are_judged_by_one_commit(tmp_path, foreign, capsys):
+    tool, out = tmp_path / "says.py", tmp_path / "out"
+    tool.write_text(SAYS)
+    arguments = ["judge", "--cases", str(foreign), "--out", str(out), "--jobs", "1", "--workflow"]
+    arguments += [f"{sys.executable} {tool}"]
+    assert coman(arguments) == 0 and (out / "commit.txt").read_text().strip() == commit()
+    (out / "commit.txt").write_text("0000000\n")
+    assert coman(arguments) == 2 and "was begun at commit 0000000" in capsys.readouterr().err
+    (out / "commit.txt").unlink()  # of an earlier version, which did not write it
+    assert coman(arguments) == 2 and "(not known)" in capsys.readouterr().err
+
+
 def test_a_name_that_is_true_of_the_kind_is_a_miss_and_no_mistake():
     answer = {"hidden": "x", "right": ["payload"]}
     verdict = {"verdict": "effect", "effects": [{"name": "foot_slip"}]}
@@ -299,6 +303,13 @@ def test_the_shared_cases_have_the_form_that_is_read():
         (["--world", "creeping", "--world", "holding"], "both of the axis contact"),
         (["monitor", "--cases", "x"], "judges the diagnosis, not the monitor"),
         (["--only", "dirty"], "allowed: clean"),
+        (["prediction", "--again"], "--again: has no effect with prediction"),
+        (["prediction", "--hours", "1"], "--hours: has no effect with prediction"),
+        (["monitor", "--only", "clean"], "--only: has no effect with monitor (allowed: --seeds, --world, --hours)"),
+        (["monitor", "--baseline"], "--baseline: has no effect with monitor"),
+        (["monitor", "--workflow", "true"], "--workflow: has no effect with monitor"),
+        (["--hours", "1"], "--hours: has no effect with diagnosis"),
+        (["--cases", "x"], "--seeds: has no effect with --cases (allowed: --config, --workflow)"),
     ],
 )
 def test_what_the_judge_cannot_do_is_said_in_one_line(tmp_path, capsys, options, words):

@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from coman_reduced_model.cli.judge_tables import show_diagnosis
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.judge.families import of_this_catalogue
-from coman_reduced_model.judge.score import confusion, gap_reduction, outcome, score, size_shown
+from coman_reduced_model.judge.score import by_what_was_learnt, confusion, gap_reduction, outcome, score, size_shown
 
 # --- the score, on verdicts that are known ---
 
@@ -120,6 +125,24 @@ def test_the_figures_of_known_verdicts():
     assert result["confusion"]["pair"] == {"right": 1, "partly": 1}
     assert result["redrawn"] == {"cases": 0, "lowered": 0}
     assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
+
+
+def test_worlds_of_kinds_that_nothing_was_learnt_on_have_figures_of_their_own(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
+    nominal = replace(load_nominal(), source={"kinds": {"engine": ["mujoco"], "contact": ["creeping"]}})
+    drake = {**hidden("clean"), "worlds": {"engine": "drake", "contact": "creeping"}}
+    verdicts = [(hidden("clean"), {"verdict": "none"}), (drake, {"verdict": "unknown"})]
+    result = score([
+        {"name": str(k), "answer": answer, "verdict": verdict} for k, (answer, verdict) in enumerate(verdicts)
+    ])  # fmt: skip
+    found = by_what_was_learnt(result["rows"], nominal)
+    assert found["new_kinds"] == ["drake"]
+    assert found["some_new_kind"]["false_alarms_on_clean"]["share"] == 1.0 and found["some_new_kind"]["cases"] == 1
+    assert found["only_learnt_kinds"]["false_alarms_on_clean"]["share"] == 0.0
+    assert result["learnt"] == found  # the shipped file knows both kinds of MuJoCo
+    earlier = {key: value for key, value in result.items() if key != "learnt"}
+    show_diagnosis({**earlier, "round": 1, "verdicts_sha256": ""}, Path("judged"))
+    assert "never learnt on" in capsys.readouterr().out
 
 
 def test_how_clearly_its_own_recordings_show_an_effect():

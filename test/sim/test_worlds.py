@@ -231,6 +231,8 @@ def test_a_world_is_recorded_by_the_command_and_can_be_recorded_again(tmp_path, 
     for name in "ab":
         (tmp_path / name).mkdir()
     assert coman(["record", "--out", str(tmp_path / "a" / "walk"), "--world", "creeping", "--duration", "3"]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("world: ")]
+    assert "mujoco, creeping, level" in line and "robot " in line and line.endswith("walk.world.yaml")
     again = ["record", "--out", str(tmp_path / "b" / "walk"), "--world", str(tmp_path / "a" / "walk.world.yaml")]
     assert coman(again) == 0
     bags = [(tmp_path / name / "walk" / "walk.mcap").read_bytes() for name in "ab"]

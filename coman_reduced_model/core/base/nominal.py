@@ -32,7 +32,8 @@ class Nominal:
         widths: by name of a parameter's kind and of the width (`joint_stiffness.scale.spread`): standard deviations.
         sheets: by the same names, by data sheets and what is common: where learning begins, and what it shrinks to.
         most: by the same names, what physics allows at most.
-        source: where the figures come from.
+        source: where the figures come from; `kinds`: by axis, the kinds of worlds (sim/worlds) that they were learnt
+            on, all but those of `monitor`, which has its own.
         repeats: by law, what it leaves on nominal robots that repeats with each stride, in the median. In weights for
             N, weights times m for Nm, mass times m/s for Ns, else SI.
         trust: by law and kind of support, the share of its information that counts (diagnose/inference/trust.py).

@@ -27,7 +27,6 @@ class Kind:
         sentence: what is special about it.
         draw: fields of `World` that it sets, drawn.
         weight: how often it is drawn, beside the others of its axis; 0: only by its name.
-        chosen_on: whether something of diagnosis, monitor or prediction was chosen on robots of this kind.
         only_engine: the engine that has it; empty: all.
     """
 
@@ -35,7 +34,6 @@ class Kind:
     sentence: str
     draw: Draw
     weight: float = 1.0
-    chosen_on: bool = False
     only_engine: str = ""
 
 
@@ -131,11 +129,11 @@ def _imperfect(low: float, high: float) -> Draw:
 
 _KINDS: dict[str, tuple[Kind, ...]] = {
     "engine": (
-        Kind("mujoco", "MuJoCo: soft constraints", _nothing, 3.0, chosen_on=True),
+        Kind("mujoco", "MuJoCo: soft constraints", _nothing, 3.0),
         Kind("drake", "Drake: rigid soles on a compliant floor; soles hold", lambda rng, world: {"engine": "drake"}),
     ),
     "contact": (
-        Kind("firm", "a hard floor; soles creep by tenths of a millimetre a step", _nothing, chosen_on=True),
+        Kind("firm", "a hard floor; soles creep by tenths of a millimetre a step", _nothing),
         Kind(
             "creeping",
             "soles creep by millimetres while the load passes: regularised friction, pyramidal cones",
@@ -156,7 +154,7 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind("slippery", "a coefficient of friction of 0.3 to 0.5", _contact(friction=_even(0.3, 0.5))),
     ),
     "floor": (
-        Kind("level", "a level plane", _nothing, 2.0, chosen_on=True),
+        Kind("level", "a level plane", _nothing, 2.0),
         Kind("uneven", "tiles that differ by 1 to 2.5 mm", _uneven),
         Kind("slope", "a slope of 6 degrees uphill and 3 to the left, which the plan knows",
              lambda rng, world: {"floor": Floor(roll=-0.05, pitch=-0.1)}, 0.0, only_engine="mujoco"),
@@ -164,7 +162,7 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
              lambda rng, world: {"floor": Floor(kerb=0.05)}, 0.0, only_engine="mujoco"),
     ),
     "controller": (
-        Kind("open_loop", "motors follow their plan, whatever happens", _nothing, chosen_on=True),
+        Kind("open_loop", "motors follow their plan, whatever happens", _nothing),
         Kind(
             "imu_control",
             "ankle and hip strategy fed by the IMU: motors leave their plan by some milliradians",
@@ -177,15 +175,15 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         ),
     ),
     "body": (
-        Kind("legs", "twelve joints, a rigid trunk", _nothing, 2.0, chosen_on=True),
+        Kind("legs", "twelve joints, a rigid trunk", _nothing, 2.0),
         Kind("whole_body", "24 joints: waist and arms move in step, and a head", _whole_body),
     ),
     "gait": tuple(
-        Kind(name, _GAIT_SENTENCES[name], _gait(name), 2.0 if name in ("test1", "test2") else 1.0, name != "changing")
+        Kind(name, _GAIT_SENTENCES[name], _gait(name), 2.0 if name in ("test1", "test2") else 1.0)
         for name in GAITS
     ),
     "sensors": (
-        Kind("usual", "12-bit link encoders, 200 Hz, foot sensors zeroed with care", _nothing, chosen_on=True),
+        Kind("usual", "12-bit link encoders, 200 Hz, foot sensors zeroed with care", _nothing),
         Kind(
             "rich",
             "16 to 19 bits, 500 or 1000 Hz, foot sensors as fast, little noise",
@@ -233,27 +231,27 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind("tilted_imu", "an IMU that is mounted otherwise, as the URDF has it, and a degree off", _tilted_imu, 0.5),
     ),
     "streams": (
-        Kind("all_streams", "torques, motor states, IMU, reference", _nothing, 2.0, chosen_on=True),
+        Kind("all_streams", "torques, motor states, IMU, reference", _nothing, 2.0),
         Kind("no_reference", "no com/reference", _streams(reference=False)),
         Kind("no_torques", "no joint torques", _streams(effort=False)),
         Kind("no_imu", "no IMU", _streams(imu=False)),
         Kind("no_motors", "no motor states: the springs' other end is unknown", _streams(motor_states=False), 0.5),
         Kind("commanded", "motor states repeat the command", lambda rng, world: {
-            "sensors": replace(world.sensors, motor_source="commanded")}, chosen_on=True),
+            "sensors": replace(world.sensors, motor_source="commanded")}),
         Kind("no_foot_sensors", "no foot force sensors, but torques", _streams(wrenches=False), 0.0),
         Kind("contact_switches", "switches under the feet, neither force sensors nor torques",
              _streams(wrenches=False, effort=False, contact_switches=True), 0.0),
         Kind("bare", "neither torques, IMU nor reference", _streams(reference=False, effort=False, imu=False)),
     ),
     "imperfections": (
-        Kind("tolerances", "springs, dampers and masses off by some per cent", _nothing, 1.0, chosen_on=True),
+        Kind("tolerances", "springs, dampers and masses off by some per cent", _nothing, 1.0),
         Kind("imperfect", "all small imperfections at once: play, friction, lag, zeros, gains, clocks, a slope",
              _imperfect(0.6, 1.4), 2.0),
     ),
     "length": (
-        Kind("some_seconds", "a training walk of 13 s", _length(13.0, 13.0), 4.0, chosen_on=True),
+        Kind("some_seconds", "a training walk of 13 s", _length(13.0, 13.0), 4.0),
         Kind("short", "5 to 9 s", _length(5.0, 9.0)),
-        Kind("long", "25 to 60 s", _length(25.0, 60.0), 0.2, chosen_on=True),
+        Kind("long", "25 to 60 s", _length(25.0, 60.0), 0.2),
     ),
 }  # fmt: skip
 AXES: dict[str, dict[str, Kind]] = {axis: {kind.name: kind for kind in kinds} for axis, kinds in _KINDS.items()}
