@@ -21,6 +21,7 @@ from markdown import AXES, table, value
 
 import coman_reduced_model as coman
 from coman_reduced_model.bag.truth import true_motion
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Array, Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.evaluation.baselines import BASELINES, best_baseline
@@ -55,7 +56,7 @@ class Figures:
 
     title: str
     by_seed: bool = False  # a world that was drawn by seed: nothing was chosen on it
-    new_kind: bool = False  # and it has a kind that nothing was chosen on
+    new_kind: bool = False  # and it has a kind that nothing was learnt on
     rigid: Array = field(default_factory=lambda: NONE)
     paper: Array = field(default_factory=lambda: NONE)
     default: Array = field(default_factory=lambda: NONE)
@@ -153,7 +154,7 @@ def in_world(name: str, made: Path) -> Figures | None:
         return None
     found = figures(*walk)
     found.by_seed = name.isdigit()
-    found.new_kind = found.by_seed and bool(new_kinds({"worlds": world_of(name).kinds}))
+    found.new_kind = found.by_seed and bool(new_kinds({"worlds": world_of(name).kinds}, load_nominal()))
     return found
 
 
@@ -289,7 +290,7 @@ def means_of_worlds(rows: Sequence[Figures]) -> list[Figures]:
     means = []
     for title, some in (
         ("all worlds by seed", [row for row in rows if row.by_seed]),
-        ("those with a kind that nothing was chosen on", [row for row in rows if row.new_kind]),
+        ("those with a kind that nothing was learnt on", [row for row in rows if row.new_kind]),
     ):
         if some:
             shares = {h: np.nanmean([row.within[h] for row in some], axis=0) for h in some[0].within}

@@ -27,6 +27,7 @@ from scipy.stats import chi2
 
 import coman_reduced_model as coman
 from coman_reduced_model.bag.truth import true_motion
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Array, Integers
 from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
 from coman_reduced_model.judge.by_kind import new_kinds
@@ -62,8 +63,8 @@ def main() -> int:
     print(table(HEAD, rows))
     if walks:
         print(f"\n{pooled(list(walks.values()))}")
-    if new := [walk for seed, walk in walks.items() if new_kinds({"worlds": world_of(seed).kinds})]:
-        print("\nOf worlds with a kind that nothing was chosen on:", *in_bands(new), sep="\n")
+    if new := [walk for seed, walk in walks.items() if new_kinds({"worlds": world_of(seed).kinds}, load_nominal())]:
+        print("\nOf worlds with a kind that nothing was learnt on:", *in_bands(new), sep="\n")
     return 0
 
 

@@ -40,16 +40,9 @@ from markdown import AXES, honest_line, millimetres, table, trimmed, value, writ
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
-OF_RUNS = (
-    "judge",
-    "baseline",
-    "prediction",
-    "monitor",
-    "others",
-    "left_out",
-    "fuzz",
-    "soak",
-)  # pages of what takes hours
+OF_RUNS = (  # pages of what takes hours
+    "judge", "baseline", "prediction", "monitor", "others", "left_out", "fuzz", "soak",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
