@@ -5,9 +5,10 @@
     python bench/results.py free_run update          # these pages; free_run takes some ten minutes
     python bench/results.py --list
 
-`judge`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder JUDGED
-names, `left_out` is of the file of judge/learn.py that LEFT_OUT names; they are written only when they are named, as
-are `fuzz` and `soak`, runs of long tests. A page holds what a command prints, or a table made of what it writes.
+`judge`, `clean`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder
+JUDGED names, `left_out` is of the file of judge/learn.py that LEFT_OUT names; they are written only when they are
+named, as are `fuzz` and `soak`, runs of long tests. A page holds what a command prints, or a table made of what it
+writes.
 `free_run` also writes the table of the README and the picture beside it; WORLDS_MADE is a folder of recordings of its
 worlds, which are made if they are not there. Recordings that are not part of the
 project are read from ../shared, or --shared DIR; a page says which of them it went without.
@@ -41,7 +42,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
 OF_RUNS = (  # pages of what takes hours
-    "judge", "baseline", "prediction", "monitor", "others", "left_out", "fuzz", "soak",
+    "judge", "clean", "baseline", "prediction", "monitor", "others", "left_out", "fuzz", "soak",
 )  # fmt: skip
 
 
@@ -372,6 +373,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "fuzz": fire.fuzz,
     "soak": fire.soak,
     "judge": judged("How good the diagnosis is", "score.json", "show_diagnosis"),
+    "clean": judged("False alarms on clean robots", "score.json", "show_diagnosis", "clean"),
     "baseline": judged("How good the diagnosis is with a baseline", "score.json", "show_diagnosis", "baseline"),
     "prediction": judged("Prediction by kind of world", "prediction.json", "show_prediction"),
     "monitor": judged("Monitor by kind of world", "monitor.json", "show_monitor"),
