@@ -210,9 +210,10 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
     warnings = list(session.warnings)
     doubtful = run["flags"].get("UNKNOWN_GROUND", 0)
     if doubtful > _SELDOM * run["samples"]:
+        why = _PUSHED if config.streams.wrench_source == "sensors" else _TAKEN_AS_LEVEL
         warnings.append(
             f"the ground is not known in {doubtful} of {run['samples']} samples: there is neither an IMU nor a plan, "
-            "and the feet bear forces along their soles, as on a slope or by something that pushes"
+            f"and {why}"
         )
     diverged = run["flags"].get("REJECTED_STATE", 0)
     if diverged > _SELDOM * run["samples"]:
@@ -269,6 +270,8 @@ def _adapted(pipeline: Pipeline) -> dict[str, Any] | None:
     return {name: {"stiffness_ratio": k, "zero_rad": zero} for name, (k, zero) in adaptation.known().items()}
 
 
+_PUSHED = "the feet bear forces along their soles, as on a slope or by something that pushes"
+_TAKEN_AS_LEVEL = "computed wrenches show no slope: it is taken as level (model.slope: level says that it is)"
 _SELDOM = 0.01  # share of samples: a free run may fall now and then
 _WHY = {  # by flag of the samples
     "NO_SUPPORT": "by the wrenches neither foot carries the robot (support.contact_on, support.weight)",
