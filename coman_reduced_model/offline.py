@@ -210,11 +210,13 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
     warnings = list(session.warnings)
     doubtful = run["flags"].get("UNKNOWN_GROUND", 0)
     if doubtful > _SELDOM * run["samples"]:
-        why = _PUSHED if config.streams.wrench_source == "sensors" else _TAKEN_AS_LEVEL
-        warnings.append(
-            f"the ground is not known in {doubtful} of {run['samples']} samples: there is neither an IMU nor a plan, "
-            f"and {why}"
-        )
+        aslant, why = pipeline.predictor.dynamics.aslant_landings, []
+        if aslant:
+            why.append(f"landings at which the soles were not parallel: {aslant}")
+        if not aslant or _ground(pipeline)["source"] == "none":
+            shown = _PUSHED if config.streams.wrench_source == "sensors" else _TAKEN_AS_LEVEL
+            why.append(f"there is neither an IMU nor a plan, and {shown}")
+        warnings.append(f"the ground is not known in {doubtful} of {run['samples']} samples: {'; '.join(why)}")
     diverged = run["flags"].get("REJECTED_STATE", 0)
     if diverged > _SELDOM * run["samples"]:
         warnings.append(
@@ -254,12 +256,12 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
 
 
 def _ground(pipeline: Pipeline) -> dict[str, Any]:
-    """What was known of the slope of the ground, at the end."""
-    slope = pipeline.predictor.slope
+    """What was known of the slope of the ground, at the end, and landings at which it was not."""
+    slope, aslant = pipeline.predictor.slope, {"aslant_landings": pipeline.predictor.dynamics.aslant_landings}
     if slope is None:
-        return {"source": "configuration", "roll_rad": None, "pitch_rad": None}
+        return {"source": "configuration", "roll_rad": None, "pitch_rad": None, **aslant}
     ground = slope.known()
-    return {"source": ground.source, "roll_rad": ground.roll, "pitch_rad": ground.pitch}
+    return {"source": ground.source, "roll_rad": ground.roll, "pitch_rad": ground.pitch, **aslant}
 
 
 def _adapted(pipeline: Pipeline) -> dict[str, Any] | None:
