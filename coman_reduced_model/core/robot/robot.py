@@ -141,6 +141,12 @@ class Robot:
         """Of all links [kg]."""
         return float(pin.computeTotalMass(self.model))
 
+    @property
+    def mimic_joints(self) -> tuple[str, ...]:
+        """Joints that follow others by the URDF (<mimic>); in the model they are free, so that messages must give them."""
+        found = [str(joint.get("name")) for joint in ElementTree.fromstring(self.urdf.strip()).iterfind("joint[mimic]")]
+        return tuple(name for name in found if name in self.joint_names)
+
     def sensor_frame(self, name: str) -> int | None:
         """The frame of an IMU: `robot.base_frame` if the URDF lacks it; None if it is neither on the root nor trunk."""
         if not self.model.existFrame(name, pin.FrameType.BODY):
