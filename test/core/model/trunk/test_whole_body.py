@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from robots import rooted_at
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Foot, Sample
@@ -77,32 +78,6 @@ def test_prediction_does_not_depend_on_the_root_link(walk):
 def mapped(sample: Sample, change) -> Sample:
     """The sample with other joints."""
     return replace(sample, **{name: change(getattr(sample, name)) for name in JOINT_FIELDS})
-
-
-def rooted_at(urdf: str, root: str) -> str:
-    """The URDF with the joints between the root link and another link turned round; their frames are not turned."""
-    tree = ElementTree.fromstring(urdf)
-    by_child = {joint.find("child").get("link"): joint for joint in tree.iterfind("joint")}
-    chain, link = [], root
-    while link in by_child:
-        chain.append(by_child[link])
-        link = by_child[link].find("parent").get("link")
-    for joint in chain:
-        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
-        shift = np.array(origin.get("xyz").split(), float)
-        above = parent.get("link")
-        # The frame of what was the parent moves into the joint.
-        inertial = tree.find(f"link[@name='{above}']/inertial/origin")
-        below = [other.find("origin") for other in tree.iterfind("joint")
-                 if other is not joint and other.find("parent").get("link") == above]  # fmt: skip
-        for moved in (inertial, *below):
-            moved.set("xyz", " ".join(map(str, np.array(moved.get("xyz").split(), float) - shift)))
-        parent.set("link", child.get("link"))
-        child.set("link", above)
-        origin.set("xyz", "0 0 0")
-        axis = joint.find("axis")
-        axis.set("xyz", " ".join(map(str, -np.array(axis.get("xyz").split(), float))))
-    return ElementTree.tostring(tree, encoding="unicode")
 
 
 def test_a_seventh_joint_that_is_locked_changes_nothing():
