@@ -19,7 +19,8 @@ class Checked:
     """A recording that has been gone through.
 
     Attributes:
-        robot: name, mass [kg], joints of the legs and how many of all joints no message lists.
+        robot: name, mass [kg], joints of the legs and joints that no message lists, that the URDF lacks,
+            and that follow others (<mimic>).
         streams: by name, as in `summary.json`.
         weight: mean of the vertical forces of both feet over the robot's weight; None without wrenches.
         phases: seconds in each support phase.
@@ -52,6 +53,11 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
     unlisted, wrong = set(status.unlisted_joints), list(session.warnings)
     if not wrong and run["phases_s"].get(Phase.FLIGHT.name, 0.0) > _IN_THE_AIR * run["duration_s"]:
         wrong.append("wrenches: by them neither foot carries the robot: not connected, or does it hang in the air?")
+    if seen := sorted(unlisted & set(robot.mimic_joints)):
+        wrong.append(
+            f"joint_states: without {', '.join(seen)}, which <mimic> other joints in the URDF: held at zero, for in "
+            "the model they are free and follow nothing"
+        )
     return Checked(
         robot={
             "name": session.config.robot.name,
@@ -60,6 +66,7 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
             "joints": len(robot.joint_names),
             "unlisted": sorted(unlisted),
             "unknown": sorted(status.extra_joints),
+            "mimic": sorted(robot.mimic_joints),
         },
         streams={
             name: {

@@ -210,10 +210,13 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
     warnings = list(session.warnings)
     doubtful = run["flags"].get("UNKNOWN_GROUND", 0)
     if doubtful > _SELDOM * run["samples"]:
-        warnings.append(
-            f"the ground is not known in {doubtful} of {run['samples']} samples: there is neither an IMU nor a plan, "
-            "and the feet bear forces along their soles, as on a slope or by something that pushes"
-        )
+        aslant, why = pipeline.predictor.dynamics.aslant_landings, []
+        if aslant:
+            why.append(f"landings at which the soles were not parallel: {aslant}")
+        if not aslant or _ground(pipeline)["source"] == "none":
+            shown = _PUSHED if config.streams.wrench_source == "sensors" else _TAKEN_AS_LEVEL
+            why.append(f"there is neither an IMU nor a plan, and {shown}")
+        warnings.append(f"the ground is not known in {doubtful} of {run['samples']} samples: {'; '.join(why)}")
     diverged = run["flags"].get("REJECTED_STATE", 0)
     if diverged > _SELDOM * run["samples"]:
         warnings.append(
@@ -253,12 +256,12 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
 
 
 def _ground(pipeline: Pipeline) -> dict[str, Any]:
-    """What was known of the slope of the ground, at the end."""
-    slope = pipeline.predictor.slope
+    """What was known of the slope of the ground, at the end, and landings at which it was not."""
+    slope, aslant = pipeline.predictor.slope, {"aslant_landings": pipeline.predictor.dynamics.aslant_landings}
     if slope is None:
-        return {"source": "configuration", "roll_rad": None, "pitch_rad": None}
+        return {"source": "configuration", "roll_rad": None, "pitch_rad": None, **aslant}
     ground = slope.known()
-    return {"source": ground.source, "roll_rad": ground.roll, "pitch_rad": ground.pitch}
+    return {"source": ground.source, "roll_rad": ground.roll, "pitch_rad": ground.pitch, **aslant}
 
 
 def _adapted(pipeline: Pipeline) -> dict[str, Any] | None:
@@ -269,6 +272,8 @@ def _adapted(pipeline: Pipeline) -> dict[str, Any] | None:
     return {name: {"stiffness_ratio": k, "zero_rad": zero} for name, (k, zero) in adaptation.known().items()}
 
 
+_PUSHED = "the feet bear forces along their soles, as on a slope or by something that pushes"
+_TAKEN_AS_LEVEL = "computed wrenches show no slope: it is taken as level (model.slope: level says that it is)"
 _SELDOM = 0.01  # share of samples: a free run may fall now and then
 _WHY = {  # by flag of the samples
     "NO_SUPPORT": "by the wrenches neither foot carries the robot (support.contact_on, support.weight)",

@@ -81,3 +81,29 @@ def forward(urdf: str, positions: dict[str, float]) -> tuple[dict[str, np.ndarra
             mass += m
             moment += m * centre[:3, 3]
     return {link.get("name"): pose(link.get("name")) for link in root.findall("link")}, mass, moment / mass
+
+
+def rooted_at(urdf: str, root: str) -> str:
+    """The URDF with the joints between the root link and another link turned round; their frames are not turned."""
+    tree = ElementTree.fromstring(urdf)
+    by_child = {joint.find("child").get("link"): joint for joint in tree.iterfind("joint")}
+    chain, link = [], root
+    while link in by_child:
+        chain.append(by_child[link])
+        link = by_child[link].find("parent").get("link")
+    for joint in chain:
+        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
+        shift = np.array(origin.get("xyz").split(), float)
+        above = parent.get("link")
+        # The frame of what was the parent moves into the joint.
+        inertial = tree.find(f"link[@name='{above}']/inertial/origin")
+        below = [other.find("origin") for other in tree.iterfind("joint")
+                 if other is not joint and other.find("parent").get("link") == above]  # fmt: skip
+        for moved in (inertial, *below):
+            moved.set("xyz", " ".join(map(str, np.array(moved.get("xyz").split(), float) - shift)))
+        parent.set("link", child.get("link"))
+        child.set("link", above)
+        origin.set("xyz", "0 0 0")
+        axis = joint.find("axis")
+        axis.set("xyz", " ".join(map(str, -np.array(axis.get("xyz").split(), float))))
+    return ElementTree.tostring(tree, encoding="unicode")

@@ -54,6 +54,8 @@ def _lines(found: Checked) -> list[str]:
     robot = found.robot
     facts = [f"robot: {robot['name']}", f"{robot['mass_kg']:.1f} kg", f"{robot['joints']} joints"]
     lines = [", ".join([*facts, *_joints(found)])]
+    if robot["mimic"]:
+        lines.append(f"<mimic> joints, which the model takes as free: {', '.join(robot['mimic'])}")
     for name, stream in found.streams.items():
         if stream["received"]:
             rate = f"{stream['rate_hz']:.0f} Hz" if isfinite(stream["rate_hz"]) else "none usable"

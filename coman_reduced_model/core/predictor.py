@@ -115,7 +115,7 @@ class Predictor:
         self.odometry = FootOdometry()
         # An effect that says the slope leaves nothing to be found.
         known = any(effect.name == "ground_slope" for effect in effects)
-        self.slope = Slope(robot) if config.model.slope == "measured" and not known else None
+        self.slope = Slope(robot, measured) if config.model.slope == "measured" and not known else None
         chosen = config.prediction
         self.judge = HorizonJudge(tuple(sorted(chosen.horizons)), chosen.reference != "none", chosen.blend)
         self._horizons = np.array(self.judge.horizons)
@@ -153,7 +153,7 @@ class Predictor:
         self._foot = Foot.NONE
         self._stance = Foot.NONE  # the foot of the last single support
         self._steps, self._phase_time = 0, 0.0
-        self._T_odom_sole = np.full((4, 4), np.nan)
+        self._T_odom_sole, self._down_in_sole = np.full((4, 4), np.nan), LEVEL
 
     def reconfigure(self, config: Config) -> None:
         """Take over parameters that may change while it runs: those of the support phase."""
@@ -199,7 +199,8 @@ class Predictor:
             measured = (com, com_vel) if possible else (_NAN3, _NAN3)
             return self._finish(sample, support, T_odom_sole, flags, *measured)
         down = self._down(sample, foot, T_odom_sole)
-        zmp = self._zmp(sample, foot, T_odom_sole[:3, :3].T @ down, com[2]) if self._needs_zmp else None
+        self._down_in_sole = T_odom_sole[:3, :3].T @ down
+        zmp = self._zmp(sample, foot, self._down_in_sole, com[2]) if self._needs_zmp else None
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
@@ -207,7 +208,7 @@ class Predictor:
         now = Now(sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down, tilt)
 
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
-        horizons, found = None, []
+        horizons: list[HorizonPrediction] = []
         if ready:
             found = [self._free_run(now), dynamics.flags]
         else:
@@ -245,7 +246,7 @@ class Predictor:
             self.sample = sample
         else:
             self.sample, flags = sample, Flags.COMPUTED_WRENCH
-            sample = self.computed.filled(sample, self.link, self._foot)
+            sample = self.computed.filled(sample, self.link, self._foot, self._down_in_sole)
         stale = sample.left_wrench is None or sample.right_wrench is None
         return sample, flags | Flags.STALE_WRENCH if stale else flags
 
@@ -257,8 +258,8 @@ class Predictor:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""
         return hypot(*com.tolist()) <= self._limits.reach and hypot(*com_vel.tolist()) <= self._limits.com_speed
 
-    def _ahead(self, now: Now, ready: bool, estimate: Estimate) -> tuple[Array | None, Flags]:
-        """What is published for the horizons, as `HorizonJudge.update` returns it; None if the model has no input."""
+    def _ahead(self, now: Now, ready: bool, estimate: Estimate) -> tuple[list[HorizonPrediction], Flags]:
+        """What is published for the horizons; nothing if the model has no input."""
         dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
         ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
         com, com_vel = now.com, now.com_vel
@@ -278,8 +279,11 @@ class Predictor:
             now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, ready and dynamics.repeating
         )
         if not ready:
-            return None, flags
-        return published, flags | Flags.SIMPLER_AHEAD if self.judge.simpler_is_better else flags
+            return [], flags
+        if self.judge.simpler_is_better:
+            flags |= Flags.SIMPLER_AHEAD
+        made = zip(self.judge.horizons, published[:, 0], published[:, 1:4], published[:, 4], strict=True)
+        return [HorizonPrediction(*each) for each in made], flags
 
     def _deflections(self, now: Now, ready: bool) -> list[DeflectionPrediction]:
         """Of COM and joints, now and at the horizons; none, if the model has no input."""
@@ -338,7 +342,7 @@ class Predictor:
         reference: Array = _NAN3,
         reference_vel: Array = _NAN3,
         state: Array | None = None,
-        horizons: Array | None = None,
+        horizons: list[HorizonPrediction] | None = None,
     ) -> Prediction:
         self._stamp_ns, self._phase_time = sample.stamp_ns, support.phase_time
         self._phase, self._foot, self._T_odom_sole = support.phase, support.support_foot, T_odom_sole
@@ -355,14 +359,9 @@ class Predictor:
             _NAN3 if state is None else state[:3].copy(),
             _NAN3 if state is None else state[3:].copy(),
             T_odom_sole,
-            [] if horizons is None else self._published(horizons),
+            horizons or [],
             flags,
         )
-
-    def _published(self, horizons: Array) -> list[HorizonPrediction]:
-        """By what `HorizonJudge.update` returns."""
-        made = zip(self.judge.horizons, horizons[:, 0], horizons[:, 1:4], horizons[:, 4], strict=True)
-        return [HorizonPrediction(*each) for each in made]
 
     def _touchdown(self, support: SupportState) -> bool:
         """Whether a step ends at this sample: the swing foot lands, or stance changes without double support."""

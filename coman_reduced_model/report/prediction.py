@@ -37,7 +37,7 @@ _FLAGS = {
     "NO_SUPPORT": "in the air, or the phase is not known yet",
     "NEAR_SINGULAR": "the support leg is close to a singular posture: its stiffness was limited",
     "RESET": "the free run was initialised from the measurement",
-    "UNKNOWN_GROUND": "neither IMU nor plan knows the slope of the ground, and the feet bear forces as on one",
+    "UNKNOWN_GROUND": "neither IMU nor plan knows the slope, and forces show one or are computed; or a foot is aslant",
     "COMPUTED_WRENCH": "the foot wrenches are computed (streams.wrench_source), not measured",
     "SIMPLER_AHEAD": "ahead, simpler predictions were better than the model on some axis, and (partly) published",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",

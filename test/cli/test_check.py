@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import recording
-from synthetic import JOINTS, LEFT, MOTORS, RIGHT, walk, write_bag
+from synthetic import JOINTS, LEFT, MOTORS, RIGHT, description, walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.resources import bag_path
@@ -50,6 +50,21 @@ def test_one_sentence_for_one_cause(tmp_path, capsys, change, words):
     out = check(capsys, write_bag(tmp_path / "bag", walk(4.0), change))
     (line,) = [line for line in out.splitlines() if line.startswith("wrong?")]
     assert words in line
+
+
+def test_joints_that_mimic_others_are_named(tmp_path, capsys):
+    """In the model they follow nothing: those in the messages are where these say, others are held at zero."""
+    finger = (
+        '<link name="tip"/><joint name="finger" type="revolute"><parent link="base_link"/><child link="tip"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="LHipSag"/></joint>'
+        "</robot>"
+    )
+    knee = '<joint name="LKneeSag" type="revolute">'
+    text = description().replace("</robot>", finger).replace(knee, f'{knee}<mimic joint="LHipSag" multiplier="-2"/>')
+    out = check(capsys, write_bag(tmp_path / "bag", walk(2.0), urdf_text=text))
+    assert "<mimic> joints, which the model takes as free: LKneeSag, finger" in out
+    (line,) = [line for line in out.splitlines() if line.startswith("wrong?")]
+    assert "without finger, which <mimic>" in line
 
 
 def test_what_is_missing(tmp_path, capsys):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import JOINTS, LEFT, RIGHT, walk, write_bag
+from synthetic import JOINTS, LEFT, MOTORS, RIGHT, walk, write_bag
 
 from coman_reduced_model import Config, bag_path
 from coman_reduced_model.bag.session import Session
@@ -58,6 +58,16 @@ def test_results_say_the_source(tmp_path):
     assert summary["wrench_source"] == "torques"
     assert summary["flags"]["COMPUTED_WRENCH"] == summary["samples"]
     assert summary["mismatches"] == []
+
+
+def test_with_torques_and_the_measured_zmp_the_joint_states_are_enough(tmp_path):
+    """And ground that neither IMU nor plan knows is said to be taken as level."""
+    bag = write_bag(tmp_path / "bag", walk(4.0), skip=(LEFT, RIGHT, MOTORS))
+    with Session(bag, by("torques").replaced({"prediction.reference": "none"})) as session:
+        summary = predict_bag(session, tmp_path / "out")
+    assert summary["judged_samples"] > 0 and summary["ground"]["source"] == "none"
+    (said,) = [each for each in summary["warnings"] if "the ground is not known" in each]
+    assert "taken as level (model.slope: level says that it is)" in said
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from coman_reduced_model_msgs.msg import SupportState
+from coman_reduced_model_msgs.msg import ComDeflection, SupportState
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_testing import Peer, Standing, robot_urdf, stamp_of, vector
+from ros_testing import NAMES, Peer, Standing, robot_urdf, stamp_of, vector
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -114,6 +114,36 @@ def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
         assert node.stop() == 0
     finally:
         peer.close()
+
+
+def test_deflections(start, peer):
+    """One per joint state, with its stamp: of COM and joints, in m and rad, what is not known NaN or absent."""
+    got = []
+    peer.node.create_subscription(ComDeflection, "com/deflection", got.append, qos.prediction_output())
+    node = start.node("predictor")
+    standing = Standing(peer)
+    standing.describe()
+    standing.wait_until_heard()
+    peer.wait(lambda: peer.node.count_publishers("com/deflection"), "the output")
+    peer.spin(0.5)
+    standing.samples(200)
+    peer.wait(lambda: len(got) == 200, "deflections for each joint state")
+    assert [stamp_of(message) for message in got] == [stamp_of(each) for each in peer.predictions]
+    last = got[-1]
+    assert last.header.frame_id == peer.predictions[-1].header.frame_id
+    assert list(last.joints) == list(NAMES) and not last.repeating
+    assert [each.h for each in last.predictions] == [0.0, 0.1, 0.2, 0.4]
+    now, *ahead = last.predictions
+    moved = vector(peer.predictions[-1].measured_position) - vector(peer.predictions[-1].reference_position)
+    np.testing.assert_allclose(vector(now.com), moved, atol=3e-3)  # [m], by the model's filter
+    assert -0.02 < np.median(now.joints) < 0.0 and len(now.joints) == len(now.joint_sigma) == 12  # [rad]
+    assert all(np.isfinite(each.joints).all() for each in ahead)
+    assert all(np.isfinite(each.joint_sigma).all() for each in ahead)  # in one second some were judged
+    first = got[0].predictions
+    assert first and np.isnan(vector(first[1].com_sigma)).all() and np.isnan(first[1].joint_sigma).all()
+    standing.samples(40, motor_stream=False)  # from a tenth of a second on without motors: no deflection is known
+    peer.wait(lambda: len(got) > 220 and not got[-1].predictions, "a message without deflections")
+    assert node.stop() == 0
 
 
 def test_quality_of_service(start, peer):

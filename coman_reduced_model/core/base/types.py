@@ -153,7 +153,7 @@ class Flags(IntFlag):
     REJECTED_STATE = 64  # beyond physics: the free run was restarted (with RESET), or the model's prediction ahead lost
     INCONSISTENT = 128  # the estimate's innovations have been far larger than its covariance says
     COMPUTED_WRENCH = 256  # the wrenches are computed (streams.wrench_source), not measured
-    UNKNOWN_GROUND = 512  # neither IMU nor plan knows the ground, and the feet bear forces as on a slope
+    UNKNOWN_GROUND = 512  # the slope is not known, and forces show one or are computed; or a foot landed aslant
     SIMPLER_AHEAD = 1024  # ahead, simpler predictions have been better than the model on some axis: (partly) published
 
     @property

@@ -30,6 +30,7 @@ from ..base.stream_names import JOINTS
 from ..base.types import Array, Booleans, Foot, Sample
 from ..config.schema import Config
 from ..streams.differentiate import Differentiator
+from .slope import LEVEL
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot
@@ -74,13 +75,14 @@ class ComputedWrenches:
         text = f"{JOINTS}: gives no torques (effort) of the legs, which streams.wrench_source: torques needs"
         return [InputWarning(WarningKind.MISSING, JOINTS, text)]
 
-    def filled(self, sample: Sample, link: Posture, foot: Foot) -> Sample:
+    def filled(self, sample: Sample, link: Posture, foot: Foot, down: Array = LEVEL) -> Sample:
         """A sample, whose joints `link` has, with computed wrenches; itself where they cannot be computed.
 
         Args:
             sample: with torques, or with contacts.
             link: its posture.
             foot: the sole that is at rest; NONE: not known, the lower one is taken.
+            down: (3,) direction of gravity in its frame.
         """
         contacts, tau = sample.contacts, sample.tau
         if self._by_torques:
@@ -95,7 +97,7 @@ class ComputedWrenches:
             tau, on_ground = self._still * np.nan, np.array([contacts.left, contacts.right])
         if foot == Foot.NONE:
             foot = min(FEET, key=lambda each: float(link.up @ link.p[each]))
-        needed = self._needed(sample, link, foot)
+        needed = self._needed(sample, link, foot, down)
         legs = self._leg(link, Foot.LEFT, tau), self._leg(link, Foot.RIGHT, tau)
         wrenches = _solve(self._prior, self._balance, self._torque, needed, link.J, legs, on_ground)
         for up, on in zip((2, 8), on_ground, strict=True):
@@ -107,7 +109,7 @@ class ComputedWrenches:
         robot = self._robot
         return _Leg(link.R[foot], link.p[foot], robot.leg_columns[foot], tau[robot.legs[foot]])
 
-    def _needed(self, sample: Sample, link: Posture, foot: Foot) -> Array:
+    def _needed(self, sample: Sample, link: Posture, foot: Foot, down: Array) -> Array:
         """(nv,) generalised forces that the motion needs, in base axes."""
         link.com_in_sole(foot)
         self._robot.scatter(sample.q, self._q)
@@ -115,7 +117,7 @@ class ComputedWrenches:
         self._v[:3], self._v[3:6] = link.base_in_sole[4], link.base_in_sole[5]
         slope = self._slope.update(sample.stamp_ns, self._v)
         self._a[:] = 0.0 if slope is None else slope
-        self._model.gravity.linear = -self._gravity * link.R[foot][:, 2]
+        self._model.gravity.linear = self._gravity * (link.R[foot] @ down)
         needed: Array = pin.rnea(self._model, self._data, self._q, self._v, self._a)
         return needed
 

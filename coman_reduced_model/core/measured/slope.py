@@ -6,7 +6,8 @@ to the trunk; without an IMU the planned poses of the soles say it. A slope belo
 that is mounted a degree off: the ground is taken as level.
 
 Without both nobody knows. Then a force along the soles, in the mean over some seconds, is either a slope or something
-that pushes the robot: the ground is in doubt.
+that pushes the robot: the ground is in doubt. Wrenches that are computed are computed for level ground then and show no
+slope: the ground is always in doubt.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Ground(NamedTuple):
     Attributes:
         source: imu, plan, or none: taken as level.
         roll, pitch: [rad] about x, y of `odom`, as in the effect `ground_slope`.
-        doubtful: whether nobody knows and forces along the soles speak against level ground.
+        doubtful: whether nobody knows, and forces along the soles speak against level ground or are not measured.
     """
 
     source: str
@@ -55,8 +56,9 @@ class Slope:
         doubtful: as in `Ground`.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot, measured: bool = True) -> None:
+        """`measured`: whether sensors measure the wrenches of the feet."""
+        self._robot, self._measured = robot, measured
         self._frame: tuple[str, int | None] = "", None
         self.reset()
 
@@ -76,8 +78,9 @@ class Slope:
         up, source = self._by_imu(sample, link, foot), "imu"
         if up is None:
             up, source = _by_plan(sample, foot), "plan"
-        if source != self._source and up is not None:
-            self._source, self._up, self._seconds = source, np.zeros(3), 0.0
+        source = source if up is not None else "none"
+        if source != self._source:
+            self._source, self._up, self._force, self._seconds = source, np.zeros(3), np.zeros(3), 0.0
         dt = min((stamp - self._last_ns) * 1e-9, GAP) if self._last_ns else GAP
         self._last_ns, self._next_ns = stamp, stamp + EVERY_NS
         self._seconds += dt
@@ -86,7 +89,6 @@ class Slope:
             self._up += fresh * (R @ up - self._up)
             self._decide()
         else:
-            self._source = "none"
             self._doubt(sample, link, foot, fresh)
 
     def known(self) -> Ground:
@@ -102,6 +104,9 @@ class Slope:
         self.down = -self._up / np.linalg.norm(self._up) if self.tilted else LEVEL
 
     def _doubt(self, sample: Sample, link: Posture, foot: Foot, fresh: float) -> None:
+        if not self._measured:
+            self.doubtful = self._seconds > MEMORY
+            return
         own, other = sample.left_wrench, sample.right_wrench
         if own is None or other is None:
             return

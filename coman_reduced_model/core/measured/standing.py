@@ -31,15 +31,18 @@ class StandingSoles:
 
     Attributes:
         seconds: of standing so far.
+        aslant: whether the last landing was aslant: how the ground lies under that sole is not known.
+        aslant_landings: how many were, since the beginning.
     """
 
     def __init__(self) -> None:
         self._planes = {Foot.LEFT: np.zeros(3), Foot.RIGHT: np.zeros(3)}
+        self.aslant_landings = 0
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: soles are parallel again."""
-        self.seconds = 0.0
+        self.seconds, self.aslant, self._stepped = 0.0, False, True
         self._forget()
 
     def _forget(self) -> None:
@@ -52,6 +55,7 @@ class StandingSoles:
         Where the first sample shows both feet loaded, its pose counts until the robot has stood or lifts a foot.
         """
         if support.phase != Phase.DOUBLE:
+            self._stepped = True
             if self.seconds == 0.0:
                 self._forget()
             return
@@ -71,9 +75,13 @@ class StandingSoles:
         """Take a landing, link side: where it shows a step, the ground is as high as the soles stand.
 
         On a step one sole sees the other as far up as it is seen down. A foot that only brushes the ground is aslant.
+        A second look at the same landing does not count as another one.
         """
         heights = {foot: link.sole_pose(foot, foot.other)[2, 3] for foot in self._planes}
-        if abs(sum(heights.values())) > STEP:
+        self.aslant = bool(abs(sum(heights.values())) > STEP)
+        self.aslant_landings += self.aslant and self._stepped
+        self._stepped = False
+        if self.aslant:
             return
         for foot, plane in self._planes.items():
             if abs(heights[foot] - plane[0]) > STEP:

@@ -69,8 +69,11 @@ class Robot:
         self.leg_columns: dict[Foot, Array] = {}
         self.sole_columns: dict[Foot, Array] = {}
         for foot, name in _LEG_NAMES.items():
+            sole_frame = getattr(config, name).sole_frame
+            self.sole_ids[foot] = self._frame(sole_frame, f"robot.{name}.sole_frame", source)
+        self._refuse_one_leg(config, source)
+        for foot, name in _LEG_NAMES.items():
             leg: LegConfig = getattr(config, name)
-            self.sole_ids[foot] = self._frame(leg.sole_frame, f"robot.{name}.sole_frame", source)
             chain = self._chain(foot)
             if not leg.joints:
                 leg = replace(leg, joints=chain)
@@ -80,7 +83,6 @@ class Robot:
             below = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
             self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(below)[2:]], dtype=np.intp)
         self.config = config
-        self._refuse_one_leg(source)
         x, y = 0.5 * config.foot_length, 0.5 * config.foot_width
         try:
             self.shapes = {foot: shape_points(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
@@ -99,14 +101,27 @@ class Robot:
             raise RobotError(f"{source}: no frame {name!r} ({key}); links of the URDF: {known[:300]}")
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
 
-    def _refuse_one_leg(self, source: str) -> None:
-        shared = set(self.legs[Foot.LEFT]) & set(self.legs[Foot.RIGHT])
-        if shared or self.sole_ids[Foot.LEFT] == self.sole_ids[Foot.RIGHT]:
-            names = ", ".join(self.joint_names[i] for i in sorted(shared))
+    def _refuse_one_leg(self, config: RobotConfig, source: str) -> None:
+        left, right = self._chain(Foot.LEFT), self._chain(Foot.RIGHT)
+        shared = [name for name in left if name in right]
+        if not shared and self.sole_ids[Foot.LEFT] != self.sole_ids[Foot.RIGHT]:
+            return
+        names = f"both legs have the joints {', '.join(shared) or 'none'}"
+        if len(shared) < min(len(left), len(right)):
             raise RobotError(
-                f"{source}: robot.right.sole_frame: {self.config.right.sole_frame!r} is not on a leg of its own: "
-                f"both legs have the joints {names or 'none'}"
+                f"{source}: robot.base_frame: {config.base_frame!r} is beyond the link that both legs hang on, "
+                f"{self._common_link()!r}: {names}"
             )
+        raise RobotError(
+            f"{source}: robot.right.sole_frame: {config.right.sole_frame!r} is not on a leg of its own: {names}"
+        )
+
+    def _common_link(self) -> str:
+        """The last link from the root on that both soles hang on."""
+        left, right = (list(self.model.supports[self.model.frames[i].parentJoint]) for i in self.sole_ids.values())
+        last = [joint for joint in left if joint in right][-1]
+        frames = self.model.frames
+        return next(f.name for f in frames if f.type == pin.FrameType.BODY and f.parentJoint == last)
 
     def _chain(self, foot: Foot) -> tuple[str, ...]:
         """The movable joints from the base frame to a sole, in this order."""
@@ -140,6 +155,12 @@ class Robot:
     def mass(self) -> float:
         """Of all links [kg]."""
         return float(pin.computeTotalMass(self.model))
+
+    @property
+    def mimic_joints(self) -> tuple[str, ...]:
+        """Joints that follow others by the URDF (<mimic>); free in the model, so that messages must give them."""
+        found = [str(joint.get("name")) for joint in ElementTree.fromstring(self.urdf.strip()).iterfind("joint[mimic]")]
+        return tuple(name for name in found if name in self.joint_names)
 
     def sensor_frame(self, name: str) -> int | None:
         """The frame of an IMU: `robot.base_frame` if the URDF lacks it; None if it is neither on the root nor trunk."""

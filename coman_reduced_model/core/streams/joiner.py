@@ -99,7 +99,7 @@ class Joiner:
         for each in self.streams.values():
             each.margin = 0 if each in self._expected else each.max_age
             each.late = round(1e9 * (delays or {}).get(each.name, 0.0))
-        self._max_wait += max(0, *(each.late - self._joints.late for each in self._expected))
+        self._max_wait += max((0, *(each.late - self._joints.late for each in self._expected)))
         self.incomplete = {each.name: 0 for each in self._expected}
         self.clock_lead_s: dict[str, float] = {}
         self._seen = dict.fromkeys(self.incomplete, 0)

@@ -10,9 +10,10 @@ from itertools import islice
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import Config, Predictor, Session, bag_path
-from coman_reduced_model.core.base.types import ContactMessage, Flags, Foot, Phase, Prediction, Sample
+from coman_reduced_model.core.base.types import ContactMessage, Flags, Foot, ImuMessage, Phase, Prediction, Sample
 from coman_reduced_model.core.measured.computed_wrenches import ComputedWrenches
 from coman_reduced_model.core.robot.robot import Posture, Robot
 from coman_reduced_model.resources import config_path
@@ -78,6 +79,43 @@ def test_the_one_foot_on_the_ground_bears_the_weight_below_the_com(foot):
     assert -own[4] / own[2] == pytest.approx(com[0], abs=2e-3)
     assert own[3] / own[2] == pytest.approx(com[1], abs=5e-3)
     assert not other.any()
+
+
+def on_a_slope(pitch: float, seconds: float, imu: bool, **changes) -> list[Prediction]:
+    """Predictions, by its ZMP alone, of a robot without foot sensors that stands on a slope."""
+    plain = by("contacts").replaced({"prediction.reference": "none", "prediction.blend": False})
+    predictor = Predictor(robot(), plain.replaced(changes))
+    leaning, made = Rotation.from_euler("y", pitch).as_quat(), []
+    for k in range(round(seconds / 0.02)):
+        stamp = 10**9 + 20_000_000 * k
+        sample = Sample(stamp, BENT, STILL, contacts=ContactMessage(stamp, True, True))
+        sample.imu = ImuMessage(stamp, "imu_link", leaning, np.zeros(3), np.zeros(3)) if imu else None
+        made.append(predictor.update(sample))
+    return made
+
+
+@pytest.mark.parametrize("foot", FEET)
+def test_weight_pulls_down_the_slope(foot):
+    posture, _, _ = standing(BENT)
+    down = Rotation.from_euler("y", 0.1).inv().apply([0.0, 0.0, -1.0])
+    sample = Sample(10**9, BENT, STILL, contacts=ContactMessage(10**9, foot == Foot.LEFT, foot == Foot.RIGHT))
+    computed = ComputedWrenches(robot(), by("contacts")).filled(sample, posture, foot, down)
+    own = computed.left_wrench if foot == Foot.LEFT else computed.right_wrench
+    np.testing.assert_allclose(own[:3], -robot().mass * 9.81 * down, atol=1.0)
+    com, _ = posture.com_in_sole(foot)
+    assert -own[4] / own[2] == pytest.approx(com[0] - com[2] * down[0] / down[2], abs=2e-3)
+
+
+def test_on_a_slope_that_the_imu_knows_a_standing_robot_is_predicted_to_stand():
+    last = on_a_slope(0.1, 0.5, True)[-1]
+    np.testing.assert_allclose(last.horizons[0].com, last.measured_com, atol=5e-4)
+
+
+def test_a_slope_that_nobody_knows_is_said():
+    made = on_a_slope(0.1, 3.0, False)
+    assert not made[10].flags & Flags.UNKNOWN_GROUND and made[-1].flags & Flags.UNKNOWN_GROUND
+    for known in (on_a_slope(0.1, 3.0, True), on_a_slope(0.0, 3.0, False, **{"model.slope": "level"})):
+        assert not any(p.flags & Flags.UNKNOWN_GROUND for p in known)
 
 
 def test_two_feet_share_the_weight_by_the_place_of_the_com():

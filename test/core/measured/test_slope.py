@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import Config, Predictor, Session
-from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, Phase, Reference, Sample
+from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, Phase, Reference, Sample, SupportState
 from coman_reduced_model.core.measured.odometry import FootOdometry
 from coman_reduced_model.core.measured.slope import LEVEL, Slope
 from coman_reduced_model.core.measured.standing import StandingSoles
@@ -149,6 +150,29 @@ def test_a_foot_that_brushes_the_ground_aslant_shows_no_step():
     soles = StandingSoles()
     soles.land(posture(q))
     assert not any(plane.any() for plane in soles.planes().values())
+    assert soles.aslant and soles.aslant_landings == 1
+    soles.land(posture(q))  # the same landing
+    assert soles.aslant_landings == 1
+    soles.update(posture(), SupportState(Phase.LEFT, Foot.LEFT, 1.0, 0.3, 170.0, 0.3), 0.005)
+    soles.land(posture())
+    assert not soles.aslant and soles.aslant_landings == 1
+
+
+def test_predictions_after_an_aslant_landing_say_that_the_ground_is_not_known():
+    """Until the next landing with parallel soles."""
+    predictor, weight = Predictor(robot(), Config().replaced({"prediction.horizons": []})), robot().mass * 9.81
+    aslant = BENT.copy()
+    aslant[11] += 0.3  # ankle roll
+    # Both feet, left, both with the right one aslant, left again, both.
+    course = [(BENT, 0.5), (BENT, 1.0), (aslant, 0.5), (BENT, 1.0), (BENT, 0.5)]
+    flags = []
+    for k, (q, share) in enumerate(each for each in course for _ in range(40)):
+        left, right = (np.array([0.0, 0.0, part * weight, 0.0, 0.0, 0.0]) for part in (share, 1.0 - share))
+        sample = Sample(10**9 + 5 * MS * k, q.copy(), STILL.copy(), motor_q=q.copy(), motor_qd=STILL.copy())
+        flags.append(predictor.update(replace(sample, left_wrench=left, right_wrench=right)).flags)
+    unknown = [bool(each & Flags.UNKNOWN_GROUND) for each in flags]
+    assert unknown == [False] * 80 + [True] * 80 + [False] * 40
+    assert predictor.dynamics.aslant_landings == 1
 
 
 def rms(bag, **changes) -> np.ndarray:

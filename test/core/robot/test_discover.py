@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import NAMES, config_of, urdf_of
+from robots import NAMES, config_of, rooted_at, urdf_of
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
@@ -121,3 +121,10 @@ def test_one_leg_given_twice_is_refused():
     twice = config.replaced({"robot.right.sole_frame": left.sole_frame, "robot.right.joints": list(left.joints)})
     with pytest.raises(RobotError, match="not on a leg of its own"):
         Robot(urdf_of("coman"), twice.robot)
+
+
+def test_a_base_frame_above_the_waist_is_refused_with_the_link_that_the_legs_hang_on():
+    text = rooted_at(urdf(with_upper_body(COMAN)), "torso")
+    Robot(text, Config().robot)
+    with pytest.raises(RobotError, match=r"robot\.base_frame: 'torso' .* hang on, 'base_link': .* WaistYaw"):
+        Robot(text, Config().replaced({"robot.base_frame": "torso"}).robot)

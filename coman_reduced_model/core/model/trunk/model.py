@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ...base.types import Array, Foot, Integers, Phase, Sample
+from ...base.types import Array, Flags, Foot, Integers, Phase, Sample
 from ...config.schema import Config
 from ...effects.catalogue import Effect
 from ...effects.hooks import Now, Push
@@ -105,7 +105,7 @@ class TrunkModel(Dynamics):
         self.stop()
         self._stride.reset()
         self._soles.reset()
-        self._ground = self._soles.planes()
+        self._ground, self.flags = self._soles.planes(), Flags.OK
 
     def stop(self) -> None:
         """End the free run and the filter: an input is missing. The last stride is kept."""
@@ -166,6 +166,8 @@ class TrunkModel(Dynamics):
         """From the filtered measurement."""
         if now.support.phase == Phase.DOUBLE:
             self._soles.land(now.link)
+            self.aslant_landings = self._soles.aslant_landings
+            self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
         self._ground, self._down = self._soles.planes(), now.down
         assert self._filtered is not None
         self._free = copied(self._filtered)

@@ -6,12 +6,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from robots import rooted_at
 
 from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.base.types import Foot, Sample
+from coman_reduced_model.core.base.types import Foot, JointMessage, Sample, WrenchMessage
 from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.monitor.monitor import Monitor
 from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.core.streams.joiner import Joiner
 from coman_reduced_model.judge.cases import data_sheet
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.upper_motion import UpperMotion
@@ -26,7 +29,11 @@ JOINT_FIELDS = ("q", "qd", "tau", "motor_q", "motor_qd")
 def walk(request, tmp_path_factory):
     """Configuration and samples of a robot whose arms swing together and whose waist turns and pitches."""
     world = World(robot=request.param, upper_body=True, upper=MOVING, duration_s=8.0, tolerances=False)
-    folder = tmp_path_factory.mktemp("whole")
+    return recorded(world, tmp_path_factory.mktemp("whole"))
+
+
+def recorded(world, folder):
+    """The same of a world."""
     (folder / "robot.yaml").write_text(data_sheet(world))
     config = load_config(folder / "robot.yaml")
     assert record_world(world, folder / "bag").fallen_s is None
@@ -79,34 +86,12 @@ def mapped(sample: Sample, change) -> Sample:
     return replace(sample, **{name: change(getattr(sample, name)) for name in JOINT_FIELDS})
 
 
-def rooted_at(urdf: str, root: str) -> str:
-    """The URDF with the joints between the root link and another link turned round; their frames are not turned."""
-    tree = ElementTree.fromstring(urdf)
-    by_child = {joint.find("child").get("link"): joint for joint in tree.iterfind("joint")}
-    chain, link = [], root
-    while link in by_child:
-        chain.append(by_child[link])
-        link = by_child[link].find("parent").get("link")
-    for joint in chain:
-        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
-        shift = np.array(origin.get("xyz").split(), float)
-        above = parent.get("link")
-        # The frame of what was the parent moves into the joint.
-        inertial = tree.find(f"link[@name='{above}']/inertial/origin")
-        below = [other.find("origin") for other in tree.iterfind("joint")
-                 if other is not joint and other.find("parent").get("link") == above]  # fmt: skip
-        for moved in (inertial, *below):
-            moved.set("xyz", " ".join(map(str, np.array(moved.get("xyz").split(), float) - shift)))
-        parent.set("link", child.get("link"))
-        child.set("link", above)
-        origin.set("xyz", "0 0 0")
-        axis = joint.find("axis")
-        axis.set("xyz", " ".join(map(str, -np.array(axis.get("xyz").split(), float))))
-    return ElementTree.tostring(tree, encoding="unicode")
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_a_seventh_joint_changes_nothing(share):
+    """Seven joints a leg: a joint of the pelvis on the axis of the hip takes its share of the motion, and gives way.
 
-
-def test_a_seventh_joint_that_is_locked_changes_nothing():
-    """Seven joints a leg: a pelvis joint of high stiffness, whose encoders and motors stay at zero."""
+    Two springs in a row give way as one does; without a share, the seventh is locked.
+    """
     with Session(bag_path("test1"), load_config()) as session:
         robot, config = session.robot, session.config
         samples = [sample for sample, _ in zip(session.samples(), range(1200), strict=False)]
@@ -121,7 +106,7 @@ def test_a_seventh_joint_that_is_locked_changes_nothing():
         tree.append(ElementTree.fromstring(f"<link name='{link}'/>"))
         tree.append(ElementTree.fromstring(
             f"<joint name='{side}_seventh' type='revolute'><parent link='base_link'/><child link='{link}'/>"
-            f"<origin xyz='{joint.find('origin').get('xyz')}'/><axis xyz='0 0 1'/>"
+            f"<origin xyz='{joint.find('origin').get('xyz')}'/><axis xyz='{joint.find('axis').get('xyz')}'/>"
             "<limit lower='-1' upper='1' effort='100' velocity='10'/></joint>"
         ))  # fmt: skip
         joint.find("parent").set("link", link)
@@ -129,20 +114,69 @@ def test_a_seventh_joint_that_is_locked_changes_nothing():
         leg = getattr(config.robot, side)
         changes |= {
             f"robot.{side}.joints": [f"{side}_seventh", *leg.joints],
-            f"robot.{side}.stiffness": [1e6, *leg.stiffness],
-            f"robot.{side}.damping": [1e3, *leg.damping],
+            f"robot.{side}.stiffness": split(leg.stiffness, share),
+            f"robot.{side}.damping": split(leg.damping, share),
         }
     seven = config.replaced(changes)
     other = Robot(ElementTree.tostring(tree, encoding="unicode"), seven.robot)
     assert len(other.legs[Foot.LEFT]) == 7
     place = [other.joint_names.index(name) for name in robot.joint_names]
+    hips = [[other.joint_names.index(name) for name in leg.joints[:2]] for leg in (seven.robot.left, seven.robot.right)]
 
     def with_sevenths(values: np.ndarray) -> np.ndarray:
         out = np.zeros(14)
         out[place] = values
+        for seventh, hip in hips:
+            out[seventh], out[hip] = share * out[hip], (1.0 - share) * out[hip]
         return out
 
     com, *_ = errors(other, seven, [mapped(sample, with_sevenths) for sample in samples])
     known = np.isfinite(expected)
     assert known.sum() > 1000 and (known == np.isfinite(com)).all()
     assert (rms_mm(com - expected) < 0.1 * rms_mm(error)).all()
+
+
+def split(values: tuple[float, ...], share: float) -> list[float]:
+    """Stiffness or damping of seven joints, of which the first two are as soft in a row as the first of six."""
+    first, *others = values
+    return [first / max(share, 1e-3), first / (1.0 - share), *others]
+
+
+def test_arms_in_no_motor_state_follow_their_links(walk):
+    """Joint states list arms and waist, motor states the legs alone."""
+    robot, config, samples = walk
+    joiner = Joiner(robot, config)
+    legs = np.concatenate([robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]])
+    names = tuple(robot.joint_names[i] for i in legs)
+    joined = []
+    for sample in samples:
+        stamp = sample.stamp_ns
+        if sample.motor_q is None or sample.left_wrench is None or sample.right_wrench is None:
+            continue
+        joiner.add_motor(JointMessage(stamp, names, sample.motor_q[legs], sample.motor_qd[legs], None))
+        for foot, wrench in ((Foot.LEFT, sample.left_wrench), (Foot.RIGHT, sample.right_wrench)):
+            frame = robot.config.left.sole_frame if foot == Foot.LEFT else robot.config.right.sole_frame
+            joiner.add_wrench(foot, WrenchMessage(stamp, frame, wrench[:3], wrench[3:]))
+        joined += joiner.add_joint(JointMessage(stamp, robot.joint_names, sample.q, sample.qd, sample.tau))
+    assert len(joined) > 0.95 * len(samples)
+    _, error, _ = errors(robot, config, joined)
+    assert (rms_mm(error) < [0.5, 0.3, 0.15]).all(), rms_mm(error)
+
+
+def test_arms_that_swing_together_raise_no_alarm(tmp_path):
+    """As long as joint and motor states show them."""
+    robot, config, samples = recorded(World(upper_body=True, upper=MOVING, duration_s=20.0, tolerances=False), tmp_path)
+    assert not alarms(robot, config, samples)
+    legs, half = np.isin(np.arange(len(robot.joint_names)), [*robot.legs.values()]), len(samples) // 2
+    hidden = samples[:half] + [mapped(sample, lambda values: values * legs) for sample in samples[half:]]
+    assert "plan/x" in alarms(robot, config, hidden)
+
+
+def alarms(robot, config, samples) -> set[str]:
+    """Channels in which the monitor found a mismatch."""
+    predictor = Predictor(robot, config.replaced({"prediction.horizons": []}))
+    monitor = Monitor(robot, config, predictor.zeros)
+    for sample in samples:
+        prediction = predictor.update(replace(sample))
+        monitor.update(predictor.sample, predictor.link, prediction)
+    return set(monitor.first)
