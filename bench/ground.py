@@ -52,7 +52,7 @@ def main() -> None:
         for gait in arguments.gait or ("test1", "test2"):
             flat: dict[bool, Array] = {}  # error by whether the COM is low
             for name, floor in FLOORS.items():
-                low = max(abs(floor.roll), abs(floor.pitch)) > radians(7.0) or str(LOW) in name
+                low = max(abs(floor.roll), abs(floor.pitch)) > radians(7.0) or name.startswith("flat,")
                 changes = {"com_height_m": LOW} if low else {}
                 world = World(
                     floor=floor, gait=gait, gait_changes=changes, duration_s=arguments.seconds, tolerances=False

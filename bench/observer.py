@@ -135,6 +135,7 @@ def pooled(walks: list[Consistency]) -> str:
 
 def in_bands(walks: list[Consistency]) -> list[str]:
     """How many walks are consistent, each in the band of as many steps as it has."""
+    walks = [walk for walk in walks if len(walk.nis)]  # with a single support
     low, high = bands(np.array([len(walk.nis) for walk in walks]))
     lines = []
     for name, values in (

@@ -55,8 +55,8 @@ def check_bag(session: Session, progress: Progress | None = None) -> Checked:
         wrong.append("wrenches: by them neither foot carries the robot: not connected, or does it hang in the air?")
     if seen := sorted(unlisted & set(robot.mimic_joints)):
         wrong.append(
-            f"joint_states: without {', '.join(seen)}, which <mimic> other joints in the URDF: held at zero, for in "
-            "the model they are free and follow nothing"
+            f"joint_states: without {', '.join(seen)}, which <mimic> other joints in the URDF: held at zero, for "
+            "the model does not use <mimic>"
         )
     return Checked(
         robot={

@@ -213,7 +213,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         aslant, why = pipeline.predictor.dynamics.aslant_landings, []
         if aslant:
             why.append(f"landings at which the soles were not parallel: {aslant}")
-        if not aslant or _ground(pipeline)["source"] == "none":
+        if pipeline.predictor.slope is not None and pipeline.predictor.slope.doubted:
             shown = _PUSHED if config.streams.wrench_source == "sensors" else _TAKEN_AS_LEVEL
             why.append(f"there is neither an IMU nor a plan, and {shown}")
         warnings.append(f"the ground is not known in {doubtful} of {run['samples']} samples: {'; '.join(why)}")

@@ -81,10 +81,10 @@ def diagnose(
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
-    from ..diagnose.report.words import FAR_HEAD, far
+    from ..diagnose.report.words import FAR_HEAD, far, spaced
 
     print(f"verdict: {result['verdict']}: {result['sentence']}")
-    if found := [f"{name.replace('@', ' of ')} {p:.2f}" for name, p in result["probabilities"].items()]:
+    if found := [f"{spaced(name)} {p:.2f}" for name, p in result["probabilities"].items()]:
         print(f"probabilities: {', '.join(found[:6])}")
     held = result["gap"]["holdout"] or result["gap"]["train"]
     before, after, floor = held["before"], held["after"], held["floor"]
@@ -111,5 +111,5 @@ def _show(result: dict[str, Any], out: Path) -> None:
         ],
     )
     if rows := [far(row) for row in result["far_from_nominal"]]:
-        print_table("Far from what nominal robots have, beside that", FAR_HEAD, rows[:6], words=2)
+        print_table("Further from nominal than usual, beside that", FAR_HEAD, rows[:6], words=2)
     print(f"written: {out}")

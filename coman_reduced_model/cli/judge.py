@@ -86,6 +86,7 @@ def judge(
             "--hours",
             metavar="H",
             min=0.0,
+            max=1000.0,
             help="Monitor: watch this many more hours of clean walking, in walks of 120 s; their bags are not kept.",
             show_default=False,
         ),

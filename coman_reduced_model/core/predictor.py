@@ -153,7 +153,7 @@ class Predictor:
         self._foot = Foot.NONE
         self._stance = Foot.NONE  # the foot of the last single support
         self._steps, self._phase_time = 0, 0.0
-        self._T_odom_sole, self._down_in_sole = np.full((4, 4), np.nan), LEVEL
+        self._T_odom_sole = np.full((4, 4), np.nan)
 
     def reconfigure(self, config: Config) -> None:
         """Take over parameters that may change while it runs: those of the support phase."""
@@ -199,8 +199,7 @@ class Predictor:
             measured = (com, com_vel) if possible else (_NAN3, _NAN3)
             return self._finish(sample, support, T_odom_sole, flags, *measured)
         down = self._down(sample, foot, T_odom_sole)
-        self._down_in_sole = T_odom_sole[:3, :3].T @ down
-        zmp = self._zmp(sample, foot, self._down_in_sole, com[2]) if self._needs_zmp else None
+        zmp = self._zmp(sample, foot, T_odom_sole[:3, :3].T @ down, com[2]) if self._needs_zmp else None
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
@@ -246,7 +245,10 @@ class Predictor:
             self.sample = sample
         else:
             self.sample, flags = sample, Flags.COMPUTED_WRENCH
-            sample = self.computed.filled(sample, self.link, self._foot, self._down_in_sole)
+            down = LEVEL
+            if self.slope is not None and self._foot != Foot.NONE:
+                down = self._T_odom_sole[:3, :3].T @ self.slope.down
+            sample = self.computed.filled(sample, self.link, self._foot, down)
         stale = sample.left_wrench is None or sample.right_wrench is None
         return sample, flags | Flags.STALE_WRENCH if stale else flags
 

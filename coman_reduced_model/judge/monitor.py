@@ -177,7 +177,8 @@ def score_monitor(
 def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Hours of clean walking, alarms in an hour, walks with an alarm, channels that raise them.
 
-    In a walk a channel counts once. The 95 % interval of alarms in an hour is that of a Poisson process.
+    In a walk a channel counts once. The 95 % interval of alarms in an hour is that of a Poisson process, as if they
+    came one by one; several channels may alarm at one cause.
     """
     good = [walk for walk in walks if not walk["failed"]]
     hours = sum(walk["seconds"] for walk in good) / 3600.0

@@ -110,7 +110,7 @@ def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
     elif begun and begun != commit():
         raise OutputError(
             f"{folder.out}: was begun at commit {begun}, and this is {commit()}: figures of different versions are not "
-            "pooled; take another folder (for cases of our own, --again diagnoses the same bags again)"
+            "pooled; take another folder, or diagnose the bags of these seeds again with --again"
         )
     folder.commit.write_text(f"{commit()}\n", encoding="utf-8")
 

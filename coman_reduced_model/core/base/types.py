@@ -106,7 +106,7 @@ class Reference:
     preview_com_vel: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m/s]
 
     def sole_pose(self, foot: int) -> Array:
-        """Planned pose (4, 4) of the sole of a foot."""
+        """Planned pose (4, 4) of the sole of a foot in the plan's odom."""
         return self.T_odom_left if foot == Foot.LEFT else self.T_odom_right
 
 
@@ -141,9 +141,9 @@ class Sample:
 
 
 class Flags(IntFlag):
-    """Why (part of) a prediction is not valid, and SIMPLER_AHEAD, with which it is; the bits of ComPrediction.flags."""
+    """The bits of ComPrediction.flags: all but SIMPLER_AHEAD say why (part of) a prediction is not valid."""
 
-    OK = 0  # everything is valid; so it is if `invalid` is
+    OK = 0
     NO_REFERENCE = 1  # no reference of the configured source: reference and predictions are NaN
     STALE_WRENCH = 2  # a foot wrench is missing or too old: phase held
     NOT_INITIALISED = 4  # the free run has not started yet (no support phase so far)
@@ -158,7 +158,7 @@ class Flags(IntFlag):
 
     @property
     def invalid(self) -> Flags:
-        """Those of them that say that something is not valid."""
+        """The flags without SIMPLER_AHEAD; OK if everything is valid."""
         return self & ~Flags.SIMPLER_AHEAD
 
     @property

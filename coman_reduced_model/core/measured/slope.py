@@ -2,8 +2,8 @@
 """Which way is down in `odom`: the slope of the ground that the soles stand on, as far as IMU or plan know it.
 
 The support sole lies on the ground. The IMU says how the trunk hangs against gravity and the joints how the sole lies
-to the trunk; without an IMU the planned poses of the soles say it. A slope below `LEAST` is not told apart from an IMU
-that is mounted a degree off: the ground is taken as level.
+to the trunk; without an IMU the planned poses of the soles say it. A slope below `LEAST` may be
+an IMU that is mounted a degree off: the ground is taken as level.
 
 Without both nobody knows. Then a force along the soles, in the mean over some seconds, is either a slope or something
 that pushes the robot: the ground is in doubt. Wrenches that are computed are computed for level ground then and show no
@@ -36,7 +36,7 @@ class Ground(NamedTuple):
     """What is known of the slope of the ground, for results.
 
     Attributes:
-        source: imu, plan, or none: taken as level.
+        source: imu, plan, or none: the last slope that was known stays, level if none was.
         roll, pitch: [rad] about x, y of `odom`, as in the effect `ground_slope`.
         doubtful: whether nobody knows, and forces along the soles speak against level ground or are not measured.
     """
@@ -53,13 +53,14 @@ class Slope:
     Attributes:
         down: (3,) direction of gravity in `odom`.
         tilted: whether that is not `LEVEL`.
-        doubtful: as in `Ground`.
+        doubtful: as in `Ground`; doubted: whether it ever was.
     """
 
     def __init__(self, robot: Robot, measured: bool = True) -> None:
         """`measured`: whether sensors measure the wrenches of the feet."""
         self._robot, self._measured = robot, measured
         self._frame: tuple[str, int | None] = "", None
+        self.doubted = False
         self.reset()
 
     def reset(self) -> None:
@@ -90,6 +91,7 @@ class Slope:
             self._decide()
         else:
             self._doubt(sample, link, foot, fresh)
+            self.doubted |= self.doubtful
 
     def known(self) -> Ground:
         """For results."""
@@ -134,4 +136,4 @@ class Slope:
 def _by_plan(sample: Sample, foot: Foot) -> Array | None:
     """(3,) up in the frame of the support sole, `odom` of the plan being level; None: there is no plan."""
     plan = sample.reference
-    return None if plan is None else (plan.T_odom_left if foot == Foot.LEFT else plan.T_odom_right)[2, :3]
+    return None if plan is None else plan.sole_pose(foot)[2, :3]

@@ -42,7 +42,7 @@ class StandingSoles:
 
     def reset(self) -> None:
         """Forget the past: soles are parallel again."""
-        self.seconds, self.aslant, self._stepped = 0.0, False, True
+        self.seconds, self.aslant, self._stepped = 0.0, False, False
         self._forget()
 
     def _forget(self) -> None:

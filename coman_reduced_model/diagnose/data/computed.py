@@ -46,7 +46,7 @@ def owing_to_wrenches(channels: Iterable[str]) -> list[str]:
 def with_computed_wrenches(
     samples: list[Sample], computed: ComputedWrenches, robot: Robot, config: Config
 ) -> list[Sample]:
-    """Samples with wrenches, the sole of the support foot being at rest, as the predictor has them."""
+    """Samples with wrenches, the sole of the support foot being at rest, on level ground."""
     detector = SupportDetector(config.support, robot.mass * config.robot.gravity)
     link, foot, out = robot.posture(), Foot.NONE, []
     for sample in samples:

@@ -73,15 +73,15 @@ def _figure(finding: Finding, fit: Fit, i: int) -> dict[str, Any]:
 def far_from_nominal(finding: Finding) -> list[dict[str, Any]]:
     """Parameters beside the chosen effects that the best explanation surely needs FAR from nominal, the furthest first.
 
-    Their intervals do not hold nominal. What each recording has of its own (zeros of foot sensors) is left out: it
-    says nothing of the robot.
+    Their intervals do not hold nominal. What each recording has of its own (zeros of foot sensors) is left out, for it
+    says nothing of the robot, and what nominal robots do not have at all, which is compared as an effect.
     """
     fit, prior = finding.fit, prior_variance(finding.known, finding.released)
     assert fit is not None
     rows = []
     for i, known in enumerate(finding.known):
         deviations = abs(fit.x[i]) / float(np.sqrt(prior[i]))
-        if i in finding.released or known.own or deviations < FAR:
+        if i in finding.released or known.own or not known.spread or deviations <= FAR:
             continue
         shown = _figure(finding, fit, i)
         if not shown["interval"][0] <= known.nominal <= shown["interval"][1]:

@@ -20,7 +20,7 @@ def taken_for(effect: Mapping[str, Any]) -> str:
 
 def groups(result: Mapping[str, Any]) -> list[Table]:
     """The groups of effects that look alike in these recordings; empty without any."""
-    rows = [[", ".join(spaced(name).replace("@", " of ") for name in group)] for group in result["groups"]]
+    rows = [[", ".join(spaced(name) for name in group)] for group in result["groups"]]
     if not rows:
         return []
     caption = (

@@ -125,7 +125,7 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
 def _probabilities(result: dict[str, Any]) -> list[Part]:
     """What the first comparison says of each explanation, and what is pulled away from nominal."""
     parts: list[Part] = []
-    rows = [[spaced(name).replace("@", " of "), f"{p:.1%}"] for name, p in result["probabilities"].items()]
+    rows = [[spaced(name), f"{p:.1%}"] for name, p in result["probabilities"].items()]
     if rows:
         caption = (
             "Before anything was chosen. The weights behind these figures were learnt from robots whose faults are "
@@ -353,7 +353,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
     parts += groups(result)
     for name in result["contradicted"]:
-        parts.append(Notice(f"The confirming recording speaks against {spaced(name).replace('@', ' of ')}.", "warn"))
+        parts.append(Notice(f"The confirming recording speaks against {spaced(name)}.", "warn"))
     if result["too_much"]:
         rows = [
             [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{_usual(finding, key):.1f}"]

@@ -53,7 +53,7 @@ def _verdict(result: Mapping[str, Any]) -> str:
         return "nothing was found, but this recording only stands: most effects could not show"
     if result["verdict"] == "unknown":
         if result.get("contradicted"):
-            names = " and ".join(spaced(name).replace("@", " of ") for name in result["contradicted"])
+            names = " and ".join(spaced(name) for name in result["contradicted"])
             return f"something is missing; {names} would explain it, but the confirming recording speaks against it"
         where = f": most of it in the {worst}" if worst else ""
         return f"something is missing that no effect of the catalogue explains{where}"
@@ -115,7 +115,8 @@ def number(value: float, half: float) -> str:
 
 def far(row: Mapping[str, Any]) -> list[str]:
     """What is far from nominal: of what, where, its value, and how far [standard deviations]."""
-    name = f"{spaced(row['name'])} {spaced(row['parameter'])}".strip()
+    words = dict.fromkeys([*row["name"].split("_"), *row["parameter"].split("_")])
+    name = " ".join(word for word in words if word)
     return [name, row["where"] or "–", figure(row), f"{row['deviations']:.1f}"]
 
 
@@ -168,8 +169,9 @@ def channel_unit(name: str) -> tuple[str, float]:
 
 
 def spaced(name: str) -> str:
-    """A name of the vocabulary in words."""
-    return name.replace("_", " ")
+    """A name of the vocabulary in words; `NAME@PLACE` with its place as it is."""
+    effect, at, where = name.partition("@")
+    return effect.replace("_", " ") + (f" of {where}" if at else "")
 
 
 def known(value: float | None) -> str:

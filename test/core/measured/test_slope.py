@@ -147,13 +147,17 @@ def test_a_foot_that_brushes_the_ground_aslant_shows_no_step():
     q = BENT.copy()
     q[[0, 3, 4]] = -0.6, 1.2, -0.6
     q[5] += 0.3  # ankle roll
-    soles = StandingSoles()
+    soles, stepping = StandingSoles(), SupportState(Phase.LEFT, Foot.LEFT, 1.0, 0.3, 170.0, 0.3)
+    soles.land(posture(q))
+    assert soles.aslant and soles.aslant_landings == 0, "it begins like that"
+    soles.update(posture(), stepping, 0.005)
     soles.land(posture(q))
     assert not any(plane.any() for plane in soles.planes().values())
     assert soles.aslant and soles.aslant_landings == 1
+    soles.reset()
     soles.land(posture(q))  # the same landing
     assert soles.aslant_landings == 1
-    soles.update(posture(), SupportState(Phase.LEFT, Foot.LEFT, 1.0, 0.3, 170.0, 0.3), 0.005)
+    soles.update(posture(), stepping, 0.005)
     soles.land(posture())
     assert not soles.aslant and soles.aslant_landings == 1
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.compiled import all_finite, apply, compiled, mul
-from ...base.types import Array, Phase
+from ...base.types import Array, Phase, Reference
 from ...effects.hooks import Now
 from .contact import ROWS, Linear, Solver, State, step_soles, switch_support
 from .kinematics import Assembled, terms_of
@@ -54,7 +54,7 @@ class Stride:
         if not all_finite(terms.terms.linear.f):  # of a free run that has diverged
             return
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
-            planned, sole = _NO_PLAN if plan is None else (plan.com, plan.sole_pose(now.foot)[:3, :3])
+            planned, sole = _NO_PLAN if plan is None else (plan.com, _axes(plan, now.foot))
             foot, double = int(terms.foot), terms.double
             memory = self._room(terms)
             keep(memory, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, sole, reference)
@@ -123,8 +123,8 @@ class Stride:
         moved = np.zeros((int(np.ceil(span / STEP)) + 1, 3))
         plan = now.sample.reference
         if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
-            sole, preview = plan.sole_pose(now.foot)[:3, :3], (plan.com, plan.preview_com, plan.preview_dt)
-            if not replanned(moved, *preview, sole, int(terms.foot), then, past, n) < _PLAN:
+            sole, com, preview, dt = _axes(plan, now.foot), plan.com, plan.preview_com, plan.preview_dt
+            if not replanned(moved, com, preview, dt, sole, int(terms.foot), then, past, n) < _PLAN:
                 return None
             moved = moved @ now.T_odom_sole[:3, :3].T
         course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
@@ -136,6 +136,11 @@ class Stride:
     def _follow(self, stamp: int, then: int, points: int, terms: Assembled, state: State, T_odom_sole: Array) -> Array:
         start = Start(stamp, int(terms.foot), terms.block, state, T_odom_sole)
         return follow(start, then, points, self._past, self._n, self._soles, self._friction)
+
+
+def _axes(plan: Reference, foot: int) -> Array:
+    """Orientation (3, 3) of the planned sole of a foot, laid out as what was compiled for it."""
+    return np.ascontiguousarray(plan.sole_pose(foot)[:3, :3])
 
 
 class Start(NamedTuple):
