@@ -104,13 +104,18 @@ def mismatch(stamp: int, lag: int, past: Memory, n: int) -> tuple[float, float]:
 
 
 @compiled
-def find_lag(stamp: int, guess: int, past: Memory, n: int) -> int:
-    """The lag [ns] near a guess at which the last `WINDOW` is most like what was then."""
-    costs = np.empty(SEARCH.shape[0])
-    for k in range(costs.shape[0]):
-        costs[k] = mismatch(stamp, guess + int(SEARCH[k] * 1e9), past, n)[1]
-    k = min(max(int(np.argmin(costs)), 1), costs.shape[0] - 2)
-    bend = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
-    shift = 0.5 * (costs[k - 1] - costs[k + 1]) / bend if bend > 0.0 else 0.0
+def find_lag(stamp: int, guesses: NDArray[np.int64], past: Memory, n: int) -> int:
+    """The lag [ns] near one of the guesses (k,) at which the last `WINDOW` is most like what was then."""
+    costs = np.empty((guesses.shape[0], SEARCH.shape[0]))
+    best = 0
+    for g in range(guesses.shape[0]):
+        for k in range(SEARCH.shape[0]):
+            costs[g, k] = mismatch(stamp, guesses[g] + int(SEARCH[k] * 1e9), past, n)[1]
+        if costs[g].min() < costs[best].min():
+            best = g
+    cost, guess = costs[best], guesses[best]
+    k = min(max(int(np.argmin(cost)), 1), SEARCH.shape[0] - 2)
+    bend = cost[k - 1] - 2.0 * cost[k] + cost[k + 1]
+    shift = 0.5 * (cost[k - 1] - cost[k + 1]) / bend if bend > 0.0 else 0.0
     step = SEARCH[1] - SEARCH[0]
     return guess + int((SEARCH[k] + min(1.0, max(-1.0, shift)) * step) * 1e9)

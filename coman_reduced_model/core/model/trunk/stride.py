@@ -41,7 +41,8 @@ class Stride:
     def reset(self) -> None:
         """Forget the past."""
         self._n = 0
-        self._lag_ns = 0  # 0: no stride known
+        self._lag_ns = 0  # to the stride before; 0: no stride known
+        self._repeated_ns = 0  # the same of the last stride that was repeated
         self._phase = Phase.FLIGHT
         self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
         self._course_ns = 0
@@ -62,9 +63,11 @@ class Stride:
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
             before, self._began[change] = self._began.get(change), now.began_ns
-            self._lag_ns = 0
-            if before is not None and before - WINDOW * 1e9 > self._past.stamp[0] - SEARCH[0] * 1e9:
-                self._lag_ns = find_lag(stamp, now.began_ns - before, self._past, self._n)
+            # A foot that only brushes the ground changes the phase as well: the lag of the last stride may still hold.
+            lags = (self._repeated_ns, 0 if before is None else now.began_ns - before)
+            earliest = self._past.stamp[0] + round((WINDOW + SEARCH[-1]) * 1e9)
+            guesses = np.array([lag for lag in lags if lag and stamp - lag > earliest], dtype=np.int64)
+            self._lag_ns = find_lag(stamp, guesses, self._past, self._n) if len(guesses) else 0
 
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """What comes at horizons (k,) ascending [s]; None: the robot does not repeat itself.
@@ -105,7 +108,7 @@ class Stride:
                 *(np.zeros((_CAPACITY, *shapes.get(f, ())), types.get(f, np.float64)) for f in Memory._fields)
             )
             # Compiled or loaded now, not in the middle of a walk.
-            find_lag(0, 0, self._memory, 0)
+            find_lag(0, np.zeros(1, dtype=np.int64), self._memory, 0)
             replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, np.eye(3), 1, 0, self._memory, 2)
             zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(r))
             self._follow(0, 0, 1, terms, zero, np.eye(4))
@@ -131,6 +134,7 @@ class Stride:
         if not len(course):
             return None
         course[:, :3] += moved
+        self._repeated_ns = self._lag_ns
         return course
 
     def _follow(self, stamp: int, then: int, points: int, terms: Assembled, state: State, T_odom_sole: Array) -> Array:

@@ -71,7 +71,8 @@ def test_the_stride_is_found_within_a_millisecond(period):
     theta = 0.3 * np.sin(2.0 * np.pi * t[:, None] / period + phases) + 1e-4 * rng.standard_normal((600, 12))
     stamp = 10**18 + np.round(t * 1e9).astype(np.int64)
     past = memory(stamp, theta=theta)
-    lag = find_lag(int(stamp[-1]), round((period + 0.025) * 1e9), past, 600)
+    guesses = np.array([0.4e9, (period + 0.025) * 1e9, 1.13 * period * 1e9], dtype=np.int64)
+    lag = find_lag(int(stamp[-1]), guesses, past, 600)
     assert lag * 1e-9 == pytest.approx(period, abs=1e-3)
     assert mismatch(int(stamp[-1]), lag, past, 600)[0] < 5e-3
     assert mismatch(int(stamp[-1]), lag + 100_000_000, past, 600)[0] > 0.05
