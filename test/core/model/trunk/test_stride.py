@@ -104,6 +104,17 @@ def test_nothing_is_compiled_in_mid_walk():
     assert len(keep.signatures) == len(replanned.signatures) == 1
 
 
+def test_strides_are_recognised_also_where_a_foot_brushes_the_ground(tmp_path):
+    """Backwards, feet touch the ground in mid-swing: the phase changes more often than the robot steps."""
+    with Session(record("backwards", tmp_path / "walk", duration_s=12.0).bag, Config()) as session:
+        found = [(each.stamp_ns, each.support.phase, each.repeating) for each in session.predictions()]
+    stamps, phases, repeating = (np.array(column) for column in zip(*found, strict=True))
+    steady = (stamps - stamps[0] > 4.5e9) & (stamps - stamps[0] < 9e9)
+    changes = np.count_nonzero(np.diff(phases[steady]))
+    assert changes > 4.5 / 0.7 * 2 + 2, "nothing brushes the ground here: take another walk"
+    assert repeating[steady].mean() > 0.95
+
+
 def test_it_beats_a_rigid_robot_whose_motors_are_known_while_it_turns(tmp_path):
     rmse = rmse_of(record("turn", tmp_path / "walk", duration_s=15.0).bag)
     for h in ("0.1", "0.2", "0.4"):
