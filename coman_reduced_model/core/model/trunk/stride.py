@@ -65,8 +65,9 @@ class Stride:
             before, self._began[change] = self._began.get(change), now.began_ns
             # A foot that only brushes the ground changes the phase as well: the lag of the last stride may still hold.
             lags = (self._repeated_ns, 0 if before is None else now.began_ns - before)
-            earliest = self._past.stamp[0] + round((WINDOW + SEARCH[-1]) * 1e9)
-            guesses = np.array([lag for lag in lags if lag and stamp - lag > earliest], dtype=np.int64)
+            least = round((WINDOW + SEARCH[-1]) * 1e9)  # a stride is longer than what it is found by
+            known = stamp - self._past.stamp[0] - least
+            guesses = np.array([lag for lag in lags if least < lag < known], dtype=np.int64)
             self._lag_ns = find_lag(stamp, guesses, self._past, self._n) if len(guesses) else 0
 
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
