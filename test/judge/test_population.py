@@ -148,7 +148,8 @@ def test_errors_that_are_missing_are_not_zero():
     assert found["skill"] == skill
 
 
-def test_kinds_are_shown_worst_first_with_all_horizons(capsys):
+def test_kinds_are_shown_worst_first_with_all_horizons(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
     skill = {"0.1": [0.11, 0.12, 0.13], "0.2": [0.21, 0.22, 0.23], "0.4": [0.41, 0.42, 0.43]}
     walk = {"failed": "", "rigid_m": [2e-3] * 3, "skill": skill, "attempt": 1}
     good, bad = ({**walk, "rmse_m": [error] * 3} for error in (1e-3, 5e-3))
