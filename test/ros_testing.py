@@ -143,6 +143,13 @@ class Standing:
         publishers = (self.joints, self.motors, *self.wrenches.values())
         self.peer.wait(lambda: all(p.get_subscription_count() for p in publishers), "the node subscribes")
 
+    def wait_until_published(self, topic: str) -> None:
+        """Describe the robot, and wait until the node subscribes to all and publishes a topic."""
+        self.describe()
+        self.wait_until_heard()
+        self.peer.wait(lambda: self.peer.node.count_publishers(topic), "the outputs")
+        self.peer.spin(0.5)
+
     def joint(self, q: np.ndarray = Q, names: tuple[str, ...] = NAMES, stamp: int | None = None) -> Any:
         message = JointMessage(self.stamp if stamp is None else stamp, names, q, np.zeros(len(q)), None)
         return joint_to(self._types, message)

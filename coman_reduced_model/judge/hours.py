@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ComanError, EngineError
-from ..output import to_json
+from ..output import to_json, write_file
 from ..progress import Progress
 from ..sim.worlds import World, draw_world, record_world
 from ..sim.worlds.kinds import GAITS
@@ -46,7 +46,6 @@ def run_hours(
         A row for each walk, as `prediction_rows` has them. Less is walked only if all walks of a round fail.
     """
     folder = RunFolder(Path(out).absolute()).out / "hours"
-    folder.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     while (missing := hours - sum(row["seconds"] for row in rows) / 3600.0) > 0.0:
         numbers = range(len(rows), len(rows) + math.ceil(missing * 3600.0 / LONG_S))
@@ -78,9 +77,7 @@ def _walk(target: Path, seed: int, round_: int, worlds: Mapping[str, str] | None
         row = {"seed": seed, "worlds": world.kinds, "attempt": attempt, **_watched(world, noise)}
         if row["failed"] != FALLS:
             break
-    partial = target.with_suffix(".part")
-    partial.write_text(to_json(row), encoding="utf-8")
-    partial.replace(target)
+    write_file(target, to_json(row))
 
 
 def _watched(world: World, noise: int) -> dict[str, Any]:

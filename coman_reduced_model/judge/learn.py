@@ -44,7 +44,7 @@ from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
 from ..diagnose.physics.hypotheses import candidates
 from ..errors import ComanError
-from ..output import to_json
+from ..output import to_json, write_file
 from ..processes import workers
 from .by_kind import kinds_of
 from .cases import SHARES
@@ -325,7 +325,7 @@ def main() -> None:
     names = ("population", "with_baseline")
     kinds = {name: by_left_out(examples) for name, examples in zip(names, several, strict=True)}
     beside = asked.out.with_suffix(".left_out.json")
-    beside.write_text(to_json({"source": nominal.source, **kinds}), encoding="utf-8")
+    write_file(beside, to_json({"source": nominal.source, **kinds}))
     for name, by_axis in kinds.items():
         for axis, found in by_axis.items():
             shares = (f"{key} {found[''][key]['hits']} of {found[''][key]['of']}" for key in SHOWN)

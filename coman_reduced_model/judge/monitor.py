@@ -8,7 +8,6 @@ OUT/monitor/SEED.json   a walk in which an effect of medium size begins after 7 
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from scipy.stats import chi2
 from ..bag.session import Session
 from ..core.config.files import load_config
 from ..errors import ComanError, EngineError
-from ..output import to_json
+from ..output import to_json, write_file
 from ..progress import Progress
 from ..resources import version
 from ..sim.disturbances import Disturbance, make
@@ -100,9 +99,7 @@ def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
             found = watch(onset, Path(temporary) / "walk")
         if not found["fell"]:
             break
-    partial = target.with_suffix(".part")
-    partial.write_text(to_json({**found, "attempt": attempt}), encoding="utf-8")
-    shutil.move(partial, target)
+    write_file(target, to_json({**found, "attempt": attempt}))
 
 
 def watch(onset: Onset, bag: Path) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 """Which way is down in `odom`: the slope of the ground that the soles stand on, as far as IMU or plan know it.
 
 The support sole lies on the ground. The IMU says how the trunk hangs against gravity and the joints how the sole lies
-to the trunk; without an IMU the planned poses of the soles say it. A slope below `LEAST` may be
-an IMU that is mounted a degree off: the ground is taken as level.
+to the trunk; without an IMU the planned poses of the soles say it. A slope below `LEAST` may be an IMU
+that is mounted a degree off: the ground is taken as level.
 
 Without both nobody knows. Then a force along the soles, in the mean over some seconds, is either a slope or something
 that pushes the robot: the ground is in doubt. Wrenches that are computed are computed for level ground then and show no

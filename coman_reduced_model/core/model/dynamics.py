@@ -23,7 +23,6 @@ class Dynamics(ABC):
         state: (6,) COM and velocity of the free run in the support sole; None while there is none.
         tilt: (2,) roll and pitch of the trunk in the free run [rad]; NaN if the model knows none.
         flags: what else is to be said of the last sample.
-        aslant_landings: how many feet landed on ground that is not known.
         repeating: the robot repeats its last stride, and what is said ahead follows from it.
     """
 
@@ -32,8 +31,12 @@ class Dynamics(ABC):
         self.state: Array | None = None
         self.tilt = np.full(2, np.nan)
         self.flags = Flags.OK
-        self.aslant_landings = 0
         self.repeating = False
+
+    @property
+    def aslant_landings(self) -> int:
+        """How many feet landed on ground that is not known, as far as the model looks at landings."""
+        return 0
 
     @abstractmethod
     def prepare(self, now: Now) -> bool:

@@ -159,6 +159,10 @@ class TrunkModel(Dynamics):
         y[: len(order)], w[: len(order)] = sample.q[order], sample.qd[order]
         return State(y, w, np.zeros(2 * ROWS))
 
+    @property
+    def aslant_landings(self) -> int:
+        return self._soles.aslant_landings
+
     def switch(self, now: Now, T_odom_sole: Array) -> None:
         """`prepare` has expressed the free run by the new support leg: the joints stay as they are."""
 
@@ -166,7 +170,6 @@ class TrunkModel(Dynamics):
         """From the filtered measurement."""
         if now.support.phase == Phase.DOUBLE:
             self._soles.land(now.link)
-            self.aslant_landings = self._soles.aslant_landings
             self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
         self._ground, self._down = self._soles.planes(), now.down
         assert self._filtered is not None
