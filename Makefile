@@ -10,7 +10,7 @@ JOBS   ?= 2
 
 # No packet leaves this machine, and two runs on it do not see each other.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-export ROS_DOMAIN_ID := $(shell echo $$(($$$$ % 101 + 1)))
+export ROS_DOMAIN_ID := $(or $(ROS_DOMAIN_ID),$(shell echo $$(($$$$ % 101 + 1))))
 # Our processes run side by side; each with as many threads for linear algebra as cores would get in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1

@@ -3,20 +3,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import random
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+from ros_domains import domain_of_its_own
 
 if TYPE_CHECKING:
     from ros_testing import Peer
@@ -35,7 +35,8 @@ settings.load_profile("unhurried")
 
 # Before anything imports rclpy. Each test process gets a domain of its own, so that two runs do not hear each other.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+_DOMAIN = contextlib.ExitStack()  # until the process ends
+_DOMAIN.enter_context(domain_of_its_own())
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
 
@@ -163,7 +164,7 @@ class Process:
 
     def kill(self) -> None:
         """End it and all its children, whatever they do."""
-        with suppress(ProcessLookupError):
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
         self._process.wait()
 
@@ -197,11 +198,10 @@ def start() -> Iterator[Starter]:
 
 
 @pytest.fixture
-def ros_domain(monkeypatch: pytest.MonkeyPatch) -> str:
-    """A ROS domain for one test, for itself and what it starts: late messages of another test cannot reach it."""
-    domain = str(random.SystemRandom().randint(1, 101))
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    return domain
+def ros_domain() -> Iterator[str]:
+    """A ROS domain for one test, for itself and what it starts: messages of another test cannot reach it."""
+    with domain_of_its_own() as domain:
+        yield domain
 
 
 # Of ros_testing.py for those who ask for it: most tests need no ROS.

@@ -7,8 +7,6 @@ One node serves all cases: that it goes on after each of them is part of what is
 from __future__ import annotations
 
 import math
-import os
-import random
 import time
 from array import array
 
@@ -18,6 +16,7 @@ from coman_reduced_model_msgs.msg import ComPrediction, ComReference, SupportSta
 from conftest import PATIENCE, Starter
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ros_domains import domain_of_its_own
 from ros_testing import NAMES, PERIOD_NS, WEIGHT, Peer, Q, Standing, stamp_of, vector
 
 from coman_reduced_model.core.base.types import Flags, Foot
@@ -81,16 +80,14 @@ class Rig:
 
 @pytest.fixture(scope="module")
 def rig():
-    before = os.environ["ROS_DOMAIN_ID"]
-    os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
-    rig = Rig()
-    try:
-        yield rig
-        rig.close()
-    finally:
-        for process in rig.start.processes:
-            process.kill()
-        os.environ["ROS_DOMAIN_ID"] = before
+    with domain_of_its_own():
+        rig = Rig()
+        try:
+            yield rig
+            rig.close()
+        finally:
+            for process in rig.start.processes:
+                process.kill()
 
 
 def with_positions(message, values):
