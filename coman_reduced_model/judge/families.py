@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The hidden effects of the judge, their places, and their sizes: weak, medium and strong.
 
-A size is a multiple of what clean robots of the population vary by, or of what a recording leaves open, if that is
-more: weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM
-at 0.38 m); on another robot forces scale with its weight, torques with weight times COM height. Where a size would be
-beyond what a walking robot can have (`most`), the level is lower, and the result counts that.
+A size is a multiple of what clean robots of the population vary by, of what those of its own world vary by
+(variability.py), or of what a recording leaves open, whichever is most: weak 2 to 4, medium 5 to 7, strong 10 to 14
+standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM at 0.38 m); on another robot forces scale with
+its weight, torques with weight times COM height. Where a size would be beyond what a walking robot can have (`most`),
+the level is lower, and the result counts that.
 
 The effects themselves are those of sim/disturbances, which knows nothing of the models and the diagnosis.
 """
@@ -23,6 +24,7 @@ import yaml
 from ..sim.disturbances import DISTURBANCES
 from ..sim.robot_table import COMAN, RobotTable
 from ..sim.worlds import World
+from .variability import true_deviations
 
 LEVELS = ("weak", "medium", "strong")
 MULTIPLES = ((2.0, 4.0), (5.0, 7.0), (10.0, 14.0))  # of the standard deviation, by level
@@ -38,6 +40,12 @@ JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
 SOFT = ("KneeSag", "AnkSag")
 SPRINGS = ("HipSag", "HipYaw", *SOFT)  # whose spring or damper alone may differ; those of roll: soft_roll
 BENT = {"HipSag": 0.41, "KneeSag": 0.14, "AnkSag": 0.065}  # springs that may be bent: torque / (weight * COM height)
+SPREADS = {  # effects whose size varies as another figure of config/nominal.yaml
+    "hysteresis": "backlash.width",
+    "stiffness_drift": "joint_stiffness.scale",
+    "ground_slope": "ground_slope",
+    "wrench_bias": "zero_fz",
+}
 LINKS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # by the joint that moves them
 
 
@@ -92,7 +100,8 @@ def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -
     Returns:
         The parameters, and the level that was reached.
     """
-    family, deviation = FAMILIES[name], deviations()[name]
+    family = FAMILIES[name]
+    deviation = max(deviations()[name], _of_world(family, world))
     place, within = rng.integers(2**31), rng.random()
     while True:
         low, high = MULTIPLES[level]
@@ -102,6 +111,13 @@ def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -
         level -= 1
     values = family.draw(np.random.default_rng(place), min(size, family.most) * family.factor(world.table), world.table)
     return {key: round(v, 12) if isinstance(v, float) else v for key, v in values.items()}, level
+
+
+def _of_world(family: Family, world: World) -> float:
+    """Standard deviation over clean robots of this world, for COMAN; 0: the world says nothing of its own."""
+    of = SPREADS.get(family.effect, f"{family.effect}.{family.parameter}")
+    deviation = true_deviations(world).get(f"{of}.spread", 0.0)
+    return deviation / family.factor(world.table) if family.effect == "wrench_bias" else deviation  # [N] of any robot
 
 
 def com_height(table: RobotTable) -> float:
@@ -265,7 +281,7 @@ FAMILIES: dict[str, Family] = {
         lambda rng, s, table: {
             "where": _foot(rng, False),
             "distance": s,
-            "form": str(rng.choice(["smooth", "sudden", "creep"])),
+            "form": str(rng.choice(["late", "sudden", "creep"])),  # not that of the diagnosis
         },
         "length",
         "distance",

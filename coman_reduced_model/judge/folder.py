@@ -34,6 +34,11 @@ class RunFolder:
         return self.out / "commit.txt"
 
     @property
+    def worlds(self) -> Path:
+        """By axis, the kinds of worlds that the run was begun with, where they are not drawn."""
+        return self.out / "worlds.yaml"
+
+    @property
     def rounds(self) -> Path:
         """Hashes of earlier verdicts on the same bags."""
         return self.out / "rounds.txt"

@@ -40,23 +40,26 @@ def run_hours(
     progress: Progress | None = None,
     worlds: Mapping[str, str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Record and watch clean walks until `hours` were walked; what exists is kept.
+    """Record and watch clean walks until `hours` were walked; what exists is kept, and counts.
 
     Returns:
         A row for each walk, as `prediction_rows` has them. Less is walked only if all walks of a round fail.
     """
     folder = RunFolder(Path(out).absolute()).out / "hours"
+
+    def task(number: int) -> tuple[Path, int, int, Mapping[str, str] | None]:
+        seed, round_ = seeds[number % len(seeds)], number // len(seeds)
+        return folder / f"{seed}_{round_}.json", seed, round_, worlds
+
     rows: list[dict[str, Any]] = []
-    while (missing := hours - sum(row["seconds"] for row in rows) / 3600.0) > 0.0:
-        numbers = range(len(rows), len(rows) + math.ceil(missing * 3600.0 / LONG_S))
-        walks = [(seeds[number % len(seeds)], number // len(seeds)) for number in numbers]
-        targets = [folder / f"{seed}_{round_}.json" for seed, round_ in walks]
-        tasks = [(target, *walk, worlds) for target, walk in zip(targets, walks, strict=True)]
+    while True:
+        while (target := task(len(rows))[0]).is_file():
+            rows.append(json.loads(target.read_text(encoding="utf-8")))
+        missing = hours - sum(row["seconds"] for row in rows) / 3600.0
+        if missing <= 0.0 or (len(rows) >= len(seeds) and all(row["failed"] for row in rows[-len(seeds) :])):
+            return rows
+        tasks = [task(len(rows) + more) for more in range(math.ceil(missing * 3600.0 / LONG_S))]
         run_all(_walk, tasks, jobs, progress, "long walks")
-        rows += [json.loads(target.read_text(encoding="utf-8")) for target in targets]
-        if len(rows) >= len(seeds) and all(row["failed"] for row in rows[-len(seeds) :]):
-            break
-    return rows
 
 
 def draw_walk(seed: int, round_: int, attempt: int = 0, worlds: Mapping[str, str] | None = None) -> World:

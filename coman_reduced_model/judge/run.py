@@ -2,6 +2,7 @@
 """One run of the judge: bags, verdicts, baselines, oracles, and only then the answers.
 
     OUT/commit.txt      the commit that the run was begun at: figures of different versions are not pooled
+    OUT/worlds.yaml     the kinds of worlds that are not drawn (--world)
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/healthy/CASE/   with --baseline: the same robot without what is hidden
     OUT/verdicts/CASE/  baseline.yaml where it was learnt, diagnosis.json, baselines.json, run.json (exit code, time)
@@ -22,12 +23,15 @@ import hashlib
 import json
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from ..errors import ConfigError, OutputError
+from ..output import write_file
 from ..processes import workers
 from ..progress import Progress
 from ..sim.worlds.world import world_from_yaml
@@ -79,7 +83,7 @@ def chosen_cases(
 
     Raises:
         ConfigError: there is no such case.
-        OutputError: `out` cannot be written, or the run was begun at another commit.
+        OutputError: `out` cannot be written, or the run was begun at another commit or with other worlds.
     """
     folder = RunFolder(Path(out).absolute())
     cases = [case for case in (draw_case(seed, **fixed) for seed in seeds) if not kinds or case.kind in kinds]
@@ -93,7 +97,20 @@ def chosen_cases(
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
     keep_to_one_commit(folder, again)
+    _keep_to_worlds(folder, fixed.get("worlds") or {})
     return folder, cases
+
+
+def _keep_to_worlds(folder: RunFolder, worlds: Mapping[str, str]) -> None:
+    """A run goes on with the kinds of worlds that it was begun with; writes OUT/worlds.yaml.
+
+    Raises:
+        OutputError: these are others.
+    """
+    if folder.worlds.is_file() and (begun := yaml.safe_load(folder.worlds.read_text(encoding="utf-8"))) != worlds:
+        words = " ".join(begun.values()) or "all kinds"
+        raise OutputError(f"{folder.out}: was begun with worlds of {words} (--world); take another folder")
+    write_file(folder.worlds, yaml.safe_dump(dict(worlds)))
 
 
 def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
@@ -149,7 +166,7 @@ def run(
 
     Raises:
         ConfigError: there is no such case.
-        OutputError: `out` cannot be written, or the run was begun at another commit.
+        OutputError: `out` cannot be written, or the run was begun at another commit or with other worlds.
     """
     folder, cases = chosen_cases(out, seeds, kinds, again, **fixed)
     _keep_to_baselines(folder, baseline)

@@ -11,6 +11,7 @@ from ..sim.disturbances import imperfections as made
 from ..sim.disturbances.masses import Scatter
 from ..sim.worlds import World
 
+TILE = 1.0 / np.sqrt(6.0)  # deviation of the step between two tiles over the largest height of a tile
 EVEN = 1.0 / np.sqrt(12.0)  # standard deviation of an even distribution over its width
 
 
@@ -20,6 +21,7 @@ def true_deviations(world: World) -> dict[str, float]:
     What is not named keeps the width of the diagnosis. Sensors' zeros are those of the sensors of this world.
     """
     scatter, a, s = Scatter(), world.imperfections, world.sensors
+    tilt = TILE * world.floor.tile_height / world.floor.tile_size
     noise = {
         "joint_stiffness.scale.spread": scatter.spring,
         "joint_damping.scale.spread": scatter.spring,
@@ -28,6 +30,7 @@ def true_deviations(world: World) -> dict[str, float]:
         "torque_zero.spread": max(s.torque_bias, 1e-3),
         "wrench_scale.scale.spread": float(np.hypot(a * made.WRENCH_GAIN, s.wrench_gain)) + 1e-4,
         "imu.spread": s.tilt_bias,
+        **({"ground_slope.spread": tilt} if tilt else {}),
         **_zeros(s),
     }
     if a == 0.0:
@@ -40,7 +43,7 @@ def true_deviations(world: World) -> dict[str, float]:
         "motor_lag.time_constant.spread": a * made.LAG * EVEN,
         "wrench_delay.delay.spread": a * made.WRENCH_LATE * EVEN,
         "encoder_delay.delay.spread": a * made.LINK_LATE * EVEN,
-        "ground_slope.spread": a * made.SLOPE,
+        "ground_slope.spread": float(np.hypot(a * made.SLOPE, tilt)),
     }
 
 

@@ -11,12 +11,14 @@ says anything: centres of mass, box-shaped links for the inertia, spring and dam
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..core.base.types import Array
+from ..errors import ConfigError
 
 SIDES = (("L", "l_", 1.0), ("R", "r_", -1.0))  # prefix of joints, prefix of frames, sign of y
 
@@ -212,38 +214,64 @@ SMALL = replace(
 )
 
 
-def with_upper_body(table: RobotTable) -> RobotTable:
-    """The robot with a waist of three joints, two arms of four, and a head: 24 joints, half a trunk heavier.
+@dataclass(frozen=True)
+class UpperBody:
+    """How many joints the upper body has; the usual 12 make a robot of 24.
+
+    Raises:
+        ConfigError: a number is not possible.
+    """
+
+    waist: int = 3  # 1 to 3: yaw, pitch, roll
+    arm: int = 4  # 3 to 6 of each: without the yaw of the shoulder; with one or two joints of the wrist
+    neck: int = 1  # 1 to 3: yaw, pitch, roll
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("waist", 1, 3), ("arm", 3, 6), ("neck", 1, 3)):
+            if not low <= getattr(self, name) <= high:
+                raise ConfigError(f"upper body: {name} = {getattr(self, name)!r}: allowed: {low} to {high} joints")
+
+
+def with_upper_body(table: RobotTable, body: UpperBody | None = None) -> RobotTable:
+    """The robot with a waist, two arms, and a head: half a trunk heavier, however many joints.
 
     The trunk becomes the pelvis. Springs are stiffer by what the robot is heavier, and the COM is higher.
     """
+    body = body or UpperBody()
     mass, (depth, width, height) = table.trunk.mass, table.trunk.box
     arm = 0.9 * (table.thigh + table.shank)
+    joints: list[Joint] = []
 
-    def box(share: float, *edges: float, com: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Link:
-        return Link(share * mass, com, (edges[0], edges[1], edges[2]))
+    def chain(parent: str, at: Array, names: Sequence[str], last: str, link: Link, between: float = 0.0) -> None:
+        """Joints that meet in one point of the parent, and the link that they move: masses are shares of the trunk's.
 
-    joints = [
-        _upper("WaistYaw", "z", "base_link", "waist_1", (0.0, 0.0, 0.6 * height), box(0.04, 0.05, 0.05, 0.05)),
-        _upper("WaistSag", "y", "waist_1", "waist_2", (0.0, 0.0, 0.0), box(0.04, 0.05, 0.05, 0.05)),
-        _upper(
-            "WaistLat", "x", "waist_2", "torso", (0.0, 0.0, 0.0),
-            box(0.52, depth, 1.1 * width, 1.3 * height, com=(0.0, 0.0, 0.6 * height)),
-        ),
-        _upper("NeckYaw", "z", "torso", "head", (0.0, 0.0, 1.3 * height), box(0.08, 0.1, 0.1, 0.1, com=(0, 0, 0.05))),
-    ]  # fmt: skip
-    for prefix, frame, side in SIDES:
-        shoulder = (0.0, side * 0.7 * width, 1.1 * height)
-        half = (0.0, 0.0, -0.25 * arm)
-        joints += [
-            _upper(f"{prefix}ShSag", "y", "torso", f"{frame}shoulder_1", shoulder, box(0.03, 0.05, 0.05, 0.05)),
-            _upper(f"{prefix}ShLat", "x", f"{frame}shoulder_1", f"{frame}shoulder_2", (0.0, 0.0, 0.0),
-                   box(0.03, 0.05, 0.05, 0.05)),
-            _upper(f"{prefix}ShYaw", "z", f"{frame}shoulder_2", f"{frame}upper_arm", (0.0, 0.0, 0.0),
-                   box(0.06, 0.05, 0.05, 0.5 * arm, com=half)),
-            _upper(f"{prefix}Elbow", "y", f"{frame}upper_arm", f"{frame}forearm", (0.0, 0.0, -0.5 * arm),
-                   box(0.05, 0.05, 0.05, 0.5 * arm, com=half)),
-        ]  # fmt: skip
+        Small links `between` the joints take their share of the link's mass.
+        """
+        masses = [between] * (len(names) - 1)
+        links = [Link(mass * share, (0.0, 0.0, 0.0), (0.05, 0.05, 0.05)) for share in masses]
+        links.append(replace(link, mass=mass * (link.mass - sum(masses))))
+        offset = (float(at[0]), float(at[1]), float(at[2]))
+        for k, (name, each) in enumerate(zip(names, links, strict=True), start=1):
+            child = last if k == len(names) else f"{last}_{k}"
+            joints.append(_upper(name, parent, child, offset, each))
+            parent, offset = child, (0.0, 0.0, 0.0)
+
+    def turns(name: str, number: int) -> list[str]:
+        return [f"{name}{axis}" for axis in ("Yaw", "Sag", "Lat")[:number]]
+
+    above = np.array([0.0, 0.0, height])
+    torso = Link(0.60, (0.0, 0.0, 0.6 * height), (depth, 1.1 * width, 1.3 * height))
+    chain("base_link", 0.6 * above, turns("Waist", body.waist), "torso", torso, 0.04)
+    chain("torso", 1.3 * above, turns("Neck", body.neck), "head", Link(0.08, (0.0, 0.0, 0.05), (0.1, 0.1, 0.1)), 0.01)
+    elbow, half = np.array([0.0, 0.0, -0.5 * arm]), Link(0.12, (0.0, 0.0, -0.25 * arm), (0.05, 0.05, 0.5 * arm))
+    for side, frame, y in SIDES:
+        shoulder = [f"{side}{name}" for name in ("ShSag", "ShLat", "ShYaw")[: min(body.arm - 1, 3)]]
+        chain("torso", np.array([0.0, 0.7 * y * width, 1.1 * height]), shoulder, f"{frame}upper_arm", half, 0.03)
+        wrist = [f"{side}{name}" for name in ("WrYaw", "WrSag")[: body.arm - 4]] if body.arm > 4 else []
+        hand = Link(0.015 if wrist else 0.0, (0.0, 0.0, -0.03), (0.03, 0.05, 0.06))
+        chain(f"{frame}upper_arm", elbow, [f"{side}Elbow"], f"{frame}forearm", replace(half, mass=0.05 - hand.mass))
+        if wrist:
+            chain(f"{frame}forearm", elbow, wrist, f"{frame}hand", hand, 0.005)
     whole = replace(table, name=f"{table.name}_whole", trunk=replace(table.trunk, mass=0.5 * mass), upper=tuple(joints))
     heavier = whole.mass / table.mass
     return replace(
@@ -254,12 +282,11 @@ def with_upper_body(table: RobotTable) -> RobotTable:
     )
 
 
-def _upper(name: str, axis: str, parent: str, child: str, offset: tuple[float, float, float], link: Link) -> Joint:
+def _upper(name: str, parent: str, child: str, offset: tuple[float, float, float], link: Link) -> Joint:
     """A joint of the upper body, with a stiff drive."""
-    directions = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-    waist = name.startswith("Waist")
-    stiffness, damping = (3000.0, 15.0) if waist else (600.0, 3.0)
-    return Joint(name, directions[axis], parent, child, offset, link, (-2.6, 2.6), stiffness, damping)
+    axes = {"Lat": (1.0, 0.0, 0.0), "Sag": (0.0, 1.0, 0.0), "bow": (0.0, 1.0, 0.0), "Yaw": (0.0, 0.0, 1.0)}
+    stiffness, damping = (3000.0, 15.0) if "Waist" in name else (100.0, 0.5) if "Wr" in name else (600.0, 3.0)
+    return Joint(name, axes[name[-3:]], parent, child, offset, link, (-2.6, 2.6), stiffness, damping)
 
 
 def _com_height(table: RobotTable) -> float:

@@ -89,6 +89,7 @@ def test_long_walks_go_on_until_their_hours_are_walked(tmp_path, monkeypatch):
     made = log.read_text().splitlines()
     assert len(set(made)) == 5 and made[0].split()[0] != made[2].split()[0]  # another gait in each round
     assert hours.run_hours(tmp_path, [4, 5], 4 * 120.0 / 3600.0) == rows
+    assert hours.run_hours(tmp_path, [4, 5], 0.0) == rows  # without --hours all that were walked count
     assert log.read_text().splitlines() == made  # what exists is kept
     monkeypatch.setattr(hours, "_watched", lambda *_: {"failed": hours.FALLS, "seconds": 0.0, "alarms": []})
     assert {row["attempt"] for row in hours.run_hours(tmp_path / "falls", [4, 5], 1.0)} == {ATTEMPTS - 1}

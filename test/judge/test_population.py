@@ -28,7 +28,9 @@ from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
 from coman_reduced_model.judge.variability import true_deviations
+from coman_reduced_model.sim.contact import Floor
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
+from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.worlds import AXES, World, draw_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
@@ -97,6 +99,28 @@ def test_the_true_variability_is_that_of_the_draws():
     assert calmer["encoder_bias.bias.spread"] < deviations["encoder_bias.bias.spread"]
 
 
+def test_a_size_is_no_less_than_what_the_robots_of_its_own_world_vary_by():
+    """Medium is five deviations, of the world if those are more; a level that no robot walks with is lowered."""
+
+    def sizes(family, world, key):
+        draws = [draw_effect(family, np.random.default_rng(seed), 1, world) for seed in range(40)]
+        return [abs(values[key]) for values, _ in draws if key in values], {level for _, level in draws}
+
+    loose = World(imperfections=1.4)
+    found, levels = sizes("backlash", loose, "width")
+    assert min(found) >= 5.0 * true_deviations(loose)["backlash.width.spread"] and levels == {1}
+    assert min(sizes("backlash", World(), "width")[0]) < min(found)
+    uneven = replace(World(), floor=Floor(tile_height=0.0025))
+    assert min(sizes("ground_slope", World(), "pitch")[0]) < min(sizes("ground_slope", uneven, "pitch")[0])
+    found, levels = sizes("wrench_bias", World(sensors=SensorOptions(wrench_zero=300.0)), "fz")
+    assert levels == {0} and max(found) == FAMILIES["wrench_bias"].most  # zeros are that large anyway
+
+
+def test_slides_have_no_form_that_the_diagnosis_has():
+    forms = {draw_effect("foot_slip", np.random.default_rng(k), 1, World())[0]["form"] for k in range(30)}
+    assert forms == {"late", "sudden", "creep"}
+
+
 # --- runs ---
 
 
@@ -107,6 +131,13 @@ def test_a_run_goes_on_with_its_own_commit_only(tmp_path):
         chosen_cases(tmp_path / "run", [0])
     chosen_cases(tmp_path / "run", [0], again=True)
     assert (tmp_path / "run" / "commit.txt").read_text().strip() != "0000000"
+
+
+def test_a_run_goes_on_with_its_own_worlds_only(tmp_path):
+    chosen_cases(tmp_path / "run", [0], worlds={"engine": "mujoco"})
+    chosen_cases(tmp_path / "run", [0, 1], worlds={"engine": "mujoco"})
+    with pytest.raises(OutputError, match="was begun with worlds of mujoco .--world.; take another folder"):
+        chosen_cases(tmp_path / "run", [0])
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.disturbances import Imperfections, overrides
-from coman_reduced_model.sim.robot_table import COMAN
+from coman_reduced_model.sim.robot_table import COMAN, with_upper_body
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
@@ -108,6 +108,15 @@ def test_imperfections_stay_small(seed):
     assert np.all((found["friction"] > 0.0) & (found["friction"] <= 0.2))
     assert np.abs(found["slope"]).max() <= 3 * 0.0045
     assert max(found["wrench_late"]) <= 4e-3 and found["delay"] <= 2e-3
+
+
+def test_joints_of_the_upper_body_have_imperfections_too_and_leave_those_of_the_legs():
+    whole = with_upper_body(COMAN)
+    legs, both = Imperfections(seed=3).drawn(COMAN), Imperfections(seed=3).drawn(whole)
+    for name in ("play", "lag", "encoder_zero", "eccentricity", "torque_gain", "eccentric_per_turn"):
+        assert both[name].shape == (24,) and np.array_equal(both[name][:12], legs[name])
+    assert np.all(both["play"][12:] > 0.0)
+    assert 0.0 < both["friction"][-1] < 0.3 * both["friction"][12:15].max()  # elbow against waist
 
 
 def test_play_in_every_joint_is_a_dead_zone(standing):

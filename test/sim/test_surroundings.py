@@ -14,7 +14,7 @@ from coman_reduced_model.sim.describe import mujoco_spec
 from coman_reduced_model.sim.disturbances import Later, parse
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.record import robot_gait
-from coman_reduced_model.sim.robot_table import COMAN, with_upper_body
+from coman_reduced_model.sim.robot_table import COMAN, UpperBody, with_upper_body
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.upper_motion import UpperMotion
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
@@ -103,6 +103,8 @@ def test_tiles_have_the_heights_of_their_seed(standing):
         (lambda: Floor(tile_size=0.0), "0.05 to 1"),
         (lambda: Controller(kind="magic"), "allowed"),
         (lambda: UpperMotion(arms=3.0), "0 to 1 rad"),
+        (lambda: UpperBody(waist=0), "waist = 0: allowed: 1 to 3 joints"),
+        (lambda: UpperBody(arm=7), "arm = 7: allowed: 3 to 6 joints"),
     ],
 )
 def test_what_is_not_possible_is_refused(make, words):
@@ -161,6 +163,18 @@ def test_a_whole_robot_walks_with_swinging_arms(whole):
     assert np.ptp(q["WaistYaw"][late]) == pytest.approx(0.2, rel=0.3)
     assert q["LElbow"][late] == pytest.approx(-0.5, abs=0.05)
     assert run.truth("q")[:200, 12:] == pytest.approx(np.tile(run.truth("q")[0, 12:], (200, 1)), abs=0.05)
+
+
+@pytest.mark.parametrize("joints", [(1, 3, 1), (2, 5, 2), (3, 6, 3)])
+def test_upper_bodies_with_fewer_or_more_joints_weigh_the_same(joints):
+    table = with_upper_body(COMAN, UpperBody(*joints))
+    waist, arm, neck = joints
+    assert len(table.joint_names) == 12 + waist + 2 * arm + neck
+    assert table.mass == pytest.approx(WHOLE.mass) and all(joint.link.mass > 0.0 for joint in table.upper)
+    assert table.gait["com_height_m"] == pytest.approx(WHOLE.gait["com_height_m"], abs=0.005)
+    plan = plan_walk(robot_gait(table, "test1"))
+    run = Run(plan_motion(table, plan, upper=UpperMotion(arms=0.3))[0], 4.0, table=table)
+    assert not run.robot.fallen
 
 
 def test_arms_can_swing_together():

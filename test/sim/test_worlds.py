@@ -74,7 +74,11 @@ def test_the_population_is_as_wide_as_it_is_said_to_be():
     assert min(s.encoder_bits for s in sensors) == 10 and max(s.encoder_bits for s in sensors) == 19
     assert max(s.wrench_zero for s in sensors) > 250.0
     assert {world.reference for world in worlds} == {True, False}
-    assert {len(world.table.joint_names) for world in worlds} == {12, 24}
+    assert {len(world.table.joint_names) for world in worlds} == {12, *range(20, 31)}
+    assert {world.sensors.encoder_bits for world in worlds} == set(range(10, 20))
+    for kind, low, high in (("imu", 0.08, 0.2), ("feet", 0.04, 0.09)):
+        gains = [world.controller.ankle for world in worlds if world.controller.kind == kind]
+        assert low <= min(gains) < 1.2 * low and 0.9 * high < max(gains) <= high
     assert min(world.duration_s for world in worlds) < 6.0 and max(world.duration_s for world in worlds) > 50.0
     frictions = [world.contact.friction or world.table.friction for world in worlds]
     assert min(frictions) < 0.35 and max(frictions) > 1.1

@@ -153,7 +153,12 @@ class _Landings:
             yield foot, t - self.since[foot]
 
 
-_SLIDES = {"smooth": (0.05, 0.15), "sudden": (0.1, 0.03), "creep": (0.0, 0.5)}  # begin, length [s] after landing
+_SLIDES = {  # begin, length [s] after landing
+    "smooth": (0.05, 0.15),
+    "late": (0.12, 0.3),
+    "sudden": (0.1, 0.03),
+    "creep": (0.0, 0.5),
+}
 
 
 @dataclass
@@ -161,13 +166,13 @@ class FootSlip(Disturbance):
     """A foot that bears slides back along its own x axis in each step, from 0.05 to 0.2 s after it came down.
 
     Its plate on the floor stays, driven against the foot by `distance`, and goes back under the lifted foot. Other
-    forms: `sudden` (0.1 to 0.13 s), `creep` (steadily for 0.5 s).
+    forms: `late` (0.12 to 0.42 s, slower and slower), `sudden` (0.1 to 0.13 s), `creep` (steadily for 0.5 s).
     """
 
     name: ClassVar[str] = "foot_slip"
     where: str = par("", "", "left or right foot; empty: both")
     distance: float = par(0.0, "m", "backwards, in each step", -0.1, 0.1)
-    form: str = par("smooth", "", "when it slides", choices=("smooth", "sudden", "creep"))
+    form: str = par("smooth", "", "when it slides", choices=tuple(_SLIDES))
 
     def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
         """See Disturbance."""
@@ -191,10 +196,16 @@ class FootSlip(Disturbance):
             if since >= 0.0:
                 begin, length = _SLIDES[self.form]
                 s = min(max((since - begin) / length, 0.0), 1.0)
-                model.qpos_spring[at] = self.distance * (s if self.form == "creep" else s * s * (3.0 - 2.0 * s))
+                model.qpos_spring[at] = self.distance * self._share(s)
             else:
                 now = model.qpos_spring[at]
                 model.qpos_spring[at] = now - np.clip(now, -self._rate, self._rate)
+
+    def _share(self, s: float) -> float:
+        """Of the distance, by the share of the time."""
+        if self.form == "late":
+            return s * (2.0 - s)
+        return s if self.form == "creep" else s * s * (3.0 - 2.0 * s)
 
 
 @dataclass

@@ -29,13 +29,14 @@ WRENCH_GAIN, CROSS_TALK, WRENCH_TURN = 0.015, 0.01, 0.007  # of each foot sensor
 WRENCH_LATE, LINK_LATE = 4e-3, 1.5e-3  # [s] largest
 SLOPE = 0.0045  # [rad] deviation in roll and pitch; three deviations at most
 PER_TURN = (1, 2, 16)  # periods of an encoder's error in a turn
+STIFF = 3000.0  # [Nm/rad] springs of drives with that friction; that of softer drives of the upper body is smaller
 
 
 @dataclass
 class Imperfections(Disturbance):
     """Small imperfections of every joint, motor, sensor, clock and of the floor, each drawn for itself.
 
-    Foot sensors and clocks are drawn for the robot, not for each recording. The upper body has only springs.
+    Foot sensors and clocks are drawn for the robot, not for each recording.
     """
 
     name: ClassVar[str] = "imperfections"
@@ -44,20 +45,24 @@ class Imperfections(Disturbance):
     amount: float = par(1.0, "1", "by which all are multiplied", 0.0, 5.0)
 
     def drawn(self, table: RobotTable) -> dict[str, Any]:
-        """All values, by name; arrays are in the order of the joints of the legs."""
-        rng, n, a = np.random.default_rng([41, self.seed]), len(table.leg_joints()), self.amount
-        torque = table.mass * table.gait["com_height_m"] / (COMAN.mass * COMAN.gait["com_height_m"])
+        """All values, by name; arrays are in the order of the joints: the legs, then the upper body."""
+        rng, a = np.random.default_rng([41, self.seed]), self.amount
         clipped = np.clip(rng.standard_normal(2), -3.0, 3.0)
+        legs = _joints(rng, len(table.leg_joints()))
+        upper = _joints(np.random.default_rng([42, self.seed]), len(table.upper))
+        each = {name: np.concatenate([legs[name], upper[name]]) for name in legs if np.ndim(legs[name])}
+        drives = [1.0] * len(table.leg_joints()) + [min(joint.stiffness / STIFF, 1.0) for joint in table.upper]
+        torque = table.mass * table.gait["com_height_m"] / (COMAN.mass * COMAN.gait["com_height_m"])
         return {
-            "play": a * PLAY * rng.uniform(0.1, 1.0, n),
-            "friction": a * FRICTION * torque * rng.uniform(0.1, 1.0, n),
-            "lag": a * LAG * rng.uniform() * rng.uniform(0.8, 1.2, n),
-            "delay": a * DELAY * rng.uniform(),
-            "encoder_zero": a * ENCODER_ZERO * rng.standard_normal(n),
-            "eccentricity": a * ECCENTRICITY * rng.uniform(0.0, 1.0, n),
-            "eccentric_per_turn": rng.choice(PER_TURN, n),
-            "eccentric_phase": rng.uniform(-np.pi, np.pi, n),
-            "torque_gain": 1.0 + a * TORQUE_GAIN * rng.standard_normal(n),
+            "play": a * PLAY * each["play"],
+            "friction": a * FRICTION * torque * each["friction"] * drives,
+            "lag": a * LAG * legs["late"] * each["lag"],
+            "delay": a * DELAY * legs["delay"],
+            "encoder_zero": a * ENCODER_ZERO * each["encoder_zero"],
+            "eccentricity": a * ECCENTRICITY * each["eccentricity"],
+            "eccentric_per_turn": each["eccentric_per_turn"],
+            "eccentric_phase": each["eccentric_phase"],
+            "torque_gain": 1.0 + a * TORQUE_GAIN * each["torque_gain"],
             "wrench_gain": 1.0 + a * WRENCH_GAIN * rng.standard_normal((2, 6)),
             "cross_talk": a * CROSS_TALK * rng.standard_normal((2, 6, 6)),
             "wrench_turn": a * WRENCH_TURN * rng.standard_normal((2, 3)),
@@ -73,7 +78,7 @@ class Imperfections(Disturbance):
     def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
         """See Disturbance."""
         values = self.drawn(table)
-        for joint, friction in zip(table.leg_joints(), values["friction"], strict=True):
+        for joint, friction in zip(table.joints(), values["friction"], strict=True):
             body = spec.joint(joint.name)
             body.frictionloss = max(float(np.max(body.frictionloss)), float(friction))
         self._slope = GroundSlope(*(float(angle) for angle in values["slope"]))
@@ -82,11 +87,8 @@ class Imperfections(Disturbance):
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
         self._values = v = self.drawn(table)
-        self._legs = slice(0, len(v["play"]))
-        play = np.zeros((3, model.nu))
-        springs = model.actuator_gainprm[self._legs, 0], -model.actuator_biasprm[self._legs, 2]
-        play[:, self._legs] = 0.5 * v["play"], *springs
-        self._play = SpringLaw(Law.PLAY, play)
+        springs = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
+        self._play = SpringLaw(Law.PLAY, np.array([0.5 * v["play"], *springs]))
         self._dt = model.opt.timestep
         self._steps = round(v["delay"] / self._dt)
         self._past: Array | None = None
@@ -119,10 +121,8 @@ class Imperfections(Disturbance):
             self._moved = theta[0].copy()
         known = np.concatenate([self._past, theta])
         wanted, self._past = known[: len(theta)], known[len(theta) :]
-        lag = np.zeros(theta.shape[1])
-        lag[self._legs] = self._values["lag"]
         before, self._moved = self._moved, self._moved.copy()
-        moved = _follow(wanted, self._dt / (lag + self._dt), self._moved)
+        moved = _follow(wanted, self._dt / (self._values["lag"] + self._dt), self._moved)
         return moved, (moved - np.concatenate([before[None], moved[:-1]])) / self._dt
 
     def spring_laws(self) -> list[SpringLaw]:
@@ -131,15 +131,31 @@ class Imperfections(Disturbance):
 
     def sense(self, t: float, signals: Signals) -> None:
         """See Disturbance: encoders, torques, foot sensors, clocks, and the IMU on a sloping floor."""
-        v, legs = self._values, self._legs
-        error = v["eccentricity"] * np.sin(v["eccentric_per_turn"] * signals.q[:, legs] + v["eccentric_phase"])
-        signals.q[:, legs] += v["encoder_zero"] + error
-        signals.tau[legs] *= v["torque_gain"]
+        v = self._values
+        error = v["eccentricity"] * np.sin(v["eccentric_per_turn"] * signals.q + v["eccentric_phase"])
+        signals.q += v["encoder_zero"] + error
+        signals.tau *= v["torque_gain"]
         for foot, errors in self._wrench_errors.items():
             setattr(signals, foot, errors @ getattr(signals, foot))
         for clock in self._clocks:
             clock.sense(t, signals)
         self._slope.sense(t, signals)
+
+
+def _joints(rng: np.random.Generator, n: int) -> dict[str, Any]:
+    """Draws for n joints, before they get a size, and those that all motors share."""
+    return {
+        "play": rng.uniform(0.1, 1.0, n),
+        "friction": rng.uniform(0.1, 1.0, n),
+        "late": rng.uniform(),
+        "lag": rng.uniform(0.8, 1.2, n),
+        "delay": rng.uniform(),
+        "encoder_zero": rng.standard_normal(n),
+        "eccentricity": rng.uniform(0.0, 1.0, n),
+        "eccentric_per_turn": rng.choice(PER_TURN, n),
+        "eccentric_phase": rng.uniform(-np.pi, np.pi, n),
+        "torque_gain": rng.standard_normal(n),
+    }
 
 
 @compiled

@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ConfigError
 from ..contact import Contact, Floor
 from ..controller import Controller
+from ..robot_table import UpperBody
 from ..upper_motion import UpperMotion
 from .world import World
 
@@ -86,8 +87,8 @@ def _uneven(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
     return {"floor": Floor(tile_height=height, tile_size=0.15, seed=int(rng.integers(1000)))}
 
 
-def _controller(**values: Any) -> Draw:
-    return lambda rng, world: {"controller": Controller(**values)}
+def _controller(kind: str, **gains: Callable[[np.random.Generator], float]) -> Draw:
+    return lambda rng, world: {"controller": Controller(kind, **{name: draw(rng) for name, draw in gains.items()})}
 
 
 def _whole_body(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
@@ -97,7 +98,8 @@ def _whole_body(rng: np.random.Generator, world: World) -> Mapping[str, Any]:
         waist_yaw=round(float(rng.uniform(0.0, 0.12)), 3),
         waist_pitch=round(float(rng.uniform(0.0, 0.03)), 3),
     )
-    return {"upper_body": True, "upper": motion}
+    joints = UpperBody(*(int(rng.integers(low, high + 1)) for low, high in ((1, 3), (3, 6), (1, 3))))
+    return {"upper_body": True, "upper": motion, "upper_joints": joints}
 
 
 def _gait(kind: str) -> Draw:
@@ -166,17 +168,17 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind(
             "imu_control",
             "ankle and hip strategy fed by the IMU: motors leave their plan by some milliradians",
-            _controller(kind="imu"),
+            _controller("imu", ankle=_even(0.08, 0.2), hip=_even(0.08, 0.2), rate=_even(0.12, 0.28)),
         ),
         Kind(
             "feet_control",
             "ankle and hip strategy fed by the foot sensors",
-            _controller(kind="feet", ankle=0.07, hip=0.07, rate=0.07),
+            _controller("feet", ankle=_even(0.04, 0.09), hip=_even(0.04, 0.09), rate=_even(0.04, 0.09)),
         ),
     ),
     "body": (
         Kind("legs", "twelve joints, a rigid trunk", _nothing, 2.0),
-        Kind("whole_body", "24 joints: waist and arms move in step, and a head", _whole_body),
+        Kind("whole_body", "20 to 30 joints: waist and arms move in step, and a head", _whole_body),
     ),
     "gait": tuple(
         Kind(name, _GAIT_SENTENCES[name], _gait(name), 2.0 if name in ("test1", "test2") else 1.0)
@@ -186,10 +188,10 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind("usual", "12-bit link encoders, 200 Hz, foot sensors zeroed with care", _nothing),
         Kind(
             "rich",
-            "16 to 19 bits, 500 or 1000 Hz, foot sensors as fast, little noise",
+            "13 to 19 bits, 500 or 1000 Hz, foot sensors as fast, little noise",
             _sensors(
                 rate_hz=lambda rng: float(rng.choice([500.0, 1000.0])),
-                encoder_bits=lambda rng: int(rng.integers(16, 20)),
+                encoder_bits=lambda rng: int(rng.integers(13, 20)),
                 torque_noise=_always(0.02),
                 force_noise=_always((0.3, 0.3, 0.5)),
             ),

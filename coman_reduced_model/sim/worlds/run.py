@@ -15,6 +15,7 @@ from ..contact import Floor
 from ..disturbances import Disturbance, GroundSlope, Imperfections, Scatter
 from ..motion import MotorMotion
 from ..record import RecordedBag, plan_recording, record, robot_gait
+from ..robot_table import UpperBody
 from ..upper_motion import UpperMotion
 from ..virtual_robot import START_NS, VirtualRobot
 from .kinds import GAITS
@@ -116,12 +117,13 @@ def _walk(world: World) -> GaitParameters:
 def planned(world: World) -> tuple[MotorMotion, WalkPlan]:
     """Motion of the motors, and the plan with the COM that it was made for; those of the last worlds are kept."""
     shape = Floor(roll=world.floor.roll, pitch=world.floor.pitch, kerb=world.floor.kerb)
-    return _plan(world.robot, world.upper_body, world.upper, _walk(world), shape)
+    body = world.upper_joints if world.upper_body else None
+    return _plan(world.robot, body, world.upper, _walk(world), shape)
 
 
 @functools.lru_cache(maxsize=64)
 def _plan(
-    robot: str, upper_body: bool, upper: UpperMotion, walk: GaitParameters, floor: Floor
+    robot: str, body: UpperBody | None, upper: UpperMotion, walk: GaitParameters, floor: Floor
 ) -> tuple[MotorMotion, WalkPlan]:
-    table = World(robot=robot, upper_body=upper_body).table
+    table = World(robot=robot, upper_body=body is not None, upper_joints=body or UpperBody()).table
     return plan_recording(walk, table, upper=upper, floor=floor)

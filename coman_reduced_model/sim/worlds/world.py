@@ -14,7 +14,7 @@ from ...errors import ConfigError
 from ..contact import Contact, Floor
 from ..controller import Controller
 from ..engines import ENGINES
-from ..robot_table import ROBOTS, RobotTable, with_upper_body
+from ..robot_table import ROBOTS, RobotTable, UpperBody, with_upper_body
 from ..sensors import SensorOptions
 from ..upper_motion import UpperMotion
 
@@ -35,6 +35,7 @@ class World:
     floor: Floor = Floor()
     controller: Controller = Controller()
     upper_body: bool = False  # a waist, arms and a head
+    upper_joints: UpperBody = UpperBody()
     upper: UpperMotion = UpperMotion()
     imu_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] roll, pitch, yaw of the IMU in base_link
     gait: str = "test1"
@@ -54,7 +55,7 @@ class World:
     def table(self) -> RobotTable:
         """Geometry, masses and springs of the robot, as its data sheet states them."""
         table = ROBOTS[self.robot]
-        table = with_upper_body(table) if self.upper_body else table
+        table = with_upper_body(table, self.upper_joints) if self.upper_body else table
         return replace(table, imu_turn=self.imu_turn)
 
 
