@@ -50,10 +50,10 @@ def standing() -> tuple[Recording, World]:
     return recording, world
 
 
-def stretched(change) -> Recording:
+def stretched(change, name: str = JOINT) -> Recording:
     """The standing robot with another stretch (n,) of one joint's spring, for its torque (n,)."""
     recording, _ = standing()
-    motor, j = recording.motor_q.copy(), index()
+    motor, j = recording.motor_q.copy(), index(name)
     motor[:, j] = change(recording.tau[:, j], motor[:, j])
     return recording.changed(motor_q=motor)
 

@@ -154,7 +154,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
         else:
             tau[:, j] = _twice_smooth(recording.tau[:, j])
             bent = spring_stretch(world, int(j), tau[:, j], 1.0 / RATE)
-            q[:, j] = recording.motor_q[:, j] - bent - _slow(stretch[:, j] - bent)  # what is slow is the encoder's
+            q[:, j] = recording.motor_q[:, j] - bent - believed(stretch[:, j] - bent, coarse[j] / world.stiffness[j])
     return recording.changed(q=q, tau=tau)
 
 
@@ -164,6 +164,18 @@ def _twice_smooth(values: Array) -> Array:
 
 def _slow(values: Array) -> Array:
     return np.asarray(gaussian_filter1d(values, 0.5 * RATE, mode="nearest"))
+
+
+def believed(gap: Array, noise: float) -> Array:
+    """What of a gap (n,) between a sensor and a law the sensor is believed: what is slow, and what noise does not make.
+
+    Args:
+        gap: sensor minus law.
+        noise: standard deviation of the sensor's.
+    """
+    slow = _slow(gap)
+    fast = _twice_smooth(gap) - slow
+    return np.asarray(slow + (1.0 - min(1.0, noise**2 / max(float(np.mean(fast**2)), 1e-18))) * fast)
 
 
 def white(values: Array) -> Array:

@@ -23,7 +23,7 @@ from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.effects.unknown import Unknown, applied
 from ..data.masks import Masks, parts, with_taken_up
 from ..data.recording import Recording
-from ..data.signals import without_noise
+from ..data.signals import white, without_noise
 from ..data.world import World
 from ..physics.balance import State, balanced, evaluate
 from ..physics.hypotheses import Candidate
@@ -98,7 +98,8 @@ def reference(recording: Recording, world: World, where: Masks, known: Sequence[
     moved, world = applied(known, shifts, recording, world)
     where = with_taken_up(where, recording, moved, world)
     measured = evaluate(moved, world, where)
-    return Reference(measured, balanced(evaluate(without_noise(moved, world), world, where), where), shifts)
+    noise = np.inf if moved.tau is None else white(moved.tau[:: moved.stride])
+    return Reference(measured, balanced(evaluate(without_noise(moved, world), world, where), where, noise), shifts)
 
 
 def assemble(

@@ -171,10 +171,17 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
 SLOW = 0.1  # [s] below which a torque sensor is believed, and above which motion and ground
 
 
-def balanced(state: State, where: Masks) -> State:
+def balanced(state: State, where: Masks, noise: float | Array = np.inf) -> State:
     """The state with wrenches that are what motion and weight ask for, shared by the feet as measured.
 
     The noise of the foot sensors would otherwise be in the residuals and in what a gain of the sensors makes of them.
+    The same of what is fast in the torques, but what their noise does not make is believed: where a large effect is
+    missing, motion and weight along the motion of a nominal robot are wrong.
+
+    Args:
+        state: of the recording without most of its noise.
+        where: of the measured recording.
+        noise: standard deviation of the torque sensors (nj,) [Nm].
     """
     recording, missing = state.recording, state.rest[:, :6]
     grid = np.arange(len(recording.t))
@@ -195,8 +202,9 @@ def balanced(state: State, where: Masks) -> State:
     less = smooth(recording.tau)[where.ticks] - needed
     less = np.where(steady[:, None], less, 0.0)
     less = np.column_stack([np.interp(grid, where.ticks, column) for column in less.T])
-    slow = np.asarray(gaussian_filter1d(less, SLOW * RATE, axis=0, mode="nearest"))
-    tau = recording.tau - np.where(np.isfinite(less), less - slow, 0.0)
+    fast = less - np.asarray(gaussian_filter1d(less, SLOW * RATE, axis=0, mode="nearest"))
+    share = np.minimum(1.0, np.square(noise) / np.maximum(np.mean(fast**2, axis=0), 1e-18))
+    tau = recording.tau - np.nan_to_num(share * fast)
     return evaluate(out.recording.changed(tau=tau), out.world, where, out)
 
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose_tools import EXACT_TORQUES, JOINT, standing, stretched
+from diagnose_tools import EXACT_TORQUES, index, standing, stretched
 
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.diagnose.data.masks import masks, part_of
+from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.compare import compare
 from coman_reduced_model.diagnose.inference.decide import odds
@@ -35,13 +36,15 @@ def nominal():
 
 
 def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
-    """Far from where it is linear."""
-    recording, world = stretched(lambda tau, nominal: nominal / factor), standing()[1]
+    """Far from where it is linear: the drive of an ankle's roll that has worn out, its damper as it was."""
+    joint, world = "LAnkLat", standing()[1]
+    k, d = factor * world.stiffness[index(joint)], world.damping[index(joint)]
+    recording = stretched(lambda tau, _: lagged(tau, d / k) / k, joint)
     prepared = recording, world, masks(recording, world)
     cache = CaseCache([prepared], [prepared], EXACT_TORQUES)
     finding = Finding(cache.known, np.zeros(len(cache.known)))
     finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
-    rivals = [o for o in candidates(cache.known) if o.where == JOINT and o.effect in ("joint_stiffness", "backlash")]
+    rivals = [o for o in candidates(cache.known) if o.where == joint and o.effect in ("joint_stiffness", "backlash")]
     nothing, *others = compare(finding, cache, rivals)
     assert nothing.option is None and nothing.gain == nothing.confirmed == 0.0
     best = next(each for each in others if each.option is not None and each.option.effect == "joint_stiffness")
