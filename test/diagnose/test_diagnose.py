@@ -33,6 +33,8 @@ HIDDEN = {
     "touchdown_impact": ("touchdown_impact", {"impulse": 1.0}),
     "wrench_bias": ("wrench_bias", {"where": "right", "fz": 25.0}),  # the foot never seems to be in the air
     "late_clock": ("late_clock", {"rate": 0.02}),
+    "stiff_springs": ("joint_stiffness", {"scale": 1.5}),
+    "worn_drive": ("joint_stiffness", {"where": "LAnkLat", "scale": 0.11}),
 }
 ECHOED = {"motor_lag", "motor_compliance"}
 MADE_OTHERWISE = {  # sensors of nominal robots
@@ -197,6 +199,17 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
             9.81 * value, abs=6.0
         )  # nominal masses and sensors are some percent of 170 N off
         assert law["rms"] >= abs(law["mean"]) > 10.0 * law["floor"] > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["stiff_springs", "worn_drive"])
+def test_springs_far_from_their_data_sheet_are_named_with_their_stiffness(case, bags, diagnose):
+    """The motion that a data sheet would give is far from theirs."""
+    train, held = bags(case)
+    result, _ = diagnose(train, "--holdout", held)
+    _, hidden = HIDDEN[case]
+    found = named(result, "joint_stiffness", hidden.get("where", ""))
+    assert found["scale"]["value"] == pytest.approx(hidden["scale"], rel=0.2)
 
 
 @pytest.mark.slow

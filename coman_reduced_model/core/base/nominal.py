@@ -7,7 +7,7 @@ The shipped file describes a population of robots (config/nominal.yaml); `coman 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import isfinite
 from pathlib import Path
@@ -88,10 +88,16 @@ def _plain(value: Any) -> Any:
 def load_nominal(path: str | Path = "") -> Nominal:
     """Read a file; default: the shipped population. A file of one robot is complete in itself, but for `monitor`.
 
+    Widths that it lacks, as an earlier version did not know them, are those of the population.
+
     Raises:
         ConfigError: it cannot be read, or is no such file.
     """
-    return _load(str(path or config_path("nominal")))
+    population = _load(str(config_path("nominal")))
+    if not path:
+        return population
+    nominal = _load(str(path))
+    return replace(nominal, widths={**population.widths, **nominal.widths})
 
 
 def _row(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -73,5 +73,5 @@ class TouchdownImpact(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        blow = about.widths("touchdown_impact.impulse", "reach", times=about.robot.mass)
+        blow = about.widths("touchdown_impact.impulse", "spread", "reach", times=about.robot.mass)
         return [cls.unknown("impulse", world_plus("impulse"), low=0.0, **blow)]

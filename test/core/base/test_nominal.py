@@ -30,6 +30,16 @@ def test_what_is_written_is_what_is_read(tmp_path):
     assert again.width("mass", "spread", times=2.0)["spread"] == pytest.approx(2.0 * again.widths["mass.spread"])
 
 
+def test_widths_that_a_file_of_an_earlier_version_lacks_are_those_of_the_population(tmp_path):
+    path, plain = tmp_path / "mine.yaml", load_nominal().plain()
+    del plain["widths"]["touchdown_impact.impulse.spread"]
+    plain["widths"]["mass.spread"] = 0.001
+    path.write_text(yaml.safe_dump(plain))
+    widths = load_nominal(path).widths
+    assert widths["touchdown_impact.impulse.spread"] == load_nominal().widths["touchdown_impact.impulse.spread"]
+    assert widths["mass.spread"] == 0.001
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
