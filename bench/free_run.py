@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from full_simulation import full_simulation
 from markdown import AXES, table, value
 
 import coman_reduced_model as coman
@@ -153,6 +154,7 @@ def in_world(name: str, made: Path) -> Figures | None:
     if walk is None:
         return None
     found = figures(*walk)
+    found.full = full_simulation(*walk[1:])
     found.by_seed = name.isdigit()
     found.new_kind = found.by_seed and bool(new_kinds({"worlds": world_of(name).kinds}, load_nominal()))
     return found
@@ -169,7 +171,7 @@ def recorded(name: str, made: Path) -> tuple[str, Path, Config] | None:
     if robot:
         world = replace(world, robot=robot)
     bag = made / name.replace(":", "_")
-    if not bag.is_dir() and record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
+    if not bag.is_dir() and record_world(world, bag, seed=world.seed).fallen_s is not None:
         shutil.rmtree(bag)
         return None
     sheet = made / f"{bag.name}.sheet.yaml"
@@ -189,7 +191,7 @@ def tables(rows: list[Figures]) -> list[str]:
         "## Free run",
         "RMS of measured minus predicted COM over the whole recording, x, y, z [mm], and of the trunk's "
         "pitch [degrees]. Full simulation: MuJoCo with the very springs, masses and ground of the robot, driven by the "
-        "recorded motors, where it is the robot of a shipped walk.",
+        "recorded motors, where that is MuJoCo's robot of a shipped walk or of a world with motor encoders.",
         table(
             ["recording", "rigid robot", "the paper's model", "the default model", "full simulation",
              "pitch: rigid, default"],

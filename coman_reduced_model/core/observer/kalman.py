@@ -7,7 +7,7 @@ measured COM that lasts [m]:
     c' = v,    m v' = F + m g + f,    f' = white,    n' = -n / tau + white,    z = c + n + white
 
 F are the wrenches of the ground, an input. Springs do not appear: what the model of the springs says is what the
-estimate is to judge. n is what steps of the encoders make of the COM, which stays as long as the joints hardly move: a
+estimate is to judge. n is the part of the rounding of the encoders that stays, as long as the joints hardly move: a
 filter that takes it as white is too sure of itself. Anchors: kinetics observer (arXiv 2406.13267), LIPM-DCM observer
 with bias of mc_rtc.
 """
@@ -25,7 +25,7 @@ C, V, F, N = 0, 3, 6, 9  # where the parts of the state begin
 
 @compiled
 def advance(
-    x: Array, P: Array, force: Array, dt: float, mass: float, gravity: float, noise: Array, slow: Array, tau: float
+    x: Array, P: Array, force: Array, dt: float, mass: float, gravity: float, noise: Array, lasting: Array, tau: float
 ) -> None:
     """Bring state x (12,) and covariance P (12, 12) to the next sample, in place.
 
@@ -35,7 +35,7 @@ def advance(
         dt: since then [s].
         mass, gravity: [kg], [m/s^2].
         noise: (2, 3) intensities: of the force [N^2 s], and of the random walk of f [N^2 / s].
-        slow: (3, 3) covariance of n [m^2].
+        lasting: (3, 3) covariance of n [m^2].
         tau: time constant of n [s].
     """
     keep, far, fast = np.exp(-dt / tau), 0.5 * dt * dt / mass, dt / mass
@@ -54,7 +54,7 @@ def advance(
         P[V + i, C + i] += 0.5 * q * dt * dt
         P[F + i, F + i] += noise[1, i] * dt
         for j in range(3):
-            P[N + i, N + j] += (1.0 - keep * keep) * slow[i, j]
+            P[N + i, N + j] += (1.0 - keep * keep) * lasting[i, j]
 
 
 @compiled
@@ -68,8 +68,10 @@ def _lead(P: Array, dt: float, far: float, fast: float, keep: float) -> None:
 
 
 @compiled
-def correct(x: Array, P: Array, measured: Array, R: Array) -> float:
+def correct(x: Array, P: Array, measured: Array, R: Array, squares: Array) -> float:
     """Take in the measured COM (3,) [m] with white noise R (3, 3) [m^2]; x and P in place.
+
+    squares (3,) become those of the innovations, each in its own variance [1].
 
     Returns:
         The normalised innovation squared (NIS), 3 on average if all is as assumed.
@@ -79,6 +81,7 @@ def correct(x: Array, P: Array, measured: Array, R: Array) -> float:
         off[i] = measured[i] - x[C + i] - x[N + i]
         for j in range(3):
             S[i, j] = R[i, j] + P[C + i, C + j] + P[C + i, N + j] + P[N + i, C + j] + P[N + i, N + j]
+        squares[i] = off[i] * off[i] / S[i, i]
     inverse = inverse_of_3(S)
     PH = np.empty((SIZE, 3))
     for i in range(SIZE):

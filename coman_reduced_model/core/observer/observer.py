@@ -3,9 +3,11 @@
 
 Beside the free run, which it does not touch. The filter is `kalman.py`; here is what its noise is:
 
-- Steps of the encoders, found in their data, and the white noise of the measured COM, by its third differences.
-- How far the apparent external force wanders, axis by axis, by its own corrections of the last seconds: soles that roll
-  or slide, and forces that come and go, make the motion by the encoders another one than that by the forces.
+- Steps of the encoders, found in their data, and how much of the rounding of the measured COM is white, by its third
+  differences; the rest lasts.
+- How far the apparent external force wanders, axis by axis, on one foot and on both, by its own corrections lately:
+  soles that roll or slide, and forces that come and go, make the motion by the encoders another one than that by the
+  forces. Where innovations are too large all the same, as at landings, the published covariance grows with them.
 - Nominal variability (config/nominal.yaml): masses of the links and where they are, zeros of encoders and wrenches,
   gains and delays of wrenches, slope of the ground. What is constant cannot be seen in innovations, so it enters the
   published covariances beside those of the filter (as a Schmidt-Kalman filter considers it), not the filter.
@@ -75,11 +77,14 @@ class Observer:
         self._memory.walks[:] = (WALK * self._weight) ** 2
         self._memory.constant[:] = self._constant
         self._memory.scalars[1:] = 3.0, np.nan
+        self._memory.squares[:] = 1.0
         self._foot = Foot.NONE
         self._stamp_ns = self._looked_ns = 0
         self.nis, self.flags = 3.0, Flags.OK
 
-    def update(self, sample: Sample, link: Posture, foot: Foot, com: Array, com_vel: Array) -> Estimate:
+    def update(
+        self, sample: Sample, link: Posture, foot: Foot, com: Array, com_vel: Array, alone: bool = False
+    ) -> Estimate:
         """Take one sample.
 
         Args:
@@ -87,6 +92,7 @@ class Observer:
             link: the posture by its link side.
             foot: the support foot, LEFT or RIGHT.
             com, com_vel: measured (3,) in its sole frame [m], [m/s].
+            alone: whether it carries the robot alone.
         """
         dt, before = (sample.stamp_ns - self._stamp_ns) * 1e-9, self._foot
         self._stamp_ns = sample.stamp_ns
@@ -102,7 +108,8 @@ class Observer:
         own, others = wrenches if foot == Foot.LEFT else wrenches[::-1]
         what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
         out = np.empty((ROWS, 3))  # one array: what compiled code gets is what takes the time here
-        take(self._block, self._noise, (what, dt), own, others, link.R[foot], link.R[other], com, com_vel, out)
+        step = what, dt, int(alone)
+        take(self._block, self._noise, step, own, others, link.R[foot], link.R[other], com, com_vel, out)
         nis = self._judge()
         return Estimate(out[0], out[1], out[9:].reshape(6, 6), out[3:6], out[2], out[6:9], nis)
 
@@ -112,7 +119,7 @@ class Observer:
         steps = np.zeros(robot.model.nv)
         steps[robot.idx_v] = np.where(np.isfinite(step), step, 0.0) ** 2 / 12.0
         geometry = link.com, link.J_com, link.J, robot.sole_columns[foot], link.R[foot]
-        memory.slow[:] = com_covariance(*geometry, steps) + LEAST**2 * np.eye(3)
+        memory.rounding[:] = com_covariance(*geometry, steps) + LEAST**2 * np.eye(3)
         if self._masses is None:
             self._masses = masses_covariance(link, self._nominal)
         axes = link.R[foot]

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The filter on a point mass whose motion, forces and encoders are known: its covariance against its errors."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from coman_reduced_model.core.observer.memory import BEGINS, GOES_ON, ROWS, SIZES, Noise, memory_of, take
+
+DT, MASS, GRAVITY = 0.005, 30.0, 9.81  # [s], [kg], [m/s^2]
+STEP = 5e-4  # [m] of the measured position
+WEIGHT = MASS * GRAVITY
+WRENCH, LEVEL = np.zeros(6), np.eye(3)
+PUSHED = slice(2000, 2400)  # samples: 10 s to 12 s
+
+
+class Run(NamedTuple):
+    """What is estimated, sample by sample."""
+
+    errors: np.ndarray  # (n, 3) of the velocity [m/s]
+    sigma: np.ndarray  # (n, 3) [m/s]
+    covariance: np.ndarray  # (n, 3, 3) of the velocity
+    measured: np.ndarray  # (n, 3, 3) covariance of the measured position [m^2]
+
+
+def run(chatter: float, n: int = 4000) -> Run:
+    """A mass that swings; for two seconds it chatters sideways at 25 Hz and `chatter` [m/s], which no force shows."""
+    t = DT * np.arange(n)[:, None]
+    amplitude, pulse = np.array([0.05, 0.08, 0.02]), 2.0 * np.pi * np.array([0.7, 0.9, 1.1])
+    position, velocity = amplitude * np.sin(pulse * t), amplitude * pulse * np.cos(pulse * t)
+    felt = -(pulse**2) * position
+    fast = 2.0 * np.pi * 25.0 * t[PUSHED, 0]
+    position[PUSHED, 1] += chatter / (2.0 * np.pi * 25.0) * np.sin(fast)
+    velocity[PUSHED, 1] += chatter * np.cos(fast)
+    rounded = STEP * np.round(position / STEP)
+    block = np.zeros(sum(SIZES))
+    memory = memory_of(block)
+    memory.walks[:], memory.constant[:] = (0.1 * WEIGHT) ** 2, 1.0
+    memory.scalars[1], memory.squares[:] = 3.0, 1.0
+    memory.rounding[:] = STEP**2 / 12.0 * np.eye(3)
+    noise = Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0)
+    out, found = np.empty((ROWS, 3)), []
+    for k in range(n):
+        wrench = np.concatenate([MASS * (felt[k] + [0.0, 0.0, GRAVITY]), np.zeros(3)])
+        take(
+            block, noise, (GOES_ON if k else BEGINS, DT, 1), wrench, WRENCH, LEVEL, LEVEL, rounded[k], velocity[k], out
+        )
+        P = out[9:].reshape(6, 6)[3:, 3:].copy()
+        found.append((out[1] - velocity[k], np.sqrt(np.diag(P)), P, out[3:6].copy()))
+    return Run(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def calm() -> Run:
+    return run(0.0)
+
+
+@pytest.fixture(scope="module")
+def shaken() -> Run:
+    return run(0.2)
+
+
+def test_the_velocity_is_as_sure_as_it_says(calm):
+    """Somewhat too cautious, since it expects forces to wander a little, and these do not."""
+    picked = slice(600, None, 25)  # errors of samples in a row are alike
+    nees = [e @ np.linalg.solve(P, e) for e, P in zip(calm.errors[picked], calm.covariance[picked], strict=True)]
+    assert 1.0 < np.mean(nees) < 4.2
+
+
+def test_rounding_is_counted_once(calm):
+    variance = np.einsum("nii->ni", calm.measured)[1000:].mean(axis=0)
+    assert variance == pytest.approx(np.full(3, STEP**2 / 12.0), rel=0.25)
+
+
+def test_chatter_that_forces_do_not_show_makes_the_velocity_less_sure(calm, shaken):
+    after_a_tenth = slice(PUSHED.start + 20, PUSHED.stop)
+    error = np.sqrt(np.mean(shaken.errors[after_a_tenth, 1] ** 2))
+    sigma = np.sqrt(np.mean(shaken.sigma[after_a_tenth, 1] ** 2))
+    assert error > 0.05 and 0.5 < sigma / error < 3.0
+    assert shaken.sigma[after_a_tenth, 0].mean() < 1.5 * calm.sigma[after_a_tenth, 0].mean()  # of that axis alone
+
+
+def test_after_the_chatter_it_is_sure_again(calm, shaken):
+    late = slice(PUSHED.stop + 400, None)
+    assert shaken.sigma[late, 1].mean() < 1.5 * calm.sigma[late, 1].mean()
