@@ -17,7 +17,7 @@ import numpy as np
 from ...base.pose import matrix
 from ...base.types import Array, Booleans, Foot, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
-from ...effects.hooks import Now
+from ...effects.hooks import STANDS, Now
 from ...feedforward.feedforward import Feedforward
 from ...measured.standing import STEP as KERB
 from ...robot.robot import Robot
@@ -31,7 +31,7 @@ from .memory import STEP, empty_memory, keep
 
 _SPACING_NS = 19_000_000  # between points that are used at least
 _AT_ONCE = 2  # points that a sample adds at most: inverse kinematics take long
-_CAPACITY, _KEPT = 128, 64  # points remembered at most, and how many are kept when there are more
+_CAPACITY, _KEPT = 192, 96  # points remembered at most, and how many are kept when there are more
 _NEAR_NS = 60_000_000  # a point no farther from now shows by how much the motors lead
 _MEMORY = 8.0  # [s] time constant with which the lead is forgotten
 _LONGEST = 0.1  # [s] that one sample counts for at most
@@ -45,7 +45,7 @@ class PlannedWalk:
     """Motors and equations of motion to come, and the model simulated through them.
 
     Attributes:
-        stands: whether no foot is planned to be in the air as far ahead as the last course was to be.
+        stands: whether the plan has no foot in the air, neither in the last second nor as far ahead as it is known.
     """
 
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
@@ -184,7 +184,8 @@ class PlannedWalk:
             self.reset()
             return None
         first = max(0, int(np.searchsorted(stamps, stamp)) - 1)
-        self.stands = bool(memory.double[first:n].all())
+        since = int(np.searchsorted(stamps, stamp - 1e9 * STANDS))
+        self.stands = bool(memory.double[since:n].all())
         if self.stands:
             return None
         points, sole = int(np.ceil(span / STEP)) + 1, self._feet[first, now.foot - 1]
