@@ -73,4 +73,5 @@ def test_a_plan_that_stands_leaves_the_deflection_as_it_is():
     judge, kinds = predicted("stand", until=1.5)
     assert not kinds[:, 2].any()
     rmse = judge.rmse()["0.2"]
-    np.testing.assert_allclose(rmse["model"], rmse["deflected"], rtol=0.05)
+    for axis in (0, 2):  # y is not integrated by default
+        assert rmse["model"][axis] == pytest.approx(rmse["deflected"][axis], rel=0.05)
