@@ -14,8 +14,8 @@ NAME = PACKAGE.name
 # own room and from those before it.
 ROOMS = """
     errors resources progress output processes schemas
-    core.base core.robot core.effects core.config core.streams core.measured core.model core.model.trunk core.gait
-    core.feedforward core.monitor core.observer core.evaluation core.predictor core.pipeline core
+    core.base core.robot core.effects core.config core.streams core.measured core.model core.gait
+    core.feedforward core.model.trunk core.monitor core.observer core.evaluation core.predictor core.pipeline core
     messages topics policies bag warm_up offline check export
     sim tuning report
     diagnose.data diagnose.physics diagnose.inference diagnose.result diagnose.report diagnose.workflow diagnose

@@ -156,7 +156,10 @@ class _Reference(_Header):
         phase, step, preview_dt, count = _PLAN.unpack_from(raw, start + 8 * 26)
         position, offset = self._preview(raw, start + 8 * 26 + _PLAN.size, count)
         (count,) = COUNT.unpack_from(raw, offset)
-        velocity, _ = self._preview(raw, offset + 4, count)
+        velocity, offset = self._preview(raw, offset + 4, count)
+        (count,) = COUNT.unpack_from(raw, offset)
+        feet, offset = self._preview(raw, offset + 4, count)
+        (count,) = COUNT.unpack_from(raw, offset)
         return plan(
             stamp,
             self._frame_id,
@@ -165,8 +168,7 @@ class _Reference(_Header):
             phase,
             step,
             preview_dt,
-            position,
-            velocity,
+            (position, velocity, feet, np.frombuffer(raw, np.uint8, count, offset + 4)),
         )
 
     def _sole(self, index: int, raw: bytes, offset: int) -> Array:

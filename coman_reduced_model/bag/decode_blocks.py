@@ -110,7 +110,9 @@ def _references(rows: _Rows) -> ReferenceBlock:
     preview_dt = rows.array(after + 8, 1)[:, 0]
     phase, step = rows.array(after, 1, "<u1")[:, 0], rows.array(after + 4, 1, "<i4")[:, 0]
     position, offset = rows.sequence(after + 16)
-    velocity, _ = rows.sequence(offset)
+    velocity, offset = rows.sequence(offset)
+    feet, offset = rows.sequence(offset)
+    phases = rows.array(offset + 4, rows.count(offset), "<u1")
     shape = (len(phase), -1, 3)
     if (position is None) != (velocity is None) or frame_id.lstrip("/") != ODOM or (phase > 3).any():
         raise Irregular
@@ -121,6 +123,12 @@ def _references(rows: _Rows) -> ReferenceBlock:
         previews = np.stack((position.reshape(shape), velocity.reshape(shape)), axis=1)
     if (preview_dt != preview_dt[0]).any():
         raise Irregular
+    steps = None
+    if feet is not None or phases.shape[1]:
+        k = previews.shape[2]
+        if feet is None or feet.shape[1] != 14 * k or phases.shape[1] != k or (phases > 3).any():
+            raise Irregular
+        steps = feet.reshape(-1, k, 14), phases.astype(np.int64)
     left, right = (_poses(rows, start + 8 * k) for k in (12, 19))
     return ReferenceBlock(
         rows.arrival,
@@ -131,6 +139,7 @@ def _references(rows: _Rows) -> ReferenceBlock:
         step.tolist(),
         float(preview_dt[0]),
         previews,
+        steps,
     )
 
 

@@ -89,10 +89,11 @@ def encode_contacts(message: ContactMessage) -> bytes:
 
 
 @lru_cache(maxsize=8)
-def _reference_format(frame: bytes, preview: int) -> struct.Struct:
-    # A phase, the step, the interval of the preview; then its positions and velocities.
+def _reference_format(frame: bytes, preview: int, feet: int) -> struct.Struct:
+    # A phase, the step, the interval of the preview; then its positions and velocities, soles and phases.
     layout = Layout().header(frame).add("d", 4 * 3 + 2 * 7).add("B").add("i").add("d")
-    return layout.doubles(preview).doubles(preview).packer()
+    layout.doubles(preview).doubles(preview).doubles(14 * feet).add("I")
+    return (layout.add("s", feet) if feet else layout).packer()
 
 
 @lru_cache(maxsize=4)
@@ -106,7 +107,8 @@ def encode_reference(reference: Reference) -> bytes:
     """A ComReference; messages.reference_to, serialised."""
     r, frame = reference, cdr_string(ODOM)
     preview, rates = np.ravel(r.preview_com).tolist(), np.ravel(r.preview_com_vel).tolist()
-    return LITTLE_ENDIAN + _reference_format(frame, len(preview)).pack(
+    feet, phases = (_NONE, b"") if r.steps is None else (r.steps.soles.ravel().tolist(), bytes(r.steps.phase.tolist()))
+    return LITTLE_ENDIAN + _reference_format(frame, len(preview), len(phases)).pack(
         *header_values(r.stamp_ns, frame),
         *r.com.tolist(),
         *r.com_vel.tolist(),
@@ -121,6 +123,10 @@ def encode_reference(reference: Reference) -> bytes:
         *preview,
         len(rates),
         *rates,
+        len(feet),
+        *feet,
+        len(phases),
+        *([phases] if phases else ()),
     )
 
 

@@ -28,7 +28,7 @@ from .effects.hooks import Now
 from .evaluation.baselines import BASELINES, predict_baselines
 from .evaluation.blend import MEMORY, NOW, covariance, remember
 from .evaluation.deflections import DeflectionJudge
-from .evaluation.horizons import HorizonJudge
+from .evaluation.horizons import HELD, REPEATED, STEPPING, HorizonJudge
 from .measured.computed_wrenches import ComputedWrenches
 from .measured.odometry import FootOdometry
 from .measured.sensor_zeros import SensorZeros
@@ -280,9 +280,8 @@ class Predictor:
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
             flags |= Flags.REJECTED_STATE
-        published = self.judge.update(
-            now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, ready and dynamics.repeating
-        )
+        kind = REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
+        published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind)
         if not ready:
             return [], flags
         if self.judge.simpler_is_better:
@@ -299,7 +298,7 @@ class Predictor:
         measured[:3] = now.com - self.dynamics.reference
         measured[3:] = np.nan if sample.motor_q is None else (sample.q - sample.motor_q)[self._legs]
         values = self.dynamics.deflections(now, len(self._horizons))
-        sigma = judge.update(sample.stamp_ns, measured, values, self.dynamics.repeating)
+        sigma = judge.update(sample.stamp_ns, measured, values, self.dynamics.repeating or self.dynamics.stepping)
         return [
             DeflectionPrediction(*each)
             for each in zip(self._after, values[:, :3], sigma[:, :3], values[:, 3:], sigma[:, 3:], strict=True)

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.base.pose import matrix
 from ..core.base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
@@ -20,6 +21,7 @@ from ..core.base.types import (
     ImuMessage,
     JointMessage,
     Phase,
+    PlannedSteps,
     Prediction,
     Reference,
     SupportState,
@@ -93,8 +95,12 @@ def reference_from(message: Any) -> Reference:
         message.phase,
         message.step,
         message.preview_dt,
-        np.asarray(message.preview_position, dtype=np.float64),
-        np.asarray(message.preview_velocity, dtype=np.float64),
+        (
+            np.asarray(message.preview_position, dtype=np.float64),
+            np.asarray(message.preview_velocity, dtype=np.float64),
+            np.asarray(getattr(message, "preview_soles", ()), dtype=np.float64),  # older bags lack them
+            np.asarray(getattr(message, "preview_phase", ()), dtype=np.uint8),
+        ),
     )
 
 
@@ -106,28 +112,37 @@ def plan(
     phase: int,
     step: int,
     preview_dt: float,
-    position: Array,
-    velocity: Array,
+    previews: tuple[Array, Array, Array, NDArray[np.uint8]],
 ) -> Reference:
     """A Reference of the fields of a ComReference: vectors (3,) in their order, poses (4, 4), previews flat.
+
+    The previews are of positions, velocities, soles and phases.
 
     Raises:
         Refused: an unknown phase or frame, or previews that do not fit together.
     """
+    position, velocity, feet, phases = previews
     if len(position) % 3 or len(position) != len(velocity):
         raise Refused("length", f"{len(position)} numbers of preview positions, {len(velocity)} of velocities")
+    if (len(feet) or len(phases)) and not 3 * len(feet) == 14 * len(position) == 42 * len(phases):
+        raise Refused("length", f"{len(feet)} numbers of preview soles, {len(phases)} of preview phases")
     if len(position) and not 0.0 < preview_dt < math.inf:
         raise Refused("preview", f"preview_dt {preview_dt} s")
-    if phase not in _PHASES:
-        raise Refused("phase", f"phase {phase} is not one of 0 to 3")
+    for each in (phase, *phases[phases > max(_PHASES)].tolist()):
+        if each not in _PHASES:
+            raise Refused("phase", f"phase {each} is not one of 0 to 3")
     if frame_id.lstrip("/") != ODOM:
         raise Refused("frame", f"it is in frame {frame_id!r}, wanted {ODOM!r}")
     com, com_vel, com_acc, zmp = vectors
     left, right = soles
     ahead, ahead_vel = position.reshape(-1, 3), velocity.reshape(-1, 3)
+    steps = None
+    if len(phases):
+        steps = PlannedSteps(stamp_ns, preview_dt, ahead, feet.reshape(-1, 14), phases.astype(np.int64))
     return Reference(
-        stamp_ns, com, com_vel, com_acc, zmp, left, right, _PHASES[phase], step, preview_dt, ahead, ahead_vel
-    )
+        stamp_ns, com, com_vel, com_acc, zmp, left, right, _PHASES[phase], step, preview_dt, ahead, ahead_vel,
+        steps,
+    )  # fmt: skip
 
 
 _PHASES = {int(phase): phase for phase in Phase}  # faster than Phase()

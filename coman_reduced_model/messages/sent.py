@@ -154,6 +154,7 @@ def transform_to(types: MessageTypes, prediction: Prediction, root: str) -> Any:
 
 def reference_to(types: MessageTypes, reference: Reference) -> Any:
     """A ComReference."""
+    steps = reference.steps
     return types.ComReference(
         header=header_to(types, reference.stamp_ns, ODOM),
         position=_vector(types.Point, reference.com),
@@ -167,6 +168,8 @@ def reference_to(types: MessageTypes, reference: Reference) -> Any:
         preview_dt=float(reference.preview_dt),
         preview_position=types.doubles(np.ascontiguousarray(reference.preview_com, dtype=np.float64).ravel()),
         preview_velocity=types.doubles(np.ascontiguousarray(reference.preview_com_vel, dtype=np.float64).ravel()),
+        preview_soles=types.doubles(np.empty(0) if steps is None else steps.soles.ravel()),
+        preview_phase=np.array(() if steps is None else steps.phase, dtype=np.uint8),
     )
 
 

@@ -22,6 +22,7 @@ from coman_reduced_model.core.base.types import (
     ImuMessage,
     JointMessage,
     Phase,
+    PlannedSteps,
     Reference,
     WrenchMessage,
 )
@@ -141,7 +142,8 @@ def a_reference(n=4):
     poses[1][:3, 3] = [0.1, -0.2, 0.3]
     vectors_ = rng.normal(size=(4, 3))
     preview = rng.normal(size=(2, n, 3))
-    return Reference(STAMP, *vectors_, *poses, Phase.LEFT, -1, 0.02, *preview)
+    steps = PlannedSteps(STAMP, 0.02, preview[0], rng.normal(size=(n, 14)), rng.integers(0, 4, n)) if n else None
+    return Reference(STAMP, *vectors_, *poses, Phase.LEFT, -1, 0.02, *preview, steps)
 
 
 @KINDS
@@ -149,8 +151,9 @@ def test_reference(types):
     for n in (0, 1, 25):
         sent = a_reference(n)
         got = m.reference_from(m.reference_to(types, sent))
-        for name in sent.__slots__:
+        for name in set(sent.__slots__) - {"steps"}:
             assert np.asarray(getattr(got, name)) == pytest.approx(np.asarray(getattr(sent, name)), abs=1e-12)
+        assert same(got.steps, sent.steps)
 
 
 @given(st.lists(st.tuples(frames, st.integers(0, 9), st.integers(0, 3)), min_size=1, max_size=4))
@@ -177,6 +180,10 @@ def test_plans_decoded_at_once_are_those_decoded_in_general(changes):
         ({"phase": 7}, "phase"),
         ({"preview_position": np.zeros(4)}, "length"),
         ({"preview_velocity": np.zeros(3)}, "length"),
+        ({"preview_soles": np.zeros(14)}, "length"),
+        ({"preview_phase": np.zeros(3, dtype=np.uint8)}, "length"),
+        ({"preview_soles": np.zeros(0)}, "length"),
+        ({"preview_phase": np.full(4, 4, dtype=np.uint8)}, "phase"),
         ({"preview_dt": 0.0}, "preview"),
         ({"preview_dt": math.nan}, "preview"),
         ({"header": SimpleNamespace(frame_id="map", stamp=SimpleNamespace(sec=1, nanosec=0))}, "frame"),

@@ -89,6 +89,22 @@ class ImuMessage:
 
 
 @dataclass(slots=True)
+class PlannedSteps:
+    """The preview of a plan with its feet, as its message has them, in `odom`: n points, whatever a sample's stamp."""
+
+    stamp_ns: int  # of the message; the first point is dt later
+    dt: float  # [s]
+    com: Array  # (n, 3) [m]
+    soles: Array  # (n, 14) position [m] and quaternion x y z w of the left and the right sole
+    phase: Integers  # (n,)
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp of the last point."""
+        return self.stamp_ns + round(1e9 * self.dt * len(self.com))
+
+
+@dataclass(slots=True)
 class Reference:
     """One point of the planned motion, in `odom` (ComReference)."""
 
@@ -104,6 +120,7 @@ class Reference:
     preview_dt: float = 0.0  # [s] interval of the preview; 0: no preview
     preview_com: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m], first at stamp + preview_dt
     preview_com_vel: Array = field(default_factory=lambda: np.empty((0, 3)))  # (n, 3) [m/s]
+    steps: PlannedSteps | None = None  # the preview with its feet, where the plan says them
 
     def sole_pose(self, foot: int) -> Array:
         """Planned pose (4, 4) of the sole of a foot in the plan's odom."""

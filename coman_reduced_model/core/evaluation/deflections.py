@@ -16,7 +16,7 @@ _WAITING = 1024  # predictions of a horizon that wait for their time
 
 
 class Judged(NamedTuple):
-    """Of k moments and n deflections; kinds of predictions are 0: as now, 1: by a stride that is repeated."""
+    """Of k moments and n deflections; kinds of predictions are 0: as now, 1: by stride or plan."""
 
     after_ns: Integers  # (k,) moments after the stamp [ns]
     rows: Array  # (k, _WAITING, n) predictions that wait, in a ring
@@ -45,15 +45,15 @@ class DeflectionJudge:
         self._judged.ends[:] = 0
         self._last_ns = 0
 
-    def update(self, stamp_ns: int, measured: Array, predicted: Array, repeating: bool) -> Array:
-        """Take what is measured (n,) and predicted (1 + k, n) at a stamp; `repeating` is the kind of the predictions.
+    def update(self, stamp_ns: int, measured: Array, predicted: Array, known: bool) -> Array:
+        """Take what is measured (n,) and predicted (1 + k, n) at a stamp; `known`: by stride or plan.
 
         Returns:
             Standard deviation (1 + k, n) of such predictions, about zero; NaN where none has been judged yet.
         """
         dt = min(max(stamp_ns - self._last_ns, 0) * 1e-9, NOW)
         self._last_ns = stamp_ns
-        return _update(self._judged, stamp_ns, 1.0 - exp(-dt / MEMORY), measured, predicted, int(repeating))
+        return _update(self._judged, stamp_ns, 1.0 - exp(-dt / MEMORY), measured, predicted, int(known))
 
 
 @compiled

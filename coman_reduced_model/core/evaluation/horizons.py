@@ -15,6 +15,9 @@ from .blend import Experience, begin_with, blend, covariance, learn, no_experien
 from .statistics import NINETY
 
 Ints = NDArray[np.int64]
+Experiences = tuple[Experience, Experience, Experience]  # by what the model goes through:
+# nothing that moves, the stride before, or the steps of the plan.
+HELD, REPEATED, STEPPING = range(3)
 # published: the blend of the model and its baselines. clairvoyant: a rigid robot that knows what its motors will do.
 PREDICTORS = ("published", "model", *BASELINES, "clairvoyant")
 WITH_REFERENCE = ("planned", "deflected", "clairvoyant")
@@ -79,10 +82,11 @@ class HorizonJudge:
             np.full((2, 3), np.nan),
         )
         k = 1 + len(BASELINES)
-        # Through a stride that is repeated the model is another one than without: each has its own errors.
-        self.experiences: tuple[Experience, Experience] = (no_experience(n, k), no_experience(n, k))
+        # Through a stride that is repeated, or through planned steps, the model is another one than without, and so are
+        # simpler predictions: each kind has its own errors.
+        self.experiences: Experiences = (no_experience(n, k), no_experience(n, k), no_experience(n, k))
         self._kind, self._repeated = 0, False
-        self._simpler = [False, False]  # by experience, whether a baseline has been better than the model
+        self._simpler = [False] * len(self.experiences)  # whether a baseline has been better than the model
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -98,7 +102,7 @@ class HorizonJudge:
         measured: Array,
         reference: Array,
         ahead: Array,
-        repeating: bool = False,
+        kind: int = HELD,
     ) -> Array:
         """Judge what is due at this sample and take its predictions in.
 
@@ -107,16 +111,16 @@ class HorizonJudge:
             T_odom_sole: (4, 4) pose of the support sole.
             measured, reference: (3,) COM now [m], in the sole frame; reference NaN if there is none.
             ahead: (6, n, 3) predictions [m] in the sole frame, of the model and by BASELINES; NaN where none.
-            repeating: the model went through a stride that is repeated.
+            kind: HELD, REPEATED or STEPPING: what the model went through.
 
         Returns:
             What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
         """
         reweigh = self._blended and stamp_ns - self._weighed_ns >= _EVERY_NS
-        self._kind = int(repeating)
-        if repeating and not self._repeated:
+        if kind == REPEATED and not self._repeated:
             self._repeated = True
-            begin_with(self.experiences[1], self.experiences[0])
+            begin_with(self.experiences[kind], self.experiences[self._kind])
+        self._kind = kind
         made = np.empty((ahead.shape[1], 5, 3))
         _update(
             (self._pending, self._errors, *self.experiences), stamp_ns, self._last_ns, T_odom_sole, measured, reference,
@@ -182,8 +186,8 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 
 @compiled
 def _update(
-    known: tuple[Pending, Errors, Experience, Experience], stamp_ns: int, last_ns: int, pose: Array, measured: Array,
-    reference: Array, ahead: Array, made: Array, options: tuple[bool, bool], kind: int,
+    known: tuple[Pending, Errors, Experience, Experience, Experience], stamp_ns: int, last_ns: int, pose: Array,
+    measured: Array, reference: Array, ahead: Array, made: Array, options: tuple[bool, bool], kind: int,
 ) -> None:  # fmt: skip
     """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights."""
     blended, reweigh = options
@@ -196,8 +200,8 @@ def _update(
     _to_odom(pose, reference, now[1])
     _judge_due(pending, errors, experiences, stamp_ns, last_ns, now)
     if reweigh:
-        weigh(experiences[0])
-        weigh(experiences[1])
+        for each in experiences:
+            weigh(each)
     if blended:
         blend(experience, ahead, published)
     for h in range(made.shape[0]):
@@ -208,15 +212,18 @@ def _update(
 
 
 @compiled
-def _covariance(experiences: tuple[Experience, Experience], h: int) -> Array:
+def _covariance(experiences: Experiences, h: int) -> Array:
     """(3, 3) [m^2] of what is published, whatever the model did."""
-    one, other = experiences
-    return covariance(one.errors[h] + other.errors[h], one.known[h] + other.known[h])
+    errors, known = np.zeros((3, 3)), 0.0
+    for each in experiences:
+        errors += each.errors[h]
+        known += each.known[h]
+    return covariance(errors, known)
 
 
 @compiled
 def _judge_due(
-    pending: Pending, errors: Errors, experiences: tuple[Experience, Experience], stamp_ns: int, last_ns: int,
+    pending: Pending, errors: Errors, experiences: Experiences, stamp_ns: int, last_ns: int,
     now: Array,
 ) -> None:  # fmt: skip
     """Judge the predictions of stamps up to this one by measured and reference COM now (2, 3), in odom [m]."""

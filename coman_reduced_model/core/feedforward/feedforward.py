@@ -31,6 +31,10 @@ _JUMP = 0.05  # [m] and so does one whose COM jumps
 class Feedforward:
     """Planned deflections of one robot, from the points of `com/reference` as they come.
 
+    Attributes:
+        started: whether `start` was called.
+        loads: vertical loads (2,) of the left and the right foot [N] at the last one.
+
     Example:
         >>> import coman_reduced_model as coman
         >>> from coman_reduced_model.core.feedforward.feedforward import Feedforward
@@ -53,11 +57,21 @@ class Feedforward:
         """
         config = config.with_joints_of(robot)
         effects, robot = build_effects(config.effects, robot)
-        self._robot, self._gravity = robot, config.robot.gravity
-        self._springs = Springs(config.robot, effects, False)
+        self._prepare(robot, Springs(config.robot, effects, False), config.robot.gravity)
+
+    @classmethod
+    def of(cls, robot: Robot, springs: Springs, gravity: float) -> Feedforward:
+        """For a robot that carries what effects load it with, and its springs; `gravity` [m/s^2]."""
+        made = cls.__new__(cls)
+        made._prepare(robot, springs, gravity)
+        return made
+
+    def _prepare(self, robot: Robot, springs: Springs, gravity: float) -> None:
+        self._robot, self._springs, self._gravity = robot, springs, gravity
         self._posture = PlannedPosture(robot, self._gravity)
         self._columns = np.concatenate((robot.leg_columns[Foot.LEFT], robot.leg_columns[Foot.RIGHT]))
-        self._started = False
+        self.started = False
+        self.loads = np.zeros(2)
         self.reset()
 
     def reset(self) -> None:
@@ -70,9 +84,21 @@ class Feedforward:
 
         Measured ones will do: they only say which way the knees bend, and where joints outside the legs stay.
         """
-        if not self._started:
+        if not self.started:
             self._posture.start(joints)
-            self._started = True
+            self.started = True
+
+    def surround(self, joints: Array, down: Array) -> None:
+        """Joints (nj,) [rad] of which those outside the legs are kept, and gravity's direction (3,), from now on."""
+        self._posture.hold(joints)
+        self._posture.model.gravity.linear = self._gravity * down
+
+    @property
+    def planned(self) -> tuple[Reference, Array, Array]:
+        """The point of the last deflection, its configuration (nq,) of the model and its velocities (nv,)."""
+        (_, q0), (middle, q1), (_, q2) = self._points
+        before, after = (self._points[i + 1][0].stamp_ns - self._points[i][0].stamp_ns for i in range(2))
+        return middle, q1, pin.difference(self._posture.model, q0, q2) / ((before + after) * 1e-9)
 
     def update(self, plan: Reference) -> PlannedDeflection | None:
         """Take the next point of the plan.
@@ -87,7 +113,7 @@ class Feedforward:
             if 0 <= plan.stamp_ns - self._points[-1][0].stamp_ns < _SPACING_NS - 1000:
                 return None
             self.reset()
-        if not self._started or plan.phase == Phase.FLIGHT or not self._posture.solve(plan):
+        if not self.started or plan.phase == Phase.FLIGHT or not self._posture.solve(plan):
             self.reset()
             return None
         self._points.append((plan, self._posture.q.copy()))
@@ -98,8 +124,8 @@ class Feedforward:
         before, after = (middle.stamp_ns - first.stamp_ns) * 1e-9, (last.stamp_ns - middle.stamp_ns) * 1e-9
         v0, v1 = pin.difference(model, q0, q1) / before, pin.difference(model, q1, q2) / after
         v = (after * v0 + before * v1) / (before + after)
-        torque, loads = self._torques(middle, q1, v, 2.0 * (v1 - v0) / (before + after))
-        deflection = self._deflections(torque, loads, before)
+        torque, self.loads = self._torques(middle, q1, v, 2.0 * (v1 - v0) / (before + after))
+        deflection = self._deflections(torque, self.loads, before)
         self._last = PlannedDeflection(middle.stamp_ns, deflection, torque)
         return self._last
 

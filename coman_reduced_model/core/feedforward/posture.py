@@ -31,11 +31,19 @@ class PlannedPosture:
         self.q = pin.neutral(self.model)
         legs = np.concatenate((robot.leg_columns[Foot.LEFT], robot.leg_columns[Foot.RIGHT]))
         self._free = np.concatenate((np.arange(6), legs))
+        places = {joint.idx_v: range(joint.idx_q, joint.idx_q + joint.nq) for joint in self.model.joints}
+        self._leg_places = np.array([place for column in legs for place in places[column]])
         self._frames = (robot.sole_ids[Foot.LEFT], robot.sole_ids[Foot.RIGHT])
 
     def start(self, joints: Array) -> None:
         """Begin at joint positions (nj,) [rad]: knees bend as there, and joints outside the legs stay there."""
         self.robot.scatter(joints, self.q)
+
+    def hold(self, joints: Array) -> None:
+        """Bring the joints outside the legs to those of (nj,) [rad]; the next solution has them there."""
+        legs = self.q[self._leg_places].copy()
+        self.robot.scatter(joints, self.q)
+        self.q[self._leg_places] = legs
 
     def solve(self, plan: Reference) -> bool:
         """Bring the robot to where the plan has COM and soles, its trunk level.

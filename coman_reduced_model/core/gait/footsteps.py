@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from ...errors import ComanError
-from ..base.types import Array, Foot, Phase
+from ..base.types import Array, Foot, Integers, Phase
 
 if TYPE_CHECKING:
     from .parameters import GaitParameters
@@ -142,6 +142,14 @@ class FootMotion:
         T[..., :3, 3] = pose[..., :3]
         interval = self._switches.searchsorted(t, side="right")
         return T, self._phase[interval], self._step[interval]
+
+    def poses(self, t: Array) -> tuple[Array, Integers]:
+        """The same at times t (...) [s] as positions and quaternions of both soles (..., 14), with the phase (...)."""
+        pose = self._pose(t)
+        out = np.zeros((*t.shape, 2, 7))
+        out[..., :3] = pose[..., :3]
+        out[..., 5], out[..., 6] = np.sin(0.5 * pose[..., 3]), np.cos(0.5 * pose[..., 3])
+        return out.reshape(*t.shape, 14), self._phase[self._switches.searchsorted(t, side="right")].astype(np.int64)
 
     def twists(self, t: Array) -> Array:
         """Linear, then angular velocity (n, 2, 6) of both sole origins along the axes of odom [m/s, rad/s]."""

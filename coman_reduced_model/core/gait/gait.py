@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
 from ...errors import ConfigError
-from ..base.types import Array, Foot, Phase, Reference
+from ..base.types import Array, Foot, Phase, PlannedSteps, Reference
 from .footsteps import FootMotion, Footstep, compose, ground_pose, place_footsteps, side
 from .lipm import LipmCom, rest_at_both_ends
 from .parameters import GaitParameters
@@ -84,12 +84,14 @@ class WalkPlan:
         times = t[:, None] + preview_dt * np.arange(preview_n + 1.0)
         points = self._com(times.ravel()).reshape(*times.shape, 4, 3)
         T, phase, step = self._feet(t)
+        soles, phases = self._feet.poses(times[:, 1:])
         found = []
         for k, stamp_ns in enumerate(stamps_ns):
             com, com_vel, com_acc, zmp = points[k, 0]
             now = Reference(stamp_ns, com, com_vel, com_acc, zmp, T[k, 0], T[k, 1], Phase(phase[k]), int(step[k]))
             if preview_n:
                 now.preview_dt, now.preview_com, now.preview_com_vel = preview_dt, points[k, 1:, 0], points[k, 1:, 1]
+                now.steps = PlannedSteps(stamp_ns, preview_dt, now.preview_com, soles[k], phases[k])
             found.append(now)
         return found
 

@@ -24,6 +24,7 @@ class Dynamics(ABC):
         tilt: (2,) roll and pitch of the trunk in the free run [rad]; NaN if the model knows none.
         flags: what else is to be said of the last sample.
         repeating: the robot repeats its last stride, and what is said ahead follows from it.
+        stepping: else: what is said ahead follows from how the plan moves COM and feet.
     """
 
     def __init__(self) -> None:
@@ -31,7 +32,7 @@ class Dynamics(ABC):
         self.state: Array | None = None
         self.tilt = np.full(2, np.nan)
         self.flags = Flags.OK
-        self.repeating = False
+        self.repeating = self.stepping = False
 
     @property
     def aslant_landings(self) -> int:

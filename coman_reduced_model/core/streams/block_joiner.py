@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import RobotError
 from ..base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
-from ..base.types import Array, Foot, ImuMessage, Integers, Phase, Reference, Sample
+from ..base.types import Array, Foot, ImuMessage, Integers, Phase, PlannedSteps, Reference, Sample
 from .blocks import Block, ImuBlock, Irregular, JointBlock, ReferenceBlock, WrenchBlock
 from .joiner import Joiner
 from .joint_map import JointState
@@ -189,16 +189,32 @@ class BlockJoiner(Joiner):
         places = soles[:, :, :3, 3]
         if not plain or not self.possible.surely_reference(block.points, places, block.previews, block.preview_dt):
             raise Irregular
+        dt = block.preview_dt
+        if block.steps is not None and not self.possible.surely_soles(block.steps[0], block.previews[:, 0]):
+            raise Irregular
         points, previews, stamps = list(block.points), list(block.previews), block.stamp_ns.tolist()
 
         @cache  # a plan that serves several samples is one object, as without blocks
         def value(i: int) -> Reference:
             com, com_vel, com_acc, zmp = points[i]
             phase, (ahead, ahead_vel) = _PHASES[block.phase[i]], previews[i]
+            steps = None
+            if block.steps is not None:
+                steps = PlannedSteps(stamps[i], dt, ahead, block.steps[0][i], block.steps[1][i])
             return Reference(
-                stamps[i], com, com_vel, com_acc, zmp, *block.soles[i], phase, block.step[i], block.preview_dt, ahead,
+                stamps[i],
+                com,
+                com_vel,
+                com_acc,
+                zmp,
+                *block.soles[i],
+                phase,
+                block.step[i],
+                dt,
+                ahead,
                 ahead_vel,
-            )  # fmt: skip
+                steps,
+            )
 
         lane.rows, lane.value = (block.points, block.previews), value
 
@@ -359,7 +375,7 @@ def _references(lane: _Lane, at: Integers, found: _Found) -> list[Reference | No
         plans.append(
             Reference(
                 stamp, com, com_vel, com_acc, zmp, nearer.T_odom_left, nearer.T_odom_right, nearer.phase, nearer.step,
-                nearer.preview_dt, ahead, ahead_vel,
+                nearer.preview_dt, ahead, ahead_vel, nearer.steps,
             )
         )  # fmt: skip
     return plans

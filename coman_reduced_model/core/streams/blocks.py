@@ -67,3 +67,4 @@ class ReferenceBlock(Block):
     step: list[int]
     preview_dt: float  # [s]
     previews: Array  # (n, 2, k, 3) positions, velocities
+    steps: tuple[Array, Integers] | None  # (n, k, 14) soles and (n, k) phases, where the plan says them

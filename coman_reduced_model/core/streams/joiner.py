@@ -188,6 +188,10 @@ class Joiner:
             )
             self._reject(self._reference, "length", lengths)
             return []
+        steps = message.steps
+        if steps is not None and not (len(steps.com) == len(steps.soles) == len(steps.phase) and usable(steps.soles)):
+            self._reject(self._reference, "length", "the soles of its preview are no numbers, or not one a point")
+            return []
         if not all_usable(*values):
             worst = next(each for each in values if not usable(each))
             return self._reject_values(self._reference, worst, f"a vector of it is {worst[:3]}")

@@ -64,7 +64,7 @@ def mixed(old: Reference, new: Reference, weight: float, stamp: int) -> Referenc
     )  # fmt: skip
     return Reference(
         stamp, now[0], now[1], now[2], now[3], nearer.T_odom_left, nearer.T_odom_right, nearer.phase, nearer.step,
-        nearer.preview_dt, ahead[0], ahead[1],
+        nearer.preview_dt, ahead[0], ahead[1], nearer.steps,
     )  # fmt: skip
 
 

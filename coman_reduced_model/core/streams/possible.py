@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 _SHAKE = 50.0  # times gravity: what an IMU on a trunk may measure at a landing
+_UNIT = 0.1  # by which the squared length of a quaternion may differ from 1
 _SURE = 1.0 - 1e-9  # of a limit: below it, rounding cannot matter
 _LIMIT, _STEP, _SPEED = range(3)
 
@@ -130,6 +131,12 @@ class Possible:
         farthest = _longest(message.preview_com - message.com)
         if farthest > limits.reach + limits.com_speed * len(message.preview_com) * message.preview_dt:
             raise Refused("limit", f"its preview ends {farthest:.4g} m from its COM, out of reach")
+        if message.steps is not None:
+            far, turn = _soles_of(message.steps.soles, message.steps.com)
+            if far > limits.reach:
+                raise Refused("limit", f"its preview has a sole {far:.4g} m from the COM, out of reach")
+            if not turn < _UNIT:
+                raise Refused("limit", "its preview has the orientation of a sole that is no unit quaternion")
 
     def joint_rows(self, stream: str, stamps: Integers, q: Array, qd: Array | None) -> bool:
         """Whether `joints` would take all these states (n, nj), which follow each other."""
@@ -168,6 +175,11 @@ class Possible:
         if not math.sqrt(far.max()) < _SURE * limits.reach or not fastest < _SURE * limits.com_speed:
             return False
         return math.sqrt(ahead) < _SURE * (limits.reach + limits.com_speed * (k * preview_dt if k else 0.0))
+
+    def surely_soles(self, soles: Array, com: Array) -> bool:
+        """The same for the feet of their previews: soles (n, k, 14) and COM (n, k, 3)."""
+        far, turn = _soles_of(soles.reshape(-1, 14), com.reshape(-1, 3))
+        return far < _SURE * self.limits.reach and turn < _SURE * _UNIT
 
     def _refuse(self, stream: str, kind: int, i: int, state: JointState, dt: float) -> NoReturn:
         name, limits, q = self._robot.joint_names[i], self.limits, state.q
@@ -219,6 +231,13 @@ def within(wrench: Array, force: float, moment: float) -> bool:
 def _longest(vectors: Array) -> float:
     """Of vectors (n, 3); 0 without any."""
     return float(np.sqrt(np.square(vectors).sum(axis=1)).max(initial=0.0))
+
+
+def _soles_of(soles: Array, com: Array) -> tuple[float, float]:
+    """Of n points: how far a sole (n, 14) is from the COM (n, 3) [m], and how far its quaternion from a unit one."""
+    poses = soles.reshape(-1, 2, 7)
+    turns = np.abs(np.square(poses[..., 3:]).sum(axis=2) - 1.0)
+    return _longest((poses[..., :3] - com[:, None]).reshape(-1, 3)), float(turns.max(initial=0.0))
 
 
 @compiled

@@ -37,6 +37,7 @@ def later(plan: Reference, late_ns: int) -> Reference:
         plan.preview_dt,
         com[1:],
         com_vel[1:],
+        plan.steps,
     )
 
 

@@ -59,7 +59,7 @@ class Walk:
         for _ in range(round(seconds / EVERY)):
             now, then = self.at(self.t), self.at(self.t + H)
             ahead = (then + errors * self.rng.normal(size=(6, 1)))[:, None, :]
-            published = self.judge.update(round(self.t * 1e9) + 10**9, np.eye(4), now, now, ahead, repeating)[:, 0]
+            published = self.judge.update(round(self.t * 1e9) + 10**9, np.eye(4), now, now, ahead, int(repeating))[:, 0]
             off.append(published[0] - then)
             self.t += EVERY
         return np.array(off)

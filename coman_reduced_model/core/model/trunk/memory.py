@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...base.compiled import compiled
 from ...base.types import Array
 from .contact import ROWS, make_solver
-from .kinematics import terms_of
+from .kinematics import terms_of, terms_size
 
 STEP = 0.01  # [s] of the simulation ahead; the contact of the other foot may change in each
 WINDOW = 0.2  # [s] of the motors by which two strides are laid over each other
@@ -38,6 +38,17 @@ class Memory(NamedTuple):
     plan: Array
     planned_sole: Array
     reference: Array  # (n, 3) COM by the motors, as that of `Geometry`
+
+
+def empty_memory(m: int, capacity: int) -> Memory:
+    """Room for so many samples of a robot with m joints in its legs."""
+    r = 2 * ROWS
+    shapes = {
+        "theta": (m,), "block": (terms_size(m),), "inverse": (m + 6, m + 6), "by_impulse": (m + 6, r),
+        "contact": (r, r), "T_odom_sole": (4, 4), "plan": (3,), "planned_sole": (3, 3), "reference": (3,),
+    }  # fmt: skip
+    types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
+    return Memory(*(np.zeros((capacity, *shapes.get(f, ())), types.get(f, np.float64)) for f in Memory._fields))
 
 
 @compiled

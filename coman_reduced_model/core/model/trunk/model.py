@@ -22,12 +22,10 @@ nothing that is measured. A joint without a motor stream has its link position f
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
-from ...base.types import Array, Flags, Foot, Integers, Phase, Sample
+from ...base.types import Array, Flags, Foot, Phase, Sample
 from ...config.schema import Config
-from ...effects.catalogue import Effect
-from ...effects.hooks import Now, Push
+from ...effects.hooks import Now
 from ...measured.odometry import flat
 from ...measured.slope import LEVEL
 from ...measured.standing import StandingSoles
@@ -35,20 +33,15 @@ from ...robot.robot import Robot
 from ..cartesian import Model
 from ..dynamics import Dynamics
 from ..reference import Plan, look_ahead, motor_com
-from .contact import ROWS, Options, State, support_share, switch_support
+from .contact import ROWS, Options, State, switch_support
+from .equations import Equations
 from .kinematics import (
     Assembled,
-    Pose,
-    TrunkTerms,
     advance,
-    assemble,
     com_and_tilt,
     deflections,
-    pose_legs,
-    take_posture,
-    terms_of,
-    terms_size,
 )
+from .planned import PlannedWalk
 from .stride import Stride
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
@@ -67,43 +60,25 @@ class TrunkModel(Dynamics):
         super().__init__()
         self.robot = robot
         self.model = model
-        self.motor, self._posture = robot.posture(), robot.posture()
+        self.motor = robot.posture()
+        self._equations = Equations(robot, config, model)
         friction = config.model.friction
         self._options = Options(friction, _LONGEST, _FILTER)
-        self._swing = config.uses("swing_momentum")
-        self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         self._following = [axis for axis in range(3) if axis not in model.axes]
-        left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
-        self._order: dict[Foot, Integers] = {
-            Foot.LEFT: np.concatenate((left, right)),
-            Foot.RIGHT: np.concatenate((right, left)),
-        }
-        self._K, self._D = (
-            {foot: np.diag(np.concatenate((values[foot], values[foot.other]))) for foot in (Foot.LEFT, Foot.RIGHT)}
-            for values in (model.springs.stiffness, model.springs.damping)
-        )
-        m = len(left) + len(right)
-        blocks = np.zeros((2, terms_size(m)))
-        self._spare = [Assembled(block, terms_of(block, m)) for block in blocks]  # those of a sample, in turn
-        self._poses = {foot: self._pose(foot) for foot in (Foot.LEFT, Foot.RIGHT)}
-        self._no_spring_torque = np.zeros(m)
-        self._pin = robot.model.copy()
-        self._pin.gravity.linear = np.zeros(3)
-        self._data = robot.model.createData()
-        self._v, self._a = np.zeros((2, robot.model.nv))
-        self._no_torque = np.zeros(robot.model.nv)
-        self._q, self._rates = np.zeros((2, len(robot.joint_names)))
+        self._order, self._posture = self._equations.order, self._equations.posture
+        self._above = len(self._equations.above) > 0
         self._soles = StandingSoles()
-        self._above = np.setdiff1d(np.arange(len(robot.joint_names)), self._order[Foot.LEFT])  # waist, arms, head
-        # Columns of those of them between root link and legs: none, if the legs hang on the root link.
-        self._between = np.setdiff1d(robot.sole_columns[Foot.LEFT], robot.leg_columns[Foot.LEFT])
         self._stride = Stride(friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
+        self._make_planned = lambda: PlannedWalk(robot, config, model)
+        self._planned: PlannedWalk | None = None  # while no plan has previewed its feet
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self.stop()
         self._stride.reset()
+        if self._planned is not None:
+            self._planned.reset()
         self._soles.reset()
         self._ground, self.flags = self._soles.planes(), Flags.OK
 
@@ -114,9 +89,8 @@ class TrunkModel(Dynamics):
         self._free: State | None = None  # the free run
         self._filtered: State | None = None  # the measurement
         self._terms: Assembled | None = None
-        self._repeated: Array | None = None  # deflections ahead, if the robot repeats its stride
-        self._above_rate: Array | None = None  # (nj,) of joints outside the legs at the last sample [rad/s]
-        self._above_twist = np.zeros(6)  # of the root link by them
+        self._ahead: Array | None = None  # deflections ahead, if stride or plan say them
+        self._equations.reset()
         self._down = LEVEL  # gravity in odom, as known at the restart
         self._R_odom_sole = np.eye(3)  # orientation of the support sole, measured at a restart, then by the model
 
@@ -190,17 +164,27 @@ class TrunkModel(Dynamics):
     def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
         """Through the stride before, if the robot repeats it: from the filtered joints, whatever the state handed in.
 
-        Else as planned from the state handed in (without a plan as fast as now), while the horizontal deflection fades,
-        unless the robot stands.
+        Else through what the plan says of COM and feet, from there too; or else as planned from the state handed in
+        (without a plan as fast as now), while the horizontal deflection fades, unless the robot stands
+        or is planned to.
         """
         assert self._terms is not None and self._filtered is not None
         terms = self._terms
         self._stride.add(now, terms, self.reference)
-        repeated = self._stride.ahead(now, terms, self._filtered, horizons)
-        self._repeated, self.repeating = None if repeated is None else repeated[:, 3:], repeated is not None
-        if repeated is not None:
-            return repeated[:, :3]
-        fading = 0.0 if now.standing else 1.0 / _FADES
+        plan_of_feet = now.sample.reference is not None and now.sample.reference.steps is not None
+        if plan_of_feet and self._planned is None:
+            self._planned = self._make_planned()
+        if self._planned is not None:
+            self._planned.add(now, self._ground, self._down)
+        course = self._stride.ahead(now, terms, self._filtered, horizons)
+        self.repeating = course is not None
+        if course is None and self._planned is not None:
+            course = self._planned.ahead(now, terms, self._filtered, horizons)
+        self.stepping = course is not None and not self.repeating
+        self._ahead = None if course is None else course[:, 3:]
+        if course is not None:
+            return course[:, :3]
+        fading = 0.0 if now.standing or (self._planned is not None and self._planned.stands) else 1.0 / _FADES
         left = np.outer(np.exp(-fading * horizons), np.ones(3))  # of the deflection
         left[:, 2] = 1.0  # the sag stays
         left[:, self._following] = 0.0
@@ -208,14 +192,14 @@ class TrunkModel(Dynamics):
         return self.reference + moved + left * (com - self.reference)
 
     def deflections(self, now: Now, horizons: int) -> Array:
-        """As in `Dynamics`: now by the filter; ahead by the stride before, else as they are now."""
+        """As in `Dynamics`: now by the filter; ahead by the stride before or the plan, else as they are now."""
         assert self._terms is not None and self._filtered is not None
-        out, foot = np.empty((1 + horizons, 3 + len(self._no_spring_torque))), self._foot
+        out, foot = np.empty((1 + horizons, 3 + len(self._order[Foot.LEFT]))), self._foot
         deflections(
             out[0], self._terms.block, self._filtered.y, now.sample.q, self._order[foot], now.com, self.reference,
             foot == Foot.LEFT,
         )  # fmt: skip
-        out[1:] = out[0] if self._repeated is None else self._repeated
+        out[1:] = out[0] if self._ahead is None else self._ahead
         return out
 
     def _publish(self) -> None:
@@ -224,7 +208,7 @@ class TrunkModel(Dynamics):
         assert t is not None and free is not None
         com_and_tilt(values, t.block, self._posture.R[t.foot], self._posture.up, free.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
-        if len(self._above):
+        if self._above:
             self.state[3:] += self._posture.com_in_sole(t.foot)[1]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
@@ -242,109 +226,11 @@ class TrunkModel(Dynamics):
 
     def _assemble(self, now: Now, before: Assembled | None) -> Assembled:
         """The equation of motion at the posture of the free run, or of the filter while there is none."""
-        sample, foot, state = now.sample, self._foot, self._filtered if self._free is None else self._free
-        assert state is not None and sample.motor_q is not None and sample.motor_qd is not None
-        order, posture, robot = self._order[foot], self._posture, self.robot
-        made = self._spare[self._spare[0] is before]
-        made.foot, made.double = foot, now.support.phase == Phase.DOUBLE
-        block, v, a = made.block, self._v, self._a
-        pose_legs(
-            block, state.y, state.w, order, sample.motor_q, sample.motor_qd, robot.idx_v, self._q, self._rates, v
-        )  # fmt: skip
-        posture.update(self._q, self._rates)
-        known = before is not None and before.foot == foot
-        last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
-        pose = self._poses[foot]
-        take_posture(block, last, pose, self._ground[foot], state.y, state.w, dt, v, a)
-        if self._down is not LEVEL:
-            self._tilt_gravity(made.terms.geometry.down, state.y[-3:], now)
-        if len(self._above):
-            self._move_above(now.dt)
-        inertia, tau = pin.crba(self._pin, self._data, posture.configuration), self._no_torque
-        if self._swing:  # how the moving masses resist, the joints of the legs not accelerating
-            tau = pin.rnea(self._pin, self._data, posture.configuration, v, a)
-        weight = self.model.mass * self.model.gravity
-        share = support_share(state.P) if made.double else 1.0
-        loads = share * weight, (1.0 - share) * weight
-        K, D, torque = self._springs(made.terms, loads, state, sample.motor_qd)
-        assemble(
-            block, inertia, tau, self.model.gravity, pose.columns, K, D, torque, loads,
-            self.model.springs.gravity_stiffness,
-        )  # fmt: skip
-        if not self._swing:  # the legs move without reaction
-            n, m, M = len(order) // 2, len(order), made.terms.M
-            M[:n, n:m] = M[n:m, :n] = M[m:, n:m] = M[n:m, m:] = 0.0
-        if self._pushing:
-            self._add_push(made.terms, now)
-        return made
-
-    def _pose(self, foot: Foot) -> Pose:
-        """Views of the model's posture, of which that leg is the support leg."""
-        posture, robot, other = self._posture, self.robot, foot.other
-        columns, edges = robot.idx_v[self._order[foot]], np.array([robot.soles[foot], robot.soles[other]])
-        return Pose(
-            posture.com, posture.J, posture.J_com, posture.R[foot], posture.p[foot], posture.R[other],
-            posture.p[other], columns, edges,
-        )  # fmt: skip
-
-    def _tilt_gravity(self, down: Array, turned: Array, now: Now) -> None:
-        """Fill in `Geometry.down` (3,) on a slope, the support sole turned against it by small angles (3,) [rad]."""
-        R_odom_sole = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
-        in_sole = R_odom_sole.T @ self._down
-        down[:] = self._posture.R[self._foot] @ (in_sole - np.cross(turned, in_sole))
-
-    def _move_above(self, dt: float) -> None:
-        """Move the joints outside the legs, accelerating as their motors did since the last sample.
-
-        The step of the model takes that for its whole length: momentum changes by that of the rates, and their noise
-        does not add up. Call after `take_posture`.
-        """
-        rate, columns = self._rates.copy(), self.robot.idx_v[self._above]
-        twist = -self._posture.J[:, self._between] @ self._v[self._between]
-        self._v[:6] += twist
-        if self._above_rate is not None and dt > 0.0:
-            self._a[columns] = (rate - self._above_rate)[self._above] / dt
-            self._a[:6] += (twist - self._above_twist) / dt
-        else:
-            self._a[columns] = 0.0
-        self._above_rate, self._above_twist = rate, twist
-
-    def _add_push(self, terms: TrunkTerms, now: Now) -> None:
-        """Add what effects push the robot with to the forces, in place."""
-        f, g = terms.linear.f, terms.geometry
-        push = Push(self._posture, now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole)
-        for effect in self._pushing:
-            effect.push(push, now)
-        f[: g.J.shape[1]] += push.force @ g.J[:3] + push.moment @ g.J[3:]
-        f[: g.V.shape[1]] += push.trunk @ g.V
-
-    def _springs(
-        self, terms: TrunkTerms, loads: tuple[float, float], state: State, motor_rate: Array
-    ) -> tuple[Array, Array, Array]:
-        """Stiffness, damping (m, m) and torque (m,) at no deflection of the springs of both legs.
-
-        Args:
-            terms: with their geometry.
-            loads: weight on the support leg and on the other one [N].
-            state: deflections are those of it.
-            motor_rate: (nj,) [rad/s].
-        """
-        foot, springs, posture, g = self._foot, self.model.springs, self._posture, terms.geometry
-        K, D, torque = self._K[foot], self._D[foot], self._no_spring_torque
-        if springs.nominal:
-            return K, D, torque
-        motor_rate = motor_rate[self._order[foot]]
-        m, n = len(motor_rate), len(motor_rate) // 2
-        K, D, torque = K.copy(), D.copy(), torque.copy()
-        deflection, rate = state.y[:m] - terms.theta, state.w[:m] - motor_rate
-        other_com = posture.R[foot.other].T @ (posture.com - posture.p[foot.other])
-        for side, part, J, com, load in (
-            (foot, slice(0, n), g.J[:, :n], g.com, loads[0]),
-            (foot.other, slice(n, m), g.J_other, other_com, loads[1]),
-        ):
-            leg = springs.leg(side, J, com, load, deflection[part], rate[part], motor_rate[part])
-            K[part, part], D[part, part], torque[part] = leg.K_q, leg.D_q, leg.torque
-        return K, D, torque
+        foot, state = self._foot, self._filtered if self._free is None else self._free
+        assert state is not None
+        R = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
+        double = now.support.phase == Phase.DOUBLE
+        return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before)
 
 
 def copied(state: State) -> State:

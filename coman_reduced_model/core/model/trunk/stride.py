@@ -10,18 +10,16 @@ no course, and `Stride.ahead` says so.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from ...base.compiled import all_finite, apply, compiled, mul
+from ...base.compiled import all_finite, compiled
 from ...base.types import Array, Phase, Reference
 from ...effects.hooks import Now
-from .contact import ROWS, Linear, Solver, State, step_soles, switch_support
-from .kinematics import Assembled, terms_of
-from .memory import SEARCH, STEP, WINDOW, Memory, find_lag, keep, mismatch, motors_at, nearest, swapped
+from .contact import ROWS, State
+from .course import EVERY, Start, along, simulate
+from .kinematics import Assembled
+from .memory import SEARCH, STEP, WINDOW, Memory, empty_memory, find_lag, keep, mismatch, nearest
 
-_EVERY = 0.0395  # [s] between two simulations: in between the last one is read further
 _SPACING = 0.0095  # [s] between remembered samples at least
 _CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
 _ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
@@ -86,8 +84,8 @@ class Stride:
         if self._memory is None:
             return None
         stamp = now.sample.stamp_ns
-        if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < _EVERY:
-            self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + _EVERY)
+        if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY:
+            self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + EVERY)
         if self._course is None:
             return None
         return along(self._course, (stamp - self._course_ns) * 1e-9, horizons, now.T_odom_sole)
@@ -100,14 +98,7 @@ class Stride:
     def _room(self, terms: Assembled) -> Memory:
         if self._memory is None:
             m, r = len(terms.terms.theta), 2 * ROWS
-            shapes = {
-                "theta": (m,), "block": terms.block.shape, "inverse": (m + 6, m + 6), "by_impulse": (m + 6, r),
-                "contact": (r, r), "T_odom_sole": (4, 4), "plan": (3,), "planned_sole": (3, 3), "reference": (3,),
-            }  # fmt: skip
-            types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
-            self._memory = Memory(
-                *(np.zeros((_CAPACITY, *shapes.get(f, ())), types.get(f, np.float64)) for f in Memory._fields)
-            )
+            self._memory = empty_memory(m, _CAPACITY)
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, np.zeros(1, dtype=np.int64), self._memory, 0)
             replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, np.eye(3), 1, 0, self._memory, 2)
@@ -146,33 +137,6 @@ class Stride:
 def _axes(plan: Reference, foot: int) -> Array:
     """Orientation (3, 3) of the planned sole of a foot, laid out as what was compiled for it."""
     return np.ascontiguousarray(plan.sole_pose(foot)[:3, :3])
-
-
-class Start(NamedTuple):
-    """From where a simulation ahead starts."""
-
-    stamp: int  # [ns]
-    foot: int  # support foot
-    block: Array  # of `Assembled`
-    state: State  # the filtered measurement
-    T_odom_sole: Array  # (4, 4) pose of the support sole
-
-
-@compiled
-def along(course: Array, since: float, horizons: Array, T_odom_sole: Array) -> Array:
-    """A course (n, 6 + m) of `Stride`, every `STEP`, at since + horizons (k,) [s], its vectors in the support sole."""
-    out = np.zeros((horizons.shape[0], course.shape[1]))
-    for k in range(horizons.shape[0]):
-        at = (since + horizons[k]) / STEP
-        i = min(int(at), course.shape[0] - 2)
-        w = at - i
-        now = (1.0 - w) * course[i] + w * course[i + 1]
-        for axis in range(3):
-            for j in range(3):
-                out[k, j] += (now[axis] - T_odom_sole[axis, 3]) * T_odom_sole[axis, j]
-                out[k, 3 + j] += now[3 + axis] * T_odom_sole[axis, j]
-        out[k, 6:] = now[6:]
-    return out
 
 
 @compiled
@@ -226,85 +190,22 @@ def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Ar
     """The model from a measured state through the stride before.
 
     Args:
-        start: now.
+        start, points, past, n, soles, friction: as in `simulate`.
         then: the same point of the stride before [ns].
-        points: of the course, every STEP.
-        past, n: the memory.
-        soles: (2, 4) edges of the left and the right sole [m].
-        friction: coefficient.
 
     Returns:
         (points, 6 + m) as in `Stride`; empty where the last stride was another one.
     """
-    m = past.theta.shape[1]
-    nothing, terms = np.empty((0, 6 + m)), terms_of(start.block, m)
+    nothing = np.empty((0, 6 + past.theta.shape[1]))
     if n < 2:
         return nothing
-    q, foot = nearest(then, past.stamp, n, n - 1), start.foot
+    q = nearest(then, past.stamp, n, n - 1)
     if not repeats(start.stamp, then, past, n, q):
         return nothing
-    same = same_support(past, n, q, foot)
-    if past.foot[same] != foot:
+    same = same_support(past, n, q, start.foot)
+    if past.foot[same] != start.foot:
         return nothing
-    # The stride before in odom of now.
-    R_then = past.T_odom_sole[same, :3, :3]
-    R = mul(start.T_odom_sole[:3, :3].copy(), R_then.T.copy())
-    p = start.T_odom_sole[:3, 3] - apply(R, past.T_odom_sole[same, :3, 3])
-
-    off, before, after = np.empty(m), np.empty(m), np.empty(m)
-    motors_at(off, then, past, n, q, foot)
-    off[:] = terms.theta - off  # of the motors from what they did; stays
-    state = State(start.state.y.copy(), start.state.w.copy(), np.zeros(2 * ROWS))
-    linear, out = terms.linear, np.zeros((points, 6 + m))
-    for k in range(points):
-        t = then + int(k * STEP * 1e9)
-        if k > 0:
-            q = nearest(t - int(0.5 * STEP * 1e9), past.stamp, n, q)
-            if past.foot[q] != foot:  # the support changes
-                foot = past.foot[q]
-                state = switch_support(state, linear, soles[foot - 1])
-                off = swapped(off)
-            linear, solver = remembered(past, q, terms.linear.reach)
-            for at, motors in ((t - int(STEP * 1e9), before), (t, after)):
-                motors_at(motors, at, past, n, q, foot)
-                motors += off
-            step_soles(state, linear, solver, before, after, 1, friction)
-        q = nearest(t, past.stamp, n, q)
-        motors_at(after, t, past, n, q, foot)
-        after += off
-        write_point(out[k], state.y, after, past, q, foot)
-        com, moved = apply(R, out[k, :3]), apply(R, out[k, 3:6])
-        out[k, :3], out[k, 3:6] = p + com, moved
-    return out
-
-
-@compiled
-def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int) -> None:
-    """A point of a course (6 + m,), of zeros, at coordinates y and motors (m,), by the posture of sample q.
-
-    The leg of `foot` comes first in y and motors.
-    """
-    m = motors.shape[0]
-    own = 0 if foot == 1 else m // 2  # where the left leg begins
-    order = 0 if past.foot[q] == foot else m // 2  # and the support leg of sample q
-    terms = terms_of(past.block[q], m)
-    J, at, com, bent = (
-        terms.geometry.J,
-        terms.linear.y,
-        terms.geometry.com.copy(),
-        terms.geometry.com - past.reference[q],
-    )
-    for k in range(m):
-        i = (k + order) % m
-        for axis in range(3):
-            com[axis] += J[axis, k] * (y[i] - at[k])
-            bent[axis] += J[axis, k] * (y[i] - at[k] - motors[i] + past.theta[q, k])
-        point[6 + k] = y[(k + own) % m] - motors[(k + own) % m]
-    for axis in range(3):
-        point[axis] = past.T_odom_sole[q, axis, 3]
-        for j in range(3):
-            point[axis] += past.T_odom_sole[q, axis, j] * com[j]
-            point[3 + axis] += past.T_odom_sole[q, axis, j] * bent[j]
+    return simulate(start, past.T_odom_sole[same], then, points, past, n, soles, friction, False)
 
 
 @compiled
@@ -330,12 +231,3 @@ def same_support(past: Memory, n: int, q: int, foot: int) -> int:
         if q - i >= 0 and past.foot[q - i] == foot:
             return q - i
     return q
-
-
-@compiled
-def remembered(past: Memory, q: int, reach: Array) -> tuple[Linear, Solver]:
-    """The equations of motion of a remembered sample, and their solver for steps of STEP."""
-    r = 2 * ROWS if past.double[q] else ROWS
-    then = terms_of(past.block[q], past.theta.shape[1]).linear
-    linear = Linear(then.y, then.K, then.D, then.f, then.C, then.height, reach)
-    return linear, Solver(STEP, r, past.inverse[q], past.by_impulse[q], past.contact[q])

@@ -122,8 +122,8 @@ def test_it_beats_a_rigid_robot_whose_motors_are_known_while_it_turns(tmp_path):
         assert rmse[h]["model"][1] < 0.9 * rmse[h]["clairvoyant"][1]
 
 
-def test_a_repeated_stride_starts_from_the_joints_and_anything_else_from_the_estimate():
-    """A COM that is 5 mm off moves the prediction only where the stride is not repeated."""
+def test_stride_and_planned_steps_start_from_the_joints_and_anything_else_from_the_estimate():
+    """A COM that is 5 mm off moves the prediction only where neither is known."""
     moved: dict[bool, list[float]] = {False: [], True: []}
     with Session(bag_path("test1"), Config()) as session:
         predictor = session.pipeline.predictor
@@ -132,7 +132,7 @@ def test_a_repeated_stride_starts_from_the_joints_and_anything_else_from_the_est
         def twice(now, com, com_vel, plan, horizons):
             off = ahead(now, com + np.array([5e-3, 0.0, 0.0]), com_vel, plan, horizons)
             out = ahead(now, com, com_vel, plan, horizons)
-            moved[dynamics.repeating].append(np.abs(off - out).max())
+            moved[dynamics.repeating or dynamics.stepping].append(np.abs(off - out).max())
             return out
 
         dynamics.ahead = twice

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the motors will do: what the plan asks of them, where its preview says how the feet step.
+
+A robot that sets off or stops repeats no stride, but its plan has all that the stride before would tell: inverse
+kinematics of COM and soles gives the joints, their loads give the deflection, by a share of which the motors lead (the
+share is found from the motors so far), and the posture gives the equations of motion. They are laid out as the stride
+before is (`memory.py`), and simulated in the same way. By how much the motors differ from the plan now stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import exp
+
+import numpy as np
+
+from ...base.pose import matrix
+from ...base.types import Array, Booleans, Foot, Phase, PlannedDeflection, PlannedSteps, Reference
+from ...config.schema import Config
+from ...effects.hooks import STANDS, Now
+from ...feedforward.feedforward import Feedforward
+from ...measured.standing import STEP as KERB
+from ...robot.robot import Robot
+from ..cartesian import Model
+from ..reference import motor_com
+from .contact import ROWS, State
+from .course import EVERY, Start, along, simulate
+from .equations import Equations
+from .kinematics import Assembled
+from .memory import STEP, empty_memory, keep
+
+_SPACING_NS = 19_000_000  # between points that are used at least
+_AT_ONCE = 2  # points that a sample adds at most: inverse kinematics take long
+_CAPACITY, _KEPT = 192, 96  # points remembered at most, and how many are kept when there are more
+_NEAR_NS = 60_000_000  # a point no farther from now shows by how much the motors lead
+_MEMORY = 8.0  # [s] time constant with which the lead is forgotten
+_LONGEST = 0.1  # [s] that one sample counts for at most
+_MOST = 1.2  # share of the planned deflection that motors lead by at most
+_CHANGED = 0.02  # [m] by which a plan may differ from what it was
+_PLANE = [3, 0, 1]  # of the third row of a pose: height of the origin, and what x and y add to it
+_NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
+
+
+class PlannedWalk:
+    """Motors and equations of motion to come, and the model simulated through them.
+
+    Attributes:
+        stands: whether the plan has no foot in the air, neither in the last second nor as far ahead as it is known.
+    """
+
+    def __init__(self, robot: Robot, config: Config, model: Model) -> None:
+        """Share the effects and constants of the point-mass model."""
+        self._friction = config.model.friction
+        self._feedforward = Feedforward.of(robot, model.springs, model.gravity)
+        self._equations = Equations(robot, config, model)
+        self._motors = robot.posture()
+        self._columns, self._order = robot.idx_v, self._equations.order
+        self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
+        self._places = np.array([robot.model.joints[robot.model.getJointId(n)].idx_q for n in robot.joint_names])
+        self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
+        m = len(self._legs)
+        self._memory = empty_memory(m, _CAPACITY)
+        self._feet = np.zeros((_CAPACITY, 2, 4, 4))  # planned poses of both soles at the same points
+        self._joints = np.zeros((_CAPACITY, 2, m))  # and joints and deflection, the left leg's first
+        self._lead = np.zeros(2)  # fading sums: lead times deflection, deflection squared
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past, but for the share of the lead."""
+        self._feedforward.reset()
+        self._equations.reset()
+        self._n = self._last_ns = 0  # points kept; stamp of the last one that was looked at
+        self._before: Assembled | None = None
+        self._course_ns = 0
+        self._course: Array | None = None  # as in `Stride`
+        self.stands = False
+
+    @property
+    def share(self) -> float:
+        """Of the planned deflection, by which the motors lead."""
+        return min(_MOST, max(0.0, -self._lead[0] / self._lead[1])) if self._lead[1] > 0.0 else 0.0
+
+    def add(self, now: Now, ground: dict[Foot, Array], down: Array) -> None:
+        """Take in what the plan of a sample says.
+
+        Args:
+            now: this sample.
+            ground: by support foot, (3,) under the other sole, as in `contact.Sole`, as far as it is known.
+            down: (3,) direction of gravity in odom.
+        """
+        plan = now.sample.reference
+        if plan is None or plan.steps is None or now.sample.motor_q is None:
+            self.reset()
+            return
+        steps, dt = plan.steps, round(1e9 * plan.steps.dt)
+        if not 0 <= self._last_ns - steps.stamp_ns <= (len(steps.com) + 1) * dt:  # it began again, or was away
+            self.reset()
+            self._last_ns = steps.stamp_ns
+        if not self._feedforward.started:
+            self._feedforward.start(now.sample.q)
+        self._feedforward.surround(now.sample.motor_q, down)
+        self._learn(now)
+        for _ in range(_AT_ONCE):
+            k = max(0, -((steps.stamp_ns - self._last_ns - _SPACING_NS) // dt) - 1)
+            if k >= len(steps.com) or (self._n and not self._lead[1] > 0.0):
+                return
+            self._last_ns = steps.stamp_ns + (k + 1) * dt
+            planned = self._feedforward.update(_point(steps, k, self._last_ns))
+            if planned is not None:
+                self._keep(now, planned, ground, down)
+                self._learn(now)
+
+    def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
+        """As in `Stride`; None: the plan does not say it, or it says that the robot stands."""
+        stamp = now.sample.stamp_ns
+        if not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY:
+            self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + EVERY)
+        if self._course is None:
+            return None
+        return along(self._course, (stamp - self._course_ns) * 1e-9, horizons, now.T_odom_sole)
+
+    def _learn(self, now: Now) -> None:
+        """By how much the motors lead."""
+        if not self._n or now.sample.motor_q is None:
+            return
+        stamps = self._memory.stamp[: self._n]
+        i = min(int(np.searchsorted(stamps, now.sample.stamp_ns)), self._n - 1)
+        if abs(int(stamps[i]) - now.sample.stamp_ns) > _NEAR_NS:
+            return
+        joints, deflection = self._joints[i]
+        lead, dt = now.sample.motor_q[self._legs] - joints, min(max(now.dt, 0.0), _LONGEST)
+        self._lead *= exp(-dt / _MEMORY)
+        self._lead += lead @ deflection, deflection @ deflection
+
+    def _keep(self, now: Now, planned: PlannedDeflection, ground: dict[Foot, Array], down: Array) -> None:
+        """Keep motors and equations of the point of a planned deflection."""
+        plan, q, v = self._feedforward.planned
+        if self._n == _CAPACITY:
+            for column in (*self._memory, self._feet, self._joints):
+                column[:_KEPT] = column[-_KEPT:]
+            self._n = _KEPT
+        memory, n, sample = self._memory, self._n, now.sample
+        assert sample.motor_q is not None and sample.motor_qd is not None
+        foot = Foot(int(memory.foot[n - 1])) if n else now.foot
+        if plan.phase != Phase.DOUBLE:
+            foot = Foot(int(plan.phase))
+        double, order = plan.phase == Phase.DOUBLE, self._order[foot]
+        m = len(order)
+        links, rates = q[self._places], v[self._columns]
+        theta, theta_rate = sample.motor_q.copy(), sample.motor_qd.copy()
+        theta[self._legs] = links[self._legs] - self.share * planned.deflection
+        theta_rate[self._legs] = rates[self._legs]
+        state = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
+        state.y[:m], state.w[:m] = links[order], rates[order]
+        for part, of in ((slice(0, 4), foot), (slice(ROWS, ROWS + 4), foot.other)):
+            state.P[part] = self._feedforward.loads[of - 1]
+        sole, other = plan.sole_pose(foot), plan.sole_pose(foot.other)
+        plane, height = ground[foot].copy(), float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
+        if double and abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
+            plane[0] = height
+        sample = replace(sample, motor_q=theta, motor_qd=theta_rate)
+        dt = 1e-9 * (planned.stamp_ns - int(memory.stamp[n - 1])) if n else 0.0
+        at = replace(now, sample=sample, dt=dt)
+        made = self._equations.assemble(at, foot, state, double, plane, down, sole[:3, :3], self._before)
+        self._motors.update(theta, theta_rate)
+        axes = np.ascontiguousarray(sole[:3, :3])
+        com = motor_com(self._motors, foot)[0]
+        keep(memory, n, planned.stamp_ns, made.block, int(foot), double, sole, plan.com, axes, com)
+        self._feet[n] = plan.T_odom_left, plan.T_odom_right
+        self._joints[n] = links[self._legs], planned.deflection
+        self._n, self._before = n + 1, made
+
+    def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
+        memory, n, stamp, plan = self._memory, self._n, now.sample.stamp_ns, now.sample.reference
+        self.stands = False
+        if n < 2 or plan is None or plan.steps is None:
+            return None
+        if not memory.stamp[0] <= stamp <= stamp + 1e9 * span <= memory.stamp[n - 1] + _SPACING_NS:
+            return None
+        stamps = memory.stamp[:n]
+        both = (stamps >= plan.steps.stamp_ns + 1e9 * plan.steps.dt) & (stamps <= plan.steps.end_ns)
+        changed = self._changed(plan.steps, both)
+        if changed is None:
+            self.reset()
+            return None
+        first = max(0, int(np.searchsorted(stamps, stamp)) - 1)
+        since = int(np.searchsorted(stamps, stamp - 1e9 * STANDS))
+        self.stands = bool(memory.double[since:n].all())
+        if self.stands:
+            return None
+        points, sole = int(np.ceil(span / STEP)) + 1, self._feet[first, now.foot - 1]
+        start = Start(stamp, int(terms.foot), terms.block, state, now.T_odom_sole)
+        course: Array = simulate(start, sole, stamp, points, memory, n, self._soles, self._friction, True)
+        if changed.any():
+            t = stamp + 1e9 * STEP * np.arange(points)
+            moved = np.column_stack([np.interp(t, stamps[both], each) for each in changed.T])
+            course[:, :3] += moved @ sole[:3, :3] @ now.T_odom_sole[:3, :3].T
+        return course
+
+    def _changed(self, steps: PlannedSteps, both: Booleans) -> Array | None:
+        """By how much (k, 3) [m] a plan has moved the COM at points that it has too; None: too much, or its feet."""
+        n = self._n
+        t = steps.stamp_ns + 1e9 * steps.dt * np.arange(1, len(steps.com) + 1)
+        at, was = (
+            self._memory.stamp[:n][both],
+            np.hstack((self._memory.plan[:n], self._feet[:n, :, :3, 3].reshape(n, 6)))[both],
+        )
+        own = np.hstack((steps.com, steps.soles[:, [0, 1, 2, 7, 8, 9]]))
+        change = np.column_stack([np.interp(at, t, each) for each in own.T]) - was
+        if len(change) == 0 or not np.abs(change - change[0]).max() < _CHANGED:
+            return None
+        return change[:, :3] - change[0, :3]
+
+
+def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
+    """The k-th point of a preview."""
+    left, right = steps.soles[k].reshape(2, 7).tolist()
+    return Reference(
+        stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, matrix(*left), matrix(*right),
+        Phase(int(steps.phase[k])), 0,
+    )  # fmt: skip
