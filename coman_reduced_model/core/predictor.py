@@ -254,10 +254,7 @@ class Predictor:
 
     def _estimate(self, sample: Sample, support: SupportState, com: Array, com_vel: Array) -> Estimate:
         """By the observer; nothing by computed wrenches, which hold the balance by construction."""
-        if self.computed:
-            return Estimate()
-        alone = support.phase != Phase.DOUBLE
-        return self.observer.update(sample, self.link, support.support_foot, com, com_vel, alone)
+        return Estimate() if self.computed else self.observer.update(sample, self.link, support, com, com_vel)
 
     def _possible(self, com: Array, com_vel: Array) -> bool:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""
@@ -280,7 +277,7 @@ class Predictor:
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
             flags |= Flags.REJECTED_STATE
-        kind = REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
+        kind = HELD if not ready else REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
         published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind)
         if not ready:
             return [], flags

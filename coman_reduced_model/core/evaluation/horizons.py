@@ -15,8 +15,8 @@ from .blend import Experience, begin_with, blend, covariance, learn, no_experien
 from .statistics import NINETY
 
 Ints = NDArray[np.int64]
-Experiences = tuple[Experience, Experience, Experience]  # by what the model goes through:
-# nothing that moves, the stride before, or the steps of the plan.
+Experiences = tuple[Experience, Experience, Experience]
+# What the model goes through, each with an experience of its own: nothing that moves, the stride before, planned steps.
 HELD, REPEATED, STEPPING = range(3)
 # published: the blend of the model and its baselines. clairvoyant: a rigid robot that knows what its motors will do.
 PREDICTORS = ("published", "model", *BASELINES, "clairvoyant")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.compiled import all_finite
-from ..base.types import Array, Estimate, Flags, Foot, Sample
+from ..base.types import Array, Estimate, Flags, Foot, Phase, Sample, SupportState
 from .kalman import com_covariance
 from .masses import masses_covariance
 from .memory import BEGINS, CHANGES, GOES_ON, LEAST, ROWS, SIZES, Noise, learn_steps, memory_of, take
@@ -82,18 +82,16 @@ class Observer:
         self._stamp_ns = self._looked_ns = 0
         self.nis, self.flags = 3.0, Flags.OK
 
-    def update(
-        self, sample: Sample, link: Posture, foot: Foot, com: Array, com_vel: Array, alone: bool = False
-    ) -> Estimate:
+    def update(self, sample: Sample, link: Posture, support: SupportState, com: Array, com_vel: Array) -> Estimate:
         """Take one sample.
 
         Args:
             sample: its wrenches and joints.
             link: the posture by its link side.
-            foot: the support foot, LEFT or RIGHT.
-            com, com_vel: measured (3,) in its sole frame [m], [m/s].
-            alone: whether it carries the robot alone.
+            support: which foot supports, and whether alone.
+            com, com_vel: measured (3,) in the frame of its sole [m], [m/s].
         """
+        foot = support.support_foot
         dt, before = (sample.stamp_ns - self._stamp_ns) * 1e-9, self._foot
         self._stamp_ns = sample.stamp_ns
         learn_steps(self._encoders, sample.q)
@@ -108,7 +106,7 @@ class Observer:
         own, others = wrenches if foot == Foot.LEFT else wrenches[::-1]
         what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
         out = np.empty((ROWS, 3))  # one array: what compiled code gets is what takes the time here
-        step = what, dt, int(alone)
+        step = what, dt, int(support.phase != Phase.DOUBLE)
         take(self._block, self._noise, step, own, others, link.R[foot], link.R[other], com, com_vel, out)
         nis = self._judge()
         return Estimate(out[0], out[1], out[9:].reshape(6, 6), out[3:6], out[2], out[6:9], nis)
