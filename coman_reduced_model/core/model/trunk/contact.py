@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.compiled import add_product, apply, compiled, inverse_positive
+from ...base.compiled import apply, compiled, inverse_positive
 from ...base.types import Array
 
 ROWS = 7  # constraints of a foot
@@ -58,7 +58,7 @@ class Solver(NamedTuple):
     h: float  # [s]
     rows: int  # 7 or 14
     inverse: Array  # (m + 6, m + 6) (M + h/2 D + h^2/4 K)^-1
-    by_impulse: Array  # (m + 6, rows or more) velocities of the coordinates by impulses of the constraints
+    by_impulse: Array  # (rows, m + 6), or more rows, velocities of the coordinates by impulses, a row a constraint
     contact: Array  # (rows, rows), or more, velocities of the constraints by their impulses
 
 
@@ -170,56 +170,47 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
     Projected Gauss-Seidel: a corner presses or is free, friction holds a sole within its cone or lets it slide.
 
     Args:
-        W: (r, r) velocities of the constraints by impulses, r = 7 or 14; symmetric.
-        v: (r,) velocities at the end of the step without any impulse; with these impulses, when it returns.
-        up: (r,) velocities that corners must have at least; the other constraints stick if they can.
+        W: (r, r) or more, velocities of the constraints by impulses, r = 7 or 14; symmetric.
+        v: (r,) velocities at the end of the step without any impulse.
+        up: (r,) velocities that corners must have at least; zero for the other constraints, which stick if they can.
         P: (r,) or more [Ns], [Nms].
         friction: coefficient.
         reach: lever at which friction resists yaw [m].
     """
-    for i in range(v.shape[0]):
-        _push(v, W, i, P[i])
+    rows = v.shape[0]
+    by_v = np.empty(rows)  # impulse that changes the velocity of a constraint by one; 0: a corner that nothing moves
+    for i in range(rows):
+        corner = i % ROWS < 4
+        by_v[i] = 0.0 if corner and not W[i, i] > 0.0 else 1.0 / (W[i, i] * (1.0 + _SOFT if corner else 1.0))
     for _ in range(_ROUNDS):
         largest = changed = 0.0
-        for first in range(0, v.shape[0], ROWS):
+        for first in range(0, rows, ROWS):
             pressing = 0.0
-            for i in range(first, first + 4):
-                if W[i, i] > 0.0:
-                    u = v[i] - up[i] + _SOFT * W[i, i] * P[i]
-                    new = max(0.0, P[i] - u / (W[i, i] * (1.0 + _SOFT)))
-                    moved, P[i] = new - P[i], new
-                    _push(v, W, i, moved)
-                    largest, changed = max(largest, new), max(changed, abs(moved))
-                pressing += P[i]
-            for i in range(first + 4, first + 7):
-                moved = -v[i] / W[i, i]
-                P[i] += moved
-                _push(v, W, i, moved)
-            _slide(P, v, W, first + 4, friction * pressing, reach)
+            for i in range(first, first + ROWS):
+                u = v[i]  # without an impulse of its own; those that have just changed are added last: no waiting
+                for j in range(i + 1, rows):
+                    u += W[i, j] * P[j]
+                for j in range(i):
+                    u += W[i, j] * P[j]
+                new = (up[i] - u) * by_v[i]
+                if i < first + 4:
+                    new = max(0.0, new) if by_v[i] > 0.0 else P[i]
+                    largest, changed = max(largest, new), max(changed, abs(new - P[i]))
+                    pressing += new
+                P[i] = new
+            _slide(P[first + 4 : first + ROWS], friction * pressing, reach)
         if changed <= _ENOUGH * largest:
             break
 
 
 @compiled
-def _push(v: Array, W: Array, i: int, impulse: float) -> None:
-    """Add to velocities v (r,) what an impulse of constraint i does."""
-    if impulse != 0.0:
-        for j in range(v.shape[0]):
-            v[j] += W[i, j] * impulse
-
-
-@compiled
-def _slide(P: Array, v: Array, W: Array, i: int, most: float, reach: float) -> None:
-    """Impulses i, i + 1 (forward, left) and i + 2 (yaw), and the velocities: no more than friction gives."""
-    aside = np.sqrt(P[i] ** 2 + P[i + 1] ** 2)
+def _slide(P: Array, most: float, reach: float) -> None:
+    """Impulses P (3,) forward, left and in yaw, in place: no more than friction gives."""
+    aside = np.sqrt(P[0] ** 2 + P[1] ** 2)
     if aside > most:
-        for k in range(i, i + 2):
-            less = P[k] * (most / aside - 1.0)
-            P[k] += less
-            _push(v, W, k, less)
-    less = min(most * reach, max(-most * reach, P[i + 2])) - P[i + 2]
-    P[i + 2] += less
-    _push(v, W, i + 2, less)
+        P[0] *= most / aside
+        P[1] *= most / aside
+    P[2] = min(most * reach, max(-most * reach, P[2]))
 
 
 @compiled
@@ -238,16 +229,15 @@ def make_solver(M: Array, K: Array, D: Array, C: Array, h: float, rows: int) -> 
         for j in range(m):
             A[i, j] += 0.5 * h * D[i, j] + 0.25 * h * h * K[i, j]
     A = inverse_positive(A)
-    by_impulse, contact = np.zeros((size, rows)), np.zeros((rows, rows))
+    by_impulse, contact = np.zeros((rows, size)), np.zeros((rows, rows))
     for i in range(rows):
         first = _first(i, m)
         for k in range(first, size):
             for j in range(size):
-                by_impulse[j, i] += A[k, j] * C[i, k]
-        for k in range(first, size):
-            for j in range(i + 1):
-                contact[i, j] += C[i, k] * by_impulse[k, j]
-        for j in range(i):
+                by_impulse[i, j] += C[i, k] * A[k, j]  # A is symmetric
+        for j in range(i + 1):
+            for k in range(first, size):
+                contact[i, j] += C[i, k] * by_impulse[j, k]
             contact[j, i] = contact[i, j]
     return Solver(h, rows, A, by_impulse, contact)
 
@@ -276,40 +266,51 @@ def step_soles(
     """
     y, w, P = state
     h, rows, m = solver.h, solver.rows, theta_0.shape[0]
-    push, faster, up, v = np.empty(y.shape[0]), np.empty(y.shape[0]), np.empty(rows), np.empty(rows)
+    size = y.shape[0]
+    push, faster, up, v = np.empty(size), np.empty(size), np.empty(rows), np.empty(rows)
+    bent, turned = np.empty(m), np.empty(m)
     P[rows:] = 0.0
     for part in range(parts):
-        for i in range(y.shape[0]):
-            push[i], faster[i] = h * linear.f[i], w[i]
         for k in range(m):
             moved = (theta_1[k] - theta_0[k]) / parts
-            bent = h * (y[k] + 0.5 * h * w[k] - theta_0[k] - (part + 0.5) * moved)
-            turned = h * w[k] - moved
-            for i in range(m):
-                push[i] -= linear.K[i, k] * bent + linear.D[i, k] * turned
-        add_product(faster, solver.inverse, push)
+            bent[k] = h * (y[k] + 0.5 * h * w[k] - theta_0[k] - (part + 0.5) * moved)
+            turned[k] = h * w[k] - moved
+        for i in range(size):
+            push[i], faster[i] = h * linear.f[i], w[i]
+        for i in range(m):
+            for k in range(m):
+                push[i] -= linear.K[i, k] * bent[k] + linear.D[i, k] * turned[k]
+        _add_rows(faster, solver.inverse, push, size)  # it is symmetric
         _constraints(linear, y, faster, h, up, v)
         impulses(solver.contact, v, up, P, friction, linear.reach[0])
-        add_product(faster, solver.by_impulse[:, :rows], P)
-        for i in range(y.shape[0]):
+        _add_rows(faster, solver.by_impulse, P, rows)
+        for i in range(size):
             y[i] += 0.5 * h * (w[i] + faster[i])
             w[i] = faster[i]
     y[m] = y[m + 1] = y[m + 5] = 0.0
 
 
 @compiled
+def _add_rows(y: Array, A: Array, x: Array, n: int) -> None:
+    """Add the first n rows of A (n or more, k), times x (n,), to y (k,), in place."""
+    for i in range(n):
+        if x[i] != 0.0:  # a free corner has no impulse
+            for j in range(y.shape[0]):
+                y[j] += A[i, j] * x[i]
+
+
+@compiled
 def _constraints(linear: Linear, y: Array, w: Array, h: float, up: Array, v: Array) -> None:
     """Velocities v (r,) of the constraints at coordinates y with rates w, and those that corners must have, up (r,)."""
-    rows, size = v.shape[0], y.shape[0]
-    for i in range(rows):
-        up[i], v[i] = linear.height[i], 0.0
-    for k in range(size):
-        off = y[k] - linear.y[k]
-        for i in range(0 if k >= size - 6 else ROWS, rows):
-            up[i] += linear.C[i, k] * off
+    size = y.shape[0]
+    for i in range(v.shape[0]):
+        height = linear.height[i]
+        v[i] = up[i] = 0.0
+        for k in range(_first(i, size - 6), size):
+            height += linear.C[i, k] * (y[k] - linear.y[k])
             v[i] += linear.C[i, k] * w[k]
-    for i in range(rows):
-        up[i] = -up[i] / (h if up[i] > 0.0 else _RETURN) if i % ROWS < 4 else 0.0
+        if i % ROWS < 4:
+            up[i] = -height / (h if height > 0.0 else _RETURN)
 
 
 @compiled

@@ -44,7 +44,7 @@ def empty_memory(m: int, capacity: int) -> Memory:
     """Room for so many samples of a robot with m joints in its legs."""
     r = 2 * ROWS
     shapes = {
-        "theta": (m,), "block": (terms_size(m),), "inverse": (m + 6, m + 6), "by_impulse": (m + 6, r),
+        "theta": (m,), "block": (terms_size(m),), "inverse": (m + 6, m + 6), "by_impulse": (r, m + 6),
         "contact": (r, r), "T_odom_sole": (4, 4), "plan": (3,), "planned_sole": (3, 3), "reference": (3,),
     }  # fmt: skip
     types = {"stamp": np.int64, "foot": np.int64, "double": np.bool_}
@@ -62,7 +62,7 @@ def keep(
     solver = make_solver(terms.M, linear.K, linear.D, linear.C, STEP, rows)
     past.stamp[n], past.foot[n], past.double[n], past.theta[n] = stamp, foot, double, terms.theta
     past.block[n], past.inverse[n] = block, solver.inverse
-    past.by_impulse[n, :, :rows], past.contact[n, :rows, :rows] = solver.by_impulse, solver.contact
+    past.by_impulse[n, :rows], past.contact[n, :rows, :rows] = solver.by_impulse, solver.contact
     past.T_odom_sole[n], past.plan[n], past.planned_sole[n] = T_odom_sole, plan, planned_sole
     past.reference[n] = reference
 
