@@ -127,7 +127,7 @@ def _deflection_format(frame: bytes, names: tuple[bytes, ...], moments: int) -> 
     layout.add("I")
     for _ in range(moments):
         layout.add("d", 7).add("I").add("d", len(names)).add("I").add("d", len(names))
-    return struct.Struct(layout.format)
+    return struct.Struct(layout.add("B").format)
 
 
 def encode_deflection(prediction: Prediction, names: tuple[bytes, ...]) -> bytes:
@@ -140,6 +140,7 @@ def encode_deflection(prediction: Prediction, names: tuple[bytes, ...]) -> bytes
     for each in prediction.deflections:
         values += [each.h, *each.com.tolist(), *each.com_sigma.tolist()]
         values += [count, *each.joints.tolist(), count, *each.joint_sigma.tolist()]
+    values.append(prediction.stepping)
     return LITTLE_ENDIAN + _deflection_format(frame, names, len(prediction.deflections)).pack(
         *header_values(prediction.stamp_ns, frame), *values
     )

@@ -87,7 +87,8 @@ def judge(
             metavar="H",
             min=0.0,
             max=1000.0,
-            help="Monitor: watch this many more hours of clean walking, in walks of 120 s; their bags are not kept.",
+            help="Monitor: watch clean walks of 120 s until this many hours were walked, earlier runs included; their "
+            "bags are not kept.",
             show_default=False,
         ),
     ] = 0.0,

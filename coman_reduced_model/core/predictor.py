@@ -232,10 +232,10 @@ class Predictor:
         if not (flags and flags.diverged):
             fresh = -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
             self._residuals_known = remember(self._residuals, self._residuals_known, prediction.residual, fresh)
-        prediction.estimate = estimate
-        prediction.base_in_sole = self.link.base_in_sole
+        prediction.estimate, prediction.base_in_sole = estimate, self.link.base_in_sole
         prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
-        prediction.deflections, prediction.repeating = self._deflections(now, ready), ready and dynamics.repeating
+        prediction.deflections = self._deflections(now, ready)
+        prediction.repeating, prediction.stepping = ready and dynamics.repeating, ready and dynamics.stepping
         return prediction
 
     def _with_wrenches(self, sample: Sample) -> tuple[Sample, Flags]:

@@ -95,6 +95,7 @@ def deflection_to(types: MessageTypes, prediction: Prediction, joints: Sequence[
             )
             for each in prediction.deflections
         ],
+        stepping=prediction.stepping,
     )
 
 

@@ -271,6 +271,7 @@ class Prediction:
     # Now and at the horizons; empty: no reference.
     deflections: list[DeflectionPrediction] = field(default_factory=list)
     repeating: bool = False  # deflections ahead follow from the last stride, which the robot repeats
+    stepping: bool = False  # or from the steps of the plan
 
     estimate: Estimate = field(default_factory=lambda: _NO_ESTIMATE)
 

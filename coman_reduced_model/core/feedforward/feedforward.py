@@ -88,7 +88,7 @@ class Feedforward:
             self._posture.start(joints)
             self.started = True
 
-    def surround(self, joints: Array, down: Array) -> None:
+    def set_surroundings(self, joints: Array, down: Array) -> None:
         """Joints (nj,) [rad] of which those outside the legs are kept, and gravity's direction (3,), from now on."""
         self._posture.hold(joints)
         self._posture.model.gravity.linear = self._gravity * down

@@ -99,7 +99,7 @@ def take(
 @compiled
 def _begin(memory: Memory, lasting: Array, com: Array, com_vel: Array) -> None:
     x, P = memory.x, memory.P
-    x[:], P[:], memory.past[:] = 0.0, 0.0, np.nan
+    x[:], P[:], memory.past[:], memory.squares[:] = 0.0, 0.0, np.nan, 1.0
     x[C:V], x[V:F] = com, com_vel
     P[C:V, C:V], P[N:, N:] = memory.rounding, lasting
     for i in range(3):

@@ -200,7 +200,8 @@ class BlockJoiner(Joiner):
             phase, (ahead, ahead_vel) = _PHASES[block.phase[i]], previews[i]
             steps = None
             if block.steps is not None:
-                steps = PlannedSteps(stamps[i], dt, ahead, block.steps[0][i], block.steps[1][i])
+                true = lane.stream.true_stamp(stamps[i])
+                steps = PlannedSteps(true, dt, ahead, block.steps[0][i], block.steps[1][i])
             return Reference(
                 stamps[i],
                 com,

@@ -21,19 +21,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import RobotError
-from ..base.stream_names import (
-    CONTACTS,
-    IMU,
-    JOINTS,
-    MOTORS,
-    REFERENCE,
-    WRENCHES,
-)
+from ..base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from ..base.types import Array, ContactMessage, Foot, ImuMessage, JointMessage, Reference, Sample, WrenchMessage
 from ..config.schema import Config
 from ..robot.limits import limits_of
@@ -195,6 +189,8 @@ class Joiner:
         if not all_usable(*values):
             worst = next(each for each in values if not usable(each))
             return self._reject_values(self._reference, worst, f"a vector of it is {worst[:3]}")
+        if steps is not None:
+            message = replace(message, steps=replace(steps, stamp_ns=self._reference.true_stamp(message.stamp_ns)))
         return self._add_possible(self._reference, self.possible.reference, message.stamp_ns, message)
 
     def add_imu(self, message: ImuMessage) -> list[Sample]:

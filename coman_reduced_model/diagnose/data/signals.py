@@ -154,7 +154,8 @@ def without_noise(recording: Recording, world: World) -> Recording:
         else:
             tau[:, j] = _twice_smooth(recording.tau[:, j])
             bent = spring_stretch(world, int(j), tau[:, j], 1.0 / RATE)
-            q[:, j] = recording.motor_q[:, j] - bent - believed(stretch[:, j] - bent, coarse[j] / world.stiffness[j])
+            more = beyond_noise(stretch[:, j] - bent, coarse[j] / world.stiffness[j])
+            q[:, j] = recording.motor_q[:, j] - bent - more
     return recording.changed(q=q, tau=tau)
 
 
@@ -166,7 +167,7 @@ def _slow(values: Array) -> Array:
     return np.asarray(gaussian_filter1d(values, 0.5 * RATE, mode="nearest"))
 
 
-def believed(gap: Array, noise: float) -> Array:
+def beyond_noise(gap: Array, noise: float) -> Array:
     """What of a gap (n,) between a sensor and a law the sensor is believed: what is slow, and what noise does not make.
 
     Args:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from coman_reduced_model.diagnose.data.signals import believed, bent_stretch, lagged
+from coman_reduced_model.diagnose.data.signals import bent_stretch, beyond_noise, lagged
 
 
 @settings(max_examples=8)
@@ -48,8 +48,9 @@ def test_a_sensor_is_believed_as_far_as_its_noise_does_not_explain_the_gap():
     """A swing of 1 Hz between sensor and law, and the sensor's noise."""
     swing, noise = np.sin(2.0 * np.pi * t), np.random.default_rng(0).normal(size=len(t))
     within = slice(100, -100)
-    found = believed(0.01 * swing + 1e-3 * noise, 1e-3)[within]
+    found = beyond_noise(0.01 * swing + 1e-3 * noise, 1e-3)[within]
     assert found == pytest.approx(0.01 * swing[within], abs=1.5e-3)  # all of it, without the noise
-    found = believed(2e-4 * swing + 1e-3 * noise, 1e-3)[within]
+    found = beyond_noise(2e-4 * swing + 1e-3 * noise, 1e-3)[within]
     assert np.abs(found).max() < 1e-4  # the law
-    assert believed(3e-3 + 2e-4 * swing, 1e-3)[within] == pytest.approx(3e-3, abs=1e-4)  # what is slow is the sensor's
+    found = beyond_noise(3e-3 + 2e-4 * swing, 1e-3)[within]
+    assert found == pytest.approx(3e-3, abs=1e-4)  # what is slow is the sensor's

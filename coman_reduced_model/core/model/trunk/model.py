@@ -69,16 +69,14 @@ class TrunkModel(Dynamics):
         self._above = len(self._equations.above) > 0
         self._soles = StandingSoles()
         self._stride = Stride(friction, np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]]))
-        self._make_planned = lambda: PlannedWalk(robot, config, model)
-        self._planned: PlannedWalk | None = None  # while no plan has previewed its feet
+        self._planned = PlannedWalk(robot, config, model)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self.stop()
         self._stride.reset()
-        if self._planned is not None:
-            self._planned.reset()
+        self._planned.reset()
         self._soles.reset()
         self._ground, self.flags = self._soles.planes(), Flags.OK
 
@@ -165,26 +163,21 @@ class TrunkModel(Dynamics):
         """Through the stride before, if the robot repeats it: from the filtered joints, whatever the state handed in.
 
         Else through what the plan says of COM and feet, from there too; or else as planned from the state handed in
-        (without a plan as fast as now), while the horizontal deflection fades, unless the robot stands
-        or is planned to.
+        (without a plan as fast as now), while the horizontal deflection fades, but for a robot that stands or is to.
         """
         assert self._terms is not None and self._filtered is not None
         terms = self._terms
         self._stride.add(now, terms, self.reference)
-        plan_of_feet = now.sample.reference is not None and now.sample.reference.steps is not None
-        if plan_of_feet and self._planned is None:
-            self._planned = self._make_planned()
-        if self._planned is not None:
-            self._planned.add(now, self._ground, self._down)
+        self._planned.add(now, self._ground, self._down)
         course = self._stride.ahead(now, terms, self._filtered, horizons)
         self.repeating = course is not None
-        if course is None and self._planned is not None:
+        if course is None:
             course = self._planned.ahead(now, terms, self._filtered, horizons)
         self.stepping = course is not None and not self.repeating
         self._ahead = None if course is None else course[:, 3:]
         if course is not None:
             return course[:, :3]
-        fading = 0.0 if now.standing or (self._planned is not None and self._planned.stands) else 1.0 / _FADES
+        fading = 0.0 if now.standing or self._planned.stands else 1.0 / _FADES
         left = np.outer(np.exp(-fading * horizons), np.ones(3))  # of the deflection
         left[:, 2] = 1.0  # the sag stays
         left[:, self._following] = 0.0

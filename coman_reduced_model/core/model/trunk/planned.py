@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the motors will do: what the plan asks of them, where its preview says how the feet step.
 
-A robot that sets off or stops repeats no stride, but its plan has all that the stride before would tell: inverse
+A robot that sets off or stops repeats no stride, but its plan has all that the stride before would contain: inverse
 kinematics of COM and soles gives the joints, their loads give the deflection, by a share of which the motors lead (the
 share is found from the motors so far), and the posture gives the equations of motion. They are laid out as the stride
 before is (`memory.py`), and simulated in the same way. By how much the motors differ from the plan now stays.
@@ -13,6 +13,7 @@ from dataclasses import replace
 from math import exp
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...base.pose import matrix
 from ...base.types import Array, Booleans, Foot, Phase, PlannedDeflection, PlannedSteps, Reference
@@ -26,17 +27,21 @@ from ..reference import motor_com
 from .contact import ROWS, State
 from .course import EVERY, Start, along, simulate
 from .equations import Equations
-from .kinematics import Assembled
+from .kinematics import Assembled, terms_size
 from .memory import STEP, empty_memory, keep
 
 _SPACING_NS = 19_000_000  # between points that are used at least
 _AT_ONCE = 2  # points that a sample adds at most: inverse kinematics take long
-_CAPACITY, _KEPT = 192, 96  # points remembered at most, and how many are kept when there are more
+_GAP_NS = 3 * _SPACING_NS  # between two points, from which on the plan is taken from the beginning
+_INTERVALS = 0.001, 0.06  # [s] of previews that are used: through points farther apart no motion can be followed
+_CAPACITY, _KEPT = 320, 192  # points remembered at most, and how many are kept when there are more
 _NEAR_NS = 60_000_000  # a point no farther from now shows by how much the motors lead
 _MEMORY = 8.0  # [s] time constant with which the lead is forgotten
 _LONGEST = 0.1  # [s] that one sample counts for at most
 _MOST = 1.2  # share of the planned deflection that motors lead by at most
-_CHANGED = 0.02  # [m] by which a plan may differ from what it was
+_CHANGED, _TURNED = 0.02, 0.05  # [m], [rad] by which a plan may differ from what it was
+_OTHER = 3  # points at most at which its phase may: a change of phase falls between two of them
+_PAUSE_NS = 200_000_000  # after a plan that differed more, until the next one is taken
 _PLANE = [3, 0, 1]  # of the third row of a pose: height of the origin, and what x and y add to it
 _NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
 
@@ -45,7 +50,7 @@ class PlannedWalk:
     """Motors and equations of motion to come, and the model simulated through them.
 
     Attributes:
-        stands: whether the plan has no foot in the air, neither in the last second nor as far ahead as it is known.
+        stands: whether the plan has no foot in the air, as far as it is known: in the last second, and ahead.
     """
 
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
@@ -63,7 +68,14 @@ class PlannedWalk:
         self._feet = np.zeros((_CAPACITY, 2, 4, 4))  # planned poses of both soles at the same points
         self._joints = np.zeros((_CAPACITY, 2, m))  # and joints and deflection, the left leg's first
         self._lead = np.zeros(2)  # fading sums: lead times deflection, deflection squared
+        self._far_ns = round(1e9 * (max(config.prediction.horizons, default=0.0) + EVERY)) + _GAP_NS
+        self._paused_ns = 0  # until then no plan is taken
         self.reset()
+        # Compiled or loaded now, not in the middle of a walk.
+        zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
+        start = Start(0, int(Foot.LEFT), np.zeros(terms_size(m)), zero, np.eye(4))
+        course = simulate(start, np.eye(4), 0, 2, self._memory, 2, self._soles, self._friction, True)
+        along(course, 0.0, np.zeros(1), np.eye(4))
 
     def reset(self) -> None:
         """Forget the past, but for the share of the lead."""
@@ -90,6 +102,10 @@ class PlannedWalk:
         """
         plan = now.sample.reference
         if plan is None or plan.steps is None or now.sample.motor_q is None:
+            if self._last_ns:
+                self.reset()
+            return
+        if not _INTERVALS[0] <= plan.steps.dt <= _INTERVALS[1] or 0 < self._paused_ns - now.sample.stamp_ns < _PAUSE_NS:
             self.reset()
             return
         steps, dt = plan.steps, round(1e9 * plan.steps.dt)
@@ -98,17 +114,23 @@ class PlannedWalk:
             self._last_ns = steps.stamp_ns
         if not self._feedforward.started:
             self._feedforward.start(now.sample.q)
-        self._feedforward.surround(now.sample.motor_q, down)
+        self._feedforward.set_surroundings(now.sample.motor_q, down)
         self._learn(now)
         for _ in range(_AT_ONCE):
             k = max(0, -((steps.stamp_ns - self._last_ns - _SPACING_NS) // dt) - 1)
             if k >= len(steps.com) or (self._n and not self._lead[1] > 0.0):
                 return
+            if self._last_ns - now.sample.stamp_ns > self._far_ns:
+                return
             self._last_ns = steps.stamp_ns + (k + 1) * dt
             planned = self._feedforward.update(_point(steps, k, self._last_ns))
             if planned is not None:
+                if self._n and planned.stamp_ns - int(self._memory.stamp[self._n - 1]) > max(_GAP_NS, 2 * dt):
+                    self.reset()  # points between are missing: nothing can be followed through the hole
+                    return
                 self._keep(now, planned, ground, down)
-                self._learn(now)
+                if not self._lead[1] > 0.0:
+                    self._learn(now)
 
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """As in `Stride`; None: the plan does not say it, or it says that the robot stands."""
@@ -182,6 +204,7 @@ class PlannedWalk:
         changed = self._changed(plan.steps, both)
         if changed is None:
             self.reset()
+            self._paused_ns = stamp + _PAUSE_NS
             return None
         first = max(0, int(np.searchsorted(stamps, stamp)) - 1)
         since = int(np.searchsorted(stamps, stamp - 1e9 * STANDS))
@@ -199,15 +222,22 @@ class PlannedWalk:
 
     def _changed(self, steps: PlannedSteps, both: Booleans) -> Array | None:
         """By how much (k, 3) [m] a plan has moved the COM at points that it has too; None: too much, or its feet."""
-        n = self._n
+        n, memory = self._n, self._memory
         t = steps.stamp_ns + 1e9 * steps.dt * np.arange(1, len(steps.com) + 1)
-        at, was = (
-            self._memory.stamp[:n][both],
-            np.hstack((self._memory.plan[:n], self._feet[:n, :, :3, 3].reshape(n, 6)))[both],
-        )
+        at, feet = memory.stamp[:n][both], self._feet[:n][both]
+        if len(at) == 0:
+            return None
+        points = np.rint((at - t[0]) / (1e9 * steps.dt)).astype(np.int64).clip(0, len(t) - 1)
+        phase = np.where(memory.double[:n][both], int(Phase.DOUBLE), memory.foot[:n][both])
+        if np.count_nonzero(steps.phase[points] != phase) > _OTHER:
+            return None
+        turns = Rotation.from_quat(steps.soles.reshape(-1, 2, 7)[points, :, 3:].reshape(-1, 4)).as_matrix()
+        if not np.abs(turns.reshape(-1, 2, 3, 3) - feet[:, :, :3, :3]).max() < _TURNED:
+            return None
+        was = np.hstack((memory.plan[:n][both], feet[:, :, :3, 3].reshape(-1, 6)))
         own = np.hstack((steps.com, steps.soles[:, [0, 1, 2, 7, 8, 9]]))
         change = np.column_stack([np.interp(at, t, each) for each in own.T]) - was
-        if len(change) == 0 or not np.abs(change - change[0]).max() < _CHANGED:
+        if not np.abs(change - change[0]).max() < _CHANGED:
             return None
         return change[:, :3] - change[0, :3]
 

@@ -45,10 +45,45 @@ def test_while_it_sets_off_the_planned_steps_take_much_of_the_error_off(name):
 
 
 @pytest.mark.parametrize("name", ["test1", "test2"])
-def test_what_is_published_over_a_whole_walk_is_far_better_than_any_simpler_prediction(name):
+def test_what_is_published_over_a_whole_walk_is_better_with_planned_steps_and_than_any_simpler_prediction(name):
     judge, _ = predicted(name)
-    x, _, z = judge.skill()["0.2"]
-    assert x > 0.4 and z > 0.4
+    without, _ = predicted(name, lambda steps, since: None)
+    for axis in (0, 2):
+        assert judge.skill()["0.2"][axis] > max(without.skill()["0.2"][axis] + 0.05, 0.4)
+
+
+def spaced(steps: PlannedSteps, every: int, points: int) -> PlannedSteps:
+    """The preview with points farther apart (`every` as many), the last one repeated."""
+    at = np.minimum(every * np.arange(1, points + 1) - 1, len(steps.com) - 1)
+    return replace(steps, dt=every * steps.dt, com=steps.com[at], soles=steps.soles[at], phase=steps.phase[at])
+
+
+@pytest.mark.parametrize(("every", "used"), [(3, True), (5, False)])
+def test_points_too_far_apart_are_not_used(every, used):
+    judge, kinds = predicted("test1", lambda steps, since: spaced(steps, every, 25), until=OFF_S)
+    assert (kinds[kinds[:, 0] > 1.0, 2].mean() > 0.3) == used
+    without, _ = predicted("test1", lambda steps, since: None, until=OFF_S)
+    assert judge.rmse()["0.2"]["published"][0] < 1.1 * without.rmse()["0.2"]["published"][0]
+
+
+@pytest.mark.parametrize("dt", [1e-12, 1e-10, 3e9, 1e300])
+def test_a_preview_of_any_interval_ends_in_no_traceback(dt):
+    _, kinds = predicted("test1", lambda steps, since: replace(steps, dt=dt), until=1.0)
+    assert len(kinds) > 150 and not kinds[:, 2].any()
+
+
+def test_planned_feet_that_turn_are_taken_from_the_beginning():
+    """From 2 s on all soles are planned turned by half a radian, at the same places."""
+    turn = np.array([0.0, 0.0, np.sin(0.25), np.cos(0.25)])
+
+    def turned(steps: PlannedSteps, since: float) -> PlannedSteps:
+        soles = steps.soles.copy()
+        soles[:, 3:7] = soles[:, 10:14] = turn if since > 2.0 else [0.0, 0.0, 0.0, 1.0]
+        return replace(steps, soles=soles)
+
+    _, kinds = predicted("test1", turned, until=2.1)
+    stepping = kinds[:, 2] > 0
+    assert stepping[(kinds[:, 0] > 1.5) & (kinds[:, 0] < 2.0)].all() and not stepping[kinds[:, 0] > 2.05].any()
 
 
 def test_where_the_plan_has_other_feet_than_it_had_it_is_taken_from_the_beginning():
