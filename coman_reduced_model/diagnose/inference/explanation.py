@@ -107,7 +107,7 @@ class Odds:
 
     @property
     def verdict(self) -> str:
-        """`effect` if the group is most probable, `none` if that is at least as likely as not, else `unknown`."""
-        if self.named > max(self.none, self.unknown):
+        """What is at least as likely as not, `effect` (the group) or `none`; else `unknown`."""
+        if self.named >= 0.5:
             return "effect"
         return "none" if self.none >= 0.5 else UNKNOWN
