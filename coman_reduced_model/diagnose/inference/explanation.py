@@ -107,7 +107,7 @@ class Odds:
 
     @property
     def verdict(self) -> str:
-        """What is at least as likely as not, `effect` (the group) or `none`; else `unknown`."""
+        """`effect` if the group is at least as likely as not, else `none` if that is most probable, else `unknown`."""
         if self.named >= 0.5:
             return "effect"
-        return "none" if self.none >= 0.5 else UNKNOWN
+        return "none" if self.none >= max(self.named, self.unknown) else UNKNOWN
