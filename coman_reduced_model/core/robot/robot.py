@@ -233,6 +233,14 @@ class Robot:
         else:
             out[self._to] = q
 
+    def gather(self, configuration: Array) -> Array:
+        """Joint positions (nj,) [rad] of a configuration vector of the model: what `scatter` wrote."""
+        q = np.empty(len(self.joint_names))
+        q[self._from] = configuration[self._to]
+        for i, idx in self._continuous:
+            q[i] = np.arctan2(configuration[idx + 1], configuration[idx])
+        return q
+
 
 class Posture:
     """The robot at one set of joint positions and velocities; `update` refreshes all quantities in place.

@@ -176,7 +176,12 @@ def beyond_noise(gap: Array, noise: float) -> Array:
     """
     slow = _slow(gap)
     fast = _twice_smooth(gap) - slow
-    return np.asarray(slow + (1.0 - min(1.0, noise**2 / max(float(np.mean(fast**2)), 1e-18))) * fast)
+    return np.asarray(slow + (1.0 - noise_share(fast, noise)) * fast)
+
+
+def noise_share(gap: Array, noise: float | Array) -> Array:
+    """Share (k,) of the squares of gaps (n, k) that noise of a standard deviation (k,) explains; 1 at most."""
+    return np.asarray(np.minimum(1.0, np.square(noise) / np.maximum(np.mean(gap**2, axis=0), 1e-18)))
 
 
 def white(values: Array) -> Array:

@@ -36,7 +36,7 @@ from ..data.computed import owing_to_wrenches
 from ..data.landings import slide_lengths
 from ..data.masks import TICKS, Masks, sure_torque
 from ..data.recording import FEET, RATE, WRENCH, Recording
-from ..data.signals import SOFTEST, Smoothed, rate_of, slip, smooth, spring_stretch
+from ..data.signals import SOFTEST, Smoothed, noise_share, rate_of, slip, smooth, spring_stretch
 from ..data.world import World
 from .motion import Motion, free_motion, inertial_forces, motion_of, normal, seen_from, yielding_of
 
@@ -171,7 +171,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
 SLOW = 0.1  # [s] below which a torque sensor is believed, and above which motion and ground
 
 
-def balanced(state: State, where: Masks, noise: float | Array = np.inf) -> State:
+def balanced(state: State, where: Masks, noise: float | Array) -> State:
     """The state with wrenches that are what motion and weight ask for, shared by the feet as measured.
 
     The noise of the foot sensors would otherwise be in the residuals and in what a gain of the sensors makes of them.
@@ -203,8 +203,7 @@ def balanced(state: State, where: Masks, noise: float | Array = np.inf) -> State
     less = np.where(steady[:, None], less, 0.0)
     less = np.column_stack([np.interp(grid, where.ticks, column) for column in less.T])
     fast = less - np.asarray(gaussian_filter1d(less, SLOW * RATE, axis=0, mode="nearest"))
-    share = np.minimum(1.0, np.square(noise) / np.maximum(np.mean(fast**2, axis=0), 1e-18))
-    tau = recording.tau - np.nan_to_num(share * fast)
+    tau = recording.tau - np.nan_to_num(noise_share(fast, noise) * fast)
     return evaluate(out.recording.changed(tau=tau), out.world, where, out)
 
 

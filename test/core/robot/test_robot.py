@@ -123,6 +123,15 @@ def test_continuous_joints_are_joints_like_others():
             np.testing.assert_allclose(a.leg_jacobian(foot), b.leg_jacobian(foot), atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["revolute", "continuous"])
+def test_joints_come_back_from_a_configuration(kind):
+    robot = Robot(urdf_of("coman").replace('type="revolute"', f'type="{kind}"'), Config().robot)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, len(robot.joint_names))
+    configuration = np.zeros(robot.model.nq)
+    robot.scatter(q, configuration)
+    assert robot.gather(configuration) == pytest.approx(q)
+
+
 def edited(change):
     """The URDF of COMAN after `change(root)`."""
     root = ElementTree.fromstring(urdf_of("coman"))

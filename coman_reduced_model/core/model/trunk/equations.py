@@ -39,7 +39,7 @@ class Equations:
         """Share the effects and constants of the point-mass model."""
         self.robot = robot
         self.model = model
-        self.posture = self._posture = robot.posture()
+        self.posture = robot.posture()
         self._swing = config.uses("swing_momentum")
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
@@ -90,7 +90,7 @@ class Equations:
         """
         sample = now.sample
         assert sample.motor_q is not None and sample.motor_qd is not None
-        order, posture, robot = self.order[foot], self._posture, self.robot
+        order, posture, robot = self.order[foot], self.posture, self.robot
         made = self._spare[self._spare[0] is before]
         made.foot, made.double = foot, double
         block, v, a = made.block, self._v, self._a
@@ -126,7 +126,7 @@ class Equations:
 
     def _pose(self, foot: Foot) -> Pose:
         """Views of the model's posture, of which that leg is the support leg."""
-        posture, robot, other = self._posture, self.robot, foot.other
+        posture, robot, other = self.posture, self.robot, foot.other
         columns, edges = robot.idx_v[self.order[foot]], np.array([robot.soles[foot], robot.soles[other]])
         return Pose(
             posture.com, posture.J, posture.J_com, posture.R[foot], posture.p[foot], posture.R[other],
@@ -135,7 +135,7 @@ class Equations:
 
     def _tilt_gravity(self, made: Assembled, turned: Array, down: Array) -> None:
         """Fill in `Geometry.down` on a slope, the support sole turned by small angles (3,) [rad] against down (3,)."""
-        made.terms.geometry.down[:] = self._posture.R[made.foot] @ (down - np.cross(turned, down))
+        made.terms.geometry.down[:] = self.posture.R[made.foot] @ (down - np.cross(turned, down))
 
     def _move_above(self, dt: float) -> None:
         """Move the joints outside the legs, accelerating as their motors did since the last sample.
@@ -144,7 +144,7 @@ class Equations:
         does not add up. Call after `take_posture`.
         """
         rate, columns = self._rates.copy(), self.robot.idx_v[self.above]
-        twist = -self._posture.J[:, self._between] @ self._v[self._between]
+        twist = -self.posture.J[:, self._between] @ self._v[self._between]
         self._v[:6] += twist
         if self._above_rate is not None and dt > 0.0:
             self._a[columns] = (rate - self._above_rate)[self.above] / dt
@@ -156,7 +156,7 @@ class Equations:
     def _add_push(self, terms: TrunkTerms, now: Now, R_odom_sole: Array) -> None:
         """Add what effects push the robot with to the forces, in place."""
         f, g = terms.linear.f, terms.geometry
-        push = Push(self._posture, R_odom_sole)
+        push = Push(self.posture, R_odom_sole)
         for effect in self._pushing:
             effect.push(push, now)
         f[: g.J.shape[1]] += push.force @ g.J[:3] + push.moment @ g.J[3:]
@@ -173,7 +173,7 @@ class Equations:
             state: deflections are those of it.
             motor_rate: (nj,) [rad/s].
         """
-        foot, terms, springs, posture = made.foot, made.terms, self.model.springs, self._posture
+        foot, terms, springs, posture = made.foot, made.terms, self.model.springs, self.posture
         g = terms.geometry
         K, D, torque = self._K[foot], self._D[foot], self._no_spring_torque
         if springs.nominal:

@@ -41,7 +41,7 @@ class Memory(NamedTuple):
 
 
 def empty_memory(m: int, capacity: int) -> Memory:
-    """Room for so many samples of a robot with m joints in its legs."""
+    """Room for `capacity` samples of a robot with m joints in its legs."""
     r = 2 * ROWS
     shapes = {
         "theta": (m,), "block": (terms_size(m),), "inverse": (m + 6, m + 6), "by_impulse": (r, m + 6),

@@ -42,7 +42,6 @@ _MOST = 1.2  # share of the planned deflection that motors lead by at most
 _CHANGED, _TURNED = 0.02, 0.05  # [m], [rad] by which a plan may differ from what it was
 _OTHER = 3  # points at most at which its phase may: a change of phase falls between two of them
 _PAUSE_NS = 200_000_000  # after a plan that differed more, until the next one is taken
-_PLANE = [3, 0, 1]  # of the third row of a pose: height of the origin, and what x and y add to it
 _NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
 
 
@@ -55,13 +54,12 @@ class PlannedWalk:
 
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
         """Share the effects and constants of the point-mass model."""
-        self._friction = config.model.friction
+        self._robot, self._friction = robot, config.model.friction
         self._feedforward = Feedforward.of(robot, model.springs, model.gravity)
         self._equations = Equations(robot, config, model)
         self._motors = robot.posture()
         self._columns, self._order = robot.idx_v, self._equations.order
         self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
-        self._places = np.array([robot.model.joints[robot.model.getJointId(n)].idx_q for n in robot.joint_names])
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         m = len(self._legs)
         self._memory = empty_memory(m, _CAPACITY)
@@ -100,15 +98,13 @@ class PlannedWalk:
             ground: by support foot, (3,) under the other sole, as in `contact.Sole`, as far as it is known.
             down: (3,) direction of gravity in odom.
         """
-        plan = now.sample.reference
-        if plan is None or plan.steps is None or now.sample.motor_q is None:
+        plan, paused = now.sample.reference, 0 < self._paused_ns - now.sample.stamp_ns < _PAUSE_NS
+        steps = None if plan is None or paused else plan.steps
+        if steps is None or now.sample.motor_q is None or not _INTERVALS[0] <= steps.dt <= _INTERVALS[1]:
             if self._last_ns:
                 self.reset()
             return
-        if not _INTERVALS[0] <= plan.steps.dt <= _INTERVALS[1] or 0 < self._paused_ns - now.sample.stamp_ns < _PAUSE_NS:
-            self.reset()
-            return
-        steps, dt = plan.steps, round(1e9 * plan.steps.dt)
+        dt = round(1e9 * steps.dt)
         if not 0 <= self._last_ns - steps.stamp_ns <= (len(steps.com) + 1) * dt:  # it began again, or was away
             self.reset()
             self._last_ns = steps.stamp_ns
@@ -168,7 +164,7 @@ class PlannedWalk:
             foot = Foot(int(plan.phase))
         double, order = plan.phase == Phase.DOUBLE, self._order[foot]
         m = len(order)
-        links, rates = q[self._places], v[self._columns]
+        links, rates = self._robot.gather(q), v[self._columns]
         theta, theta_rate = sample.motor_q.copy(), sample.motor_qd.copy()
         theta[self._legs] = links[self._legs] - self.share * planned.deflection
         theta_rate[self._legs] = rates[self._legs]
