@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A blind test of the diagnosis: robots with hidden effects, their recordings, and a score of the verdicts.
 
-families.py     the hidden effects; sizes.yaml: what weak, medium and strong mean; sizes.py measures it
+families.py     the hidden effects; sizes.yaml: what weak, medium and strong mean; sizes.py: beside recordings
 cases.py        cases drawn by seed, each in a world of sim/worlds, and their bags
 seeds.yaml      seeds on which something was chosen or reported; seeds.py reads it and finds a fresh range
 run.py          the diagnosis as a process that gets the bags and nothing else

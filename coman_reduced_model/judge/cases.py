@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -26,6 +27,7 @@ from ..sim.worlds import World, draw_world, record_world, world_yaml
 from ..sim.worlds.kinds import GAITS
 from ..sim.worlds.run import with_gait
 from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, class_of, draw_effect
+from .sizes import times_to_show
 
 KINDS = ("clean", "single", "pair", "unknown")
 BAGS = ("train", "hold1", "hold2")
@@ -101,6 +103,7 @@ def draw_case(
     level: str | None = None,
     worlds: Mapping[str, str] | None = None,
     duration_s: float | None = None,
+    times: Sequence[float] = (),
 ) -> HiddenCase:
     """Draw the case of a seed.
 
@@ -111,6 +114,7 @@ def draw_case(
         kind, families, level: given instead of drawn.
         worlds: by axis, the kind of world, given instead of drawn.
         duration_s: of the training walk; held-out ones are no longer than it.
+        times: one for each effect, as in `draw_effect`; none: clean robots vary by more than its recording leaves open.
     """
     drawn, number = _kind_and_number(seed)
     kind = kind or drawn
@@ -125,9 +129,9 @@ def draw_case(
     if duration_s is not None:
         world = replace(world, duration_s=duration_s)
     effects, levels = [], []
-    for family, one in zip(families, wanted, strict=True):
+    for family, one, larger in zip(families, wanted, times or (1.0,) * len(families), strict=True):
         lowest = max(LEVELS.index(one) - attempt // ATTEMPTS, 0)
-        effect, reached = draw_effect(family, rng, lowest, world)
+        effect, reached = draw_effect(family, rng, lowest, world, larger)
         effects.append(make(FAMILIES[family].effect, effect).to_dict())
         levels.append(LEVELS[reached])
     others = [name for name in GAITS if name != world.kinds["gait"]]
@@ -147,12 +151,11 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
     Returns:
         The answer; None: the robot fell or its engine could not go on, and nothing was written.
     """
-    seeds = np.random.default_rng([18, case.seed]).integers(0, 2**31, len(BAGS))
     with OutputFolder(folder, force) as temporary:
-        for bag, seed in zip(BAGS, seeds, strict=True):
+        for bag, seed in zip(BAGS, _seeds(case), strict=True):
             duration = case.world.duration_s if bag == BAGS[0] else min(case.world.duration_s, HELD_OUT_S)
             walk = with_gait(case.world, case.gaits[bag], duration)
-            if not _walks(walk, temporary / bag, hidden_effects(case), int(seed)):
+            if not _walks(walk, temporary / bag, hidden_effects(case), seed):
                 shutil.rmtree(temporary)
                 temporary.mkdir()
                 break
@@ -160,6 +163,21 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
             (temporary / "robot.yaml").write_text(data_sheet(case.world), encoding="utf-8")
             return answer(case)
     return None
+
+
+def _seeds(case: HiddenCase) -> list[int]:
+    """Of the noise of its bags."""
+    return [int(seed) for seed in np.random.default_rng([18, case.seed]).integers(0, 2**31, len(BAGS))]
+
+
+def times_of(world: World, effects: Sequence[Mapping[str, Any]], levels: Sequence[str], seed: int) -> tuple[float, ...]:
+    """`sizes.times_to_show` by a recording of a robot before anything was hidden in it; 1 each if it falls."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        (folder / "robot.yaml").write_text(data_sheet(world), encoding="utf-8")
+        if not _walks(world, folder / BAGS[0], (), seed):
+            return (1.0,) * len(effects)
+        return times_to_show(folder, world, effects, levels)
 
 
 def write_healthy(world: World, seed: int, folder: str | Path, force: bool = False) -> None:
@@ -197,6 +215,10 @@ def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any)
     """
     for attempt in range(ATTEMPTS * len(LEVELS)):
         case = draw_case(seed, attempt, **fixed)
+        if case.effects:
+            walk = with_gait(case.world, case.gaits[BAGS[0]], case.world.duration_s)
+            times = times_of(walk, case.effects, case.levels, _seeds(case)[0])
+            case = draw_case(seed, attempt, times=times, **fixed)
         if found := write_case(case, Path(folder) / case.name, force):
             return case, found
     raise ConfigError(f"seed {seed}: {', '.join(case.families) or 'a clean robot'}: it falls at every level")

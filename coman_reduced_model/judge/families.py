@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The hidden effects of the judge, their places, and their sizes: weak, medium and strong.
 
-A size is a multiple of what clean robots of the population vary by, of what those of its own world vary by
-(variability.py), or of what a recording leaves open, whichever is most: weak 2 to 4, medium 5 to 7, strong 10 to 14
-standard deviations (sizes.yaml). It is given for COMAN (17.3 kg, COM at 0.38 m); on another robot forces scale with
-its weight, torques with weight times COM height. Where a size would be beyond what a walking robot can have (`most`),
-the level is lower, and the result counts that.
+A size is a multiple of what clean robots of the population vary by (sizes.yaml), of what those of its own world vary by
+(variability.py), or of what the recording of this robot without the effect leaves open (sizes.py), whichever is most:
+weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations. It is given for COMAN (17.3 kg, COM at 0.38 m); on
+another robot forces scale with its weight, torques with weight times COM height. Where a size would be beyond what a
+walking robot can have (`most`), the level is lower, and the result counts that.
 
 The effects themselves are those of sim/disturbances, which knows nothing of the models and the diagnosis.
 """
@@ -83,12 +83,14 @@ class Family:
 
 @functools.cache
 def deviations() -> dict[str, float]:
-    """By family, the standard deviation for COMAN: over clean robots, or of what a recording leaves open."""
+    """By family, the standard deviation over clean robots, for COMAN."""
     read = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
-    return {name: max(float(entry["clean"]), float(entry.get("recorded", 0.0))) for name, entry in read.items()}
+    return {name: float(entry["clean"]) for name, entry in read.items()}
 
 
-def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -> tuple[dict[str, Any], int]:
+def draw_effect(
+    name: str, rng: np.random.Generator, level: int, world: World, times: float = 1.0
+) -> tuple[dict[str, Any], int]:
     """Parameters of `sim.disturbances.make` for a family at a level, or at the next lower level that is possible.
 
     Args:
@@ -96,12 +98,13 @@ def draw_effect(name: str, rng: np.random.Generator, level: int, world: World) -
         rng: draws size, place and sign.
         level: 0, 1, 2.
         world: where the effect is hidden.
+        times: larger than by what clean robots vary by: a recording leaves more open than that.
 
     Returns:
         The parameters, and the level that was reached.
     """
     family = FAMILIES[name]
-    deviation = max(deviations()[name], _of_world(family, world))
+    deviation = times * max(deviations()[name], _of_world(family, world))
     place, within = rng.integers(2**31), rng.random()
     while True:
         low, high = MULTIPLES[level]

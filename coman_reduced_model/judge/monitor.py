@@ -26,7 +26,7 @@ from ..resources import version
 from ..sim.disturbances import Disturbance, make
 from ..sim.worlds import World, draw_world, record_world
 from .by_kind import by_kind
-from .cases import data_sheet
+from .cases import data_sheet, times_of
 from .families import FAMILIES, LEVELS, draw_effect
 from .folder import RunFolder
 from .prediction import prediction_rows
@@ -48,11 +48,12 @@ class Onset:
     family: str
     after: float  # [s]
     effect: Disturbance
-    lowered: bool = False  # medium would be beyond what a walking robot can have
+    hidden: dict[str, Any]  # the same, as of an answer
+    level: int = MEDIUM  # lower, where medium would be beyond what a walking robot can have
 
 
-def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = None) -> Onset:
-    """Draw the walk of a seed; families take turns. `attempt`: see draw_case."""
+def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = None, times: float = 1.0) -> Onset:
+    """Draw the walk of a seed; families take turns. `attempt`: see draw_case; `times`: see draw_effect."""
     able = families_with_onset()
     family = able[seed % len(able)]
     world = draw_world(seed, worlds)
@@ -60,10 +61,11 @@ def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = N
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
     rng = np.random.default_rng([23, seed, attempt])
     after = float(rng.uniform(7.0, 10.0))
-    values, level = draw_effect(family, rng, MEDIUM, world)
-    effect = beginning(make(FAMILIES[family].effect, values), after)
+    values, level = draw_effect(family, rng, MEDIUM, world, times)
+    hidden = make(FAMILIES[family].effect, values)
+    effect = beginning(hidden, after)
     assert effect is not None
-    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect, level < MEDIUM)
+    return Onset(seed, replace(world, duration_s=SECONDS), family, after, effect, hidden.to_dict(), level)
 
 
 def families_with_onset() -> list[str]:
@@ -95,6 +97,8 @@ def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
         return
     for attempt in range(ATTEMPTS):
         onset = draw_onset(seed, attempt, **fixed)
+        (times,) = times_of(onset.world, [onset.hidden], [LEVELS[onset.level]], seed)
+        onset = draw_onset(seed, attempt, times=times, **fixed)
         with tempfile.TemporaryDirectory() as temporary:
             found = watch(onset, Path(temporary) / "walk")
         if not found["fell"]:
@@ -108,7 +112,7 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
         "seed": onset.seed,
         "family": onset.family,
         "worlds": onset.world.kinds,
-        "lowered": onset.lowered,
+        "lowered": onset.level < MEDIUM,
         "fell": False,
         "failed": "",
         "detections": [],

@@ -25,6 +25,7 @@ from .families import CLASSES, class_of, of_this_catalogue
 from .folder import RunFolder
 from .run import seal
 from .seeds import commit, spent_among
+from .sizes import shown
 
 OTHER = ("none", "unknown", "not_excited")
 NOMINAL = {"scale": 1.0}  # of every other parameter: 0
@@ -104,26 +105,6 @@ def rank_of_truth(answer: Mapping[str, Any], ranking: Any) -> int | None:
     return next((place for place, name in enumerate(classes, 1) if name in true), None)
 
 
-def size_shown(answer: Mapping[str, Any], ranking: Any) -> float | None:
-    """Size of a single hidden effect, in standard deviations that its own recordings leave where all else varies.
-
-    By the oracle's posterior; of several parameters, the one that shows most. None: there is no ranking, or the
-    diagnosis does not know the effect at this place.
-    """
-    if not isinstance(ranking, list) or answer["kind"] != "single":
-        return None
-    (effect,) = answer["effects"]
-    sizes = []
-    for row in ranking:
-        if (row["name"], row["where"] or "") == (effect["name"], effect["where"] or ""):
-            for name, found in row["parameters"].items():
-                value = effect["parameters"].get(name)
-                if isinstance(value, float) and found["deviation"] > 0.0:
-                    distance = np.log(value) if name == "scale" and value > 0.0 else value
-                    sizes.append(abs(float(distance)) / float(found["deviation"]))
-    return max(sizes, default=None)
-
-
 def rate(hits: int, of: int) -> dict[str, Any]:
     """A share with its 95 % interval (Wilson); null where nothing was counted."""
     if of == 0:
@@ -190,7 +171,7 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
         "seconds": run.get("seconds"),
         "cpu_seconds": run.get("cpu_seconds"),
         "rank": rank_of_truth(answer, case.get("ranking")),
-        "size_shown": size_shown(answer, case.get("ranking")),
+        "size_shown": shown(answer["effects"][0], case.get("ranking")) if answer["kind"] == "single" else None,
         "gap_share": gap_reduction(case["verdict"]) / best if best > 0.0 else None,
         "baselines": {
             method: outcome(answer, verdict)["result"]

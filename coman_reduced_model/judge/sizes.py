@@ -1,94 +1,68 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How well recordings of clean robots determine the sizes of effects.
-
-`python -m coman_reduced_model.judge.sizes OUT [FAMILY ...]` measures `recorded` of sizes.yaml on the clean cases of a
-run, of all families or of these.
-"""
+"""How large an effect is beside what recordings leave open of it."""
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..errors import ComanError
-from ..processes import workers
 from ..sim.worlds import World
-from ..sim.worlds.world import world_from_yaml
-from .families import BENT, FAMILIES, LINKS, SIZES, Family, link_mass, working_stretch
-from .folder import RunFolder
+from .families import LEVELS, MULTIPLES
 from .rank import evidence_with, ranking
 from .variability import true_deviations
 
+_TURNED = {"x": "roll", "y": "pitch", "z": "yaw"}  # of a sensor, in the diagnosis
 
-def recorded_deviations(bags: Path, world: World) -> dict[str, list[float]]:
-    """By family, how well the recordings of a clean robot determine its size: the posterior's standard deviation.
 
-    Of each effect alone, at each of its places, when clean robots vary as they do in this world.
+def shown(effect: Mapping[str, Any], ranked: Any) -> float | None:
+    """Size of an effect, in standard deviations that recordings leave where all else varies.
 
-    Raises:
-        ComanError: the bags cannot be used.
+    By the oracle's posterior; of several parameters, the one that shows most.
+
+    Args:
+        effect: name, where and parameters, of an answer.
+        ranked: of `rank.ranking`.
+
+    Returns:
+        None: there is no ranking, or the diagnosis does not know the effect at this place.
     """
-    found: dict[str, list[float]] = {}
-    for row in ranking(evidence_with(bags, true_deviations(world))):
-        for name, family in FAMILIES.items():
-            if family.effect == row["name"] and family.parameter in row["parameters"]:
-                size = _size(name, family, row, world)
-                if size is not None:
-                    found.setdefault(name, []).append(size)
-    return found
-
-
-def _size(name: str, family: Family, row: Mapping[str, Any], world: World) -> float | None:
-    """The deviation in units of the size, for COMAN; None: not at a place of this family."""
-    where, value = row["where"], float(row["parameters"][family.parameter]["deviation"])
-    if name in ("hardening", "softening"):
-        if where[1:] not in BENT:
-            return None
-        value *= working_stretch(where[1:], world.table) ** 2
-    if name == "body_mass":
-        if where and where[1:] not in LINKS:
-            return None
-        value *= link_mass(world.table, where)
-    if (name == "soft_roll") != (where[1:] in ("HipLat", "AnkLat")) and family.effect == "joint_stiffness":
+    if not isinstance(ranked, list):
         return None
-    return value / family.factor(world.table)
+    values, sizes = dict(effect["parameters"]), []
+    if "angle" in values:
+        values[_TURNED[values["axis"]]] = values["angle"]
+    for row in ranked:
+        if (row["name"], row["where"] or "") == (effect["name"], effect["where"] or ""):
+            for name, found in row["parameters"].items():
+                value = values.get(name)
+                if isinstance(value, float) and found["deviation"] > 0.0:
+                    distance = np.log(value) if name == "scale" and value > 0.0 else value
+                    sizes.append(abs(float(distance)) / float(found["deviation"]))
+    return max(sizes, default=None)
 
 
-def _deviations_of_case(task: tuple[Path, str]) -> dict[str, list[float]]:
-    bags, world = task
+def times_to_show(
+    folder: Path, world: World, effects: Sequence[Mapping[str, Any]], levels: Sequence[str]
+) -> tuple[float, ...]:
+    """By how much effects must grow to be as many deviations of what a clean recording leaves open as of clean robots.
+
+    Args:
+        folder: with `train`, a recording of the robot in which nothing is hidden, and robot.yaml.
+        world: of the robot.
+        effects: as they are by what clean robots vary by.
+        levels: theirs.
+
+    Returns:
+        At least 1 each; 1 where the diagnosis knows no such effect, or cannot use the recording.
+    """
     try:
-        return recorded_deviations(bags, world_from_yaml(world))
-    except ComanError as error:
-        print(f"{bags.name}: {error}", file=sys.stderr)
-        return {}
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Measure `recorded` of sizes.yaml on the clean cases of a run: the median over cases and places."""
-    folder = RunFolder(Path(arguments[0]).absolute())
-    tasks = []
-    for path in sorted(folder.sealed.glob("*.json")):
-        if path != folder.seeds and (answer := json.loads(path.read_text(encoding="utf-8")))["kind"] == "clean":
-            tasks.append((folder.bags(path.stem), answer["world"]))
-    found: dict[str, list[float]] = {}
-    with workers(2) as pool:
-        for sizes in pool.map(_deviations_of_case, tasks):
-            for name, values in sizes.items():
-                found.setdefault(name, []).extend(values)
-    entries = yaml.safe_load(SIZES.read_text(encoding="utf-8"))
-    for name, values in found.items():
-        if len(arguments) > 1 and name not in arguments[1:]:
-            continue
-        entries[name]["recorded"] = float(f"{np.median(values):.3g}")
-    head = "".join(line for line in SIZES.read_text(encoding="utf-8").splitlines(True) if line.startswith("#"))
-    SIZES.write_text(head + yaml.safe_dump(entries, sort_keys=False, default_flow_style=None), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+        ranked = ranking(evidence_with(folder, true_deviations(world)))
+    except ComanError:
+        return (1.0,) * len(effects)
+    sizes = [shown(effect, ranked) for effect in effects]
+    least = [MULTIPLES[LEVELS.index(level)][0] for level in levels]
+    return tuple(max(1.0, low / size) if size else 1.0 for low, size in zip(least, sizes, strict=True))

@@ -33,8 +33,6 @@ def true_deviations(world: World) -> dict[str, float]:
         **({"ground_slope.spread": tilt} if tilt else {}),
         **_zeros(s),
     }
-    if a == 0.0:
-        return noise
     return noise | {
         "encoder_bias.bias.spread": float(np.hypot(a * made.ENCODER_ZERO, a * made.ECCENTRICITY / 2.0)),
         "backlash.width.spread": a * made.PLAY * 0.65,

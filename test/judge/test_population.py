@@ -17,8 +17,8 @@ from conftest import ROOT
 from coman_reduced_model.cli.judge_tables import show_monitor, show_prediction
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.errors import ConfigError, OutputError
-from coman_reduced_model.judge import families
+from coman_reduced_model.errors import BagError, ConfigError, OutputError
+from coman_reduced_model.judge import families, sizes
 from coman_reduced_model.judge.by_kind import by_kind, kinds_of, new_kinds
 from coman_reduced_model.judge.cases import draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
@@ -27,6 +27,7 @@ from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
+from coman_reduced_model.judge.sizes import times_to_show
 from coman_reduced_model.judge.variability import true_deviations
 from coman_reduced_model.sim.contact import Floor
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
@@ -70,7 +71,7 @@ def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
 def test_a_size_is_a_multiple_of_what_clean_robots_vary_by(monkeypatch, family):
     """On COMAN; where that is more than a walking robot can have, the level is lower, and that is returned."""
     entry = yaml.safe_load(families.SIZES.read_text())[family]
-    deviation, sizes = max(float(entry["clean"]), float(entry.get("recorded", 0.0))), []
+    deviation, sizes = float(entry["clean"]), []
     one = FAMILIES[family]
 
     def draw(rng, size, table):
@@ -114,6 +115,28 @@ def test_a_size_is_no_less_than_what_the_robots_of_its_own_world_vary_by():
     assert min(sizes("ground_slope", World(), "pitch")[0]) < min(sizes("ground_slope", uneven, "pitch")[0])
     found, levels = sizes("wrench_bias", World(sensors=SensorOptions(wrench_zero=300.0)), "fz")
     assert levels == {0} and max(found) == FAMILIES["wrench_bias"].most  # zeros are that large anyway
+
+
+def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_path):
+    """Where the recording without it leaves 0.02 s of a late stream open, medium is five times that."""
+    late = {"name": "encoder_delay", "where": "", "parameters": {"delay": 0.01}}
+    row = {"name": "encoder_delay", "where": "", "parameters": {"delay": {"value": 0.0, "deviation": 0.02}}}
+    monkeypatch.setattr(sizes, "evidence_with", lambda folder, deviations: None)
+    monkeypatch.setattr(sizes, "ranking", lambda evidence: [row])
+    found = times_to_show(tmp_path, World(), [late, {**late, "name": "cogging"}], ["medium", "medium"])
+    assert found == pytest.approx((10.0, 1.0))
+    draws = [draw_effect("com_offset", np.random.default_rng(2), 1, World(), times)[0] for times in (1.0, 2.0)]
+    assert draws[1] == pytest.approx({axis: 2.0 * value for axis, value in draws[0].items()})
+
+    def refuse(folder, deviations):
+        raise BagError("no step")
+
+    monkeypatch.setattr(sizes, "evidence_with", refuse)
+    assert times_to_show(tmp_path, World(), [late], ["medium"]) == (1.0,)
+
+
+def test_a_precise_robot_has_no_delays_for_the_oracle():
+    assert true_deviations(World(imperfections=0.0))["encoder_delay.delay.spread"] == 0.0
 
 
 def test_slides_have_no_form_that_the_diagnosis_has():

@@ -12,7 +12,8 @@ import pytest
 from coman_reduced_model.cli.judge_tables import show_diagnosis
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.judge.families import of_this_catalogue
-from coman_reduced_model.judge.score import by_what_was_learnt, confusion, gap_reduction, outcome, score, size_shown
+from coman_reduced_model.judge.score import by_what_was_learnt, confusion, gap_reduction, outcome, score
+from coman_reduced_model.judge.sizes import shown
 
 # --- the score, on verdicts that are known ---
 
@@ -147,10 +148,14 @@ def test_worlds_of_kinds_that_nothing_was_learnt_on_have_figures_of_their_own(ca
 
 def test_how_clearly_its_own_recordings_show_an_effect():
     row = {"name": "joint_stiffness", "where": "LKneeSag", "parameters": {"scale": {"value": 0.1, "deviation": 0.1}}}
-    answer = hidden("single", ("joint_stiffness", "LKneeSag"), scale=float(np.exp(-0.6)))
-    assert size_shown(answer, [row]) == pytest.approx(6.0)
-    assert size_shown(answer, [{**row, "where": "RKneeSag"}]) is None
-    assert size_shown(answer, {"failed": "no step"}) is None
+    effect = {"name": "joint_stiffness", "where": "LKneeSag", "parameters": {"scale": float(np.exp(-0.6))}}
+    assert shown(effect, [row]) == pytest.approx(6.0)
+    assert shown(effect, [{**row, "where": "RKneeSag"}]) is None
+    assert shown(effect, {"failed": "no step"}) is None
+    row = {"name": "sensor_rotation", "where": "left", "parameters": {"roll": {"value": 0.0, "deviation": 0.01}}}
+    turned = {"name": "sensor_rotation", "where": "left", "parameters": {"axis": "x", "angle": 0.04}}
+    assert shown(turned, [row]) == pytest.approx(4.0)
+    assert shown({**turned, "parameters": {"axis": "y", "angle": 0.04}}, [row]) is None
 
 
 def test_a_gap_that_is_not_given_is_not_zero():
