@@ -118,26 +118,27 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     evidences = [case.evidence for case in cases]
     fit = pooled(evidences).fit()
     own = np.array([unknown.own for unknown in known])
-    shared = np.where(own, prior_variance(known), np.diag(fit.covariance) + 1e-18)
+    prior = prior_variance(known, precise=fit.precise)
+    shared = np.where(own, prior, np.diag(fit.covariance) + 1e-18)
     each = [evidence.posterior(np.where(own, 0.0, fit.x), shared) for evidence in evidences]
     alone = [evidence.fit() for evidence in evidences]
     mean = np.where(own, np.mean([one.x for one in each], axis=0), fit.x)
     variance = np.where(own, np.mean([np.diag(one.covariance) for one in each], axis=0), np.diag(fit.covariance))
     between_bags = np.where(
         own,
-        spread([one.x for one in each], mean, prior_variance(known)),
+        spread([one.x for one in each], mean, prior),
         np.maximum(spread([one.x for one in alone], mean, variance) - _mean_variance(alone), 0.0),
     )
     parameters = {}
     for i, unknown in enumerate(known):
         if "spread" in unknown.widths:
             usual = _plausible(float(mean[i]), unknown, population)
-            own_spread = min(float(np.sqrt(variance[i] + between_bags[i])), unknown.spread)
+            own_spread = min(float(np.sqrt(variance[i] + between_bags[i])), float(np.sqrt(prior[i])))
             parameters[unknown.name] = unknown.usual + usual, own_spread
     left = [leftover([case], fit, []) for case in cases]
     pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
     learnt = replace(
-        population, source={"recordings": len(cases)}, sheets={}, with_baseline={},
+        population, source={"recordings": len(cases)}, precise={}, sheets={}, with_baseline={},
         parameters=parameters, leftover=_leftover(left, population),
         repeats=_repeats(repeats_of(cases), len(cases), population), **population.with_baseline,
     )  # fmt: skip

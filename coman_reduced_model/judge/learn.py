@@ -301,7 +301,7 @@ def learn(
 
 def _made_with(nominal: Nominal) -> str:
     """Part of the names of files that depend on these figures."""
-    figures = nominal.widths, nominal.trust, nominal.repeats
+    figures = nominal.widths, nominal.precise, nominal.trust, nominal.repeats
     return hashlib.sha256(json.dumps([dict(sorted(each.items())) for each in figures]).encode()).hexdigest()[:8]
 
 
@@ -343,6 +343,7 @@ def header() -> str:
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most.
+# precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # repeats: by law, what it leaves that repeats with each stride, in the median. In weights for N, weights times m for
 #     Nm, mass times m/s for Ns, else SI.

@@ -18,12 +18,14 @@ import numpy as np
 
 from ..core.base.nominal import Nominal
 from ..core.config.files import load_config
+from ..core.effects.unknown import FOOT_SENSORS, ROBOT
 from ..diagnose.data.reading import read_bags
 from ..diagnose.inference.case import Case, examine, repeats_of, with_known
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.effects import with_structure
+from ..diagnose.inference.evidence import Kind
 from ..diagnose.inference.trust import ByLaw, learn_trust
-from ..diagnose.inference.variability import adapted, learn_widths
+from ..diagnose.inference.variability import adapted, learn_widths, widths_of_robot
 from ..diagnose.physics.hypotheses import unknowns
 from ..errors import ComanError, ConfigError
 from .cases import BAGS
@@ -48,14 +50,19 @@ def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool
     if not found:
         raise ConfigError("no clean case with two recordings or more: widths cannot be learnt (--keep-widths)")
     robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets)
-    widths = dict(nominal.sheets)
+    known = sheets
+    of_robots: list[tuple[Kind, dict[str, float]]] = [((), dict(sheets.widths))] * len(robots)
     for _ in range(ROUNDS):
-        trust = learn_trust(robots, widths, partial(pool.map, chunksize=4))
-        widths = learn_widths([[each.evidence(trust) for each in robot] for robot in robots], sheets)
-    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(robots)}}
+        trust = learn_trust(robots, [widths for _, widths in of_robots], partial(pool.map, chunksize=4))
+        evidences = [[each.evidence(trust) for each in robot] for robot in robots]
+        known = learn_widths(evidences, sheets)
+        of_robots = [widths_of_robot(robot, known) for robot in evidences]
+    precise = {part: sum(part in kind for kind, _ in of_robots) for part in (ROBOT, FOOT_SENSORS)}
+    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(robots), "precise": precise}}
     return replace(
-        nominal, source=source, widths=widths, trust=trust, repeats=learn_repeats([each for _, each in found])
-    )
+        nominal, source=source, widths=known.widths, precise=known.precise, trust=trust,
+        repeats=learn_repeats([each for _, each in found]),
+    )  # fmt: skip
 
 
 def checked_case(bags: Path, whole: bool = False) -> Checked:

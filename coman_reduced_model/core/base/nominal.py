@@ -19,7 +19,7 @@ from ...errors import ConfigError
 from ...resources import config_path
 
 SECTIONS = (
-    "source", "widths", "sheets", "most", "repeats", "trust", "leftover", "decision", "interval_factor",
+    "source", "widths", "precise", "sheets", "most", "repeats", "trust", "leftover", "decision", "interval_factor",
     "with_baseline", "parameters", "monitor",
 )  # fmt: skip
 
@@ -30,6 +30,7 @@ class Nominal:
 
     Attributes:
         widths: by name of a parameter's kind and of the width (`joint_stiffness.scale.spread`): standard deviations.
+        precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
         sheets: by the same names, by data sheets and what is common: where learning begins, and what it shrinks to.
         most: by the same names, what physics allows at most.
         source: where the figures come from; `kinds`: by axis, the kinds of worlds (sim/worlds) that they were learnt
@@ -47,6 +48,7 @@ class Nominal:
     """
 
     widths: Mapping[str, float]
+    precise: Mapping[str, float] = field(default_factory=dict)
     sheets: Mapping[str, float] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
@@ -70,6 +72,8 @@ class Nominal:
         """
         used = {kind: f"{of}.{kind}" for kind in kinds} | names
         values = {kind: self.widths[name] * times / per for kind, name in used.items()}
+        if (precise := self.precise.get(used.get("spread", ""))) is not None:
+            values["precise"] = precise * times / per
         return values | {"widths": used, "relative": times / per}
 
     def plain(self) -> dict[str, Any]:
@@ -133,6 +137,7 @@ def _load(path: str) -> Nominal:
     try:
         return Nominal(
             widths={name: float(value) for name, value in document["widths"].items()},
+            precise={name: float(value) for name, value in (document.get("precise") or {}).items()},
             sheets={name: float(value) for name, value in (document.get("sheets") or {}).items()},
             most={name: float(value) for name, value in (document.get("most") or {}).items()},
             source=document.get("source") or {},

@@ -18,6 +18,8 @@ from ..base.types import Array, Foot, Integers
 from ..robot.robot import Robot
 
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
+ROBOT, FOOT_SENSORS = "robot", "foot sensors"
+OF_FOOT_SENSORS = ("wrench_scale", "wrench_delay", "wrench_bias", "sensor_rotation")
 FEET = {"left": (Foot.LEFT,), "right": (Foot.RIGHT,), "": (Foot.LEFT, Foot.RIGHT)}
 
 
@@ -80,6 +82,7 @@ class Unknown:
         unit: of the value.
         change: recording and world (`Measured`, `World`) under the hypothesis that the value is nominal + x.
         reach, spread: standard deviations of x with and without the effect.
+        precise: spread over robots on which all of its `part` is precise; None: as over all others.
         usual: what nominal robots have of it, beyond nominal: deviations count from there.
         nominal: value when there is no such effect.
         step: for the difference quotient; default: a tenth of the reach.
@@ -98,6 +101,7 @@ class Unknown:
     change: Change
     reach: float
     spread: float = 0.0
+    precise: float | None = None
     usual: float = 0.0
     nominal: float = 0.0
     step: float = 0.0
@@ -112,6 +116,11 @@ class Unknown:
     def __post_init__(self) -> None:
         if not self.step:
             object.__setattr__(self, "step", 0.1 * self.reach)
+
+    @property
+    def part(self) -> str:
+        """Of a robot, that is precise as a whole or is not: its foot sensors, or all else."""
+        return FOOT_SENSORS if self.effect in OF_FOOT_SENSORS else ROBOT
 
     @property
     def name(self) -> str:

@@ -11,6 +11,7 @@ from ..robot.robot import Robot
 
 _ITERATIONS = 30
 _LONGEST = 0.3  # [rad], [m] of one iteration: the first ones may come from far
+_DAMPING = 1e-9  # [m^2], [rad^2], where legs are stretched
 _REACHED = 1e-8  # [m], [rad]: accelerations are second differences over some milliseconds
 
 
@@ -71,8 +72,8 @@ class PlannedPosture:
             off = np.concatenate(error)
             if np.abs(off).max() < _REACHED:
                 return True
-            step = np.zeros(model.nv)
-            step[self._free] = np.linalg.lstsq(np.vstack(J)[:, self._free], off, rcond=1e-6)[0]
+            step, A = np.zeros(model.nv), np.vstack(J)[:, self._free]
+            step[self._free] = A.T @ np.linalg.solve(A @ A.T + _DAMPING * np.eye(len(off)), off)  # the shortest one
             self.q = pin.integrate(model, self.q, step * min(1.0, _LONGEST / np.abs(step).max()))
         self.q = before
         return False

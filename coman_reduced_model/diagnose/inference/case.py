@@ -111,7 +111,7 @@ class Case:
 
         Those of `released` stay within the uncertainty of the `fit`.
         """
-        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.unknowns)
+        mean, variance = np.zeros(len(fit.x)), prior_variance(self.evidence.unknowns, precise=fit.precise)
         covariance = fit.covariance
         for i in released:
             mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18

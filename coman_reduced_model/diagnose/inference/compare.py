@@ -114,7 +114,7 @@ def _weighed(cases: Sequence[Case], noises: Sequence[dict[str, Noise]]) -> Evide
 
 def trained(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> tuple[Array, Array]:
     """Prior mean and variance (P,) on other recordings: released parameters stay about where training has them."""
-    mean, variance = np.zeros(len(known)), prior_variance(known)
+    mean, variance = np.zeros(len(known)), prior_variance(known, precise=fit.precise)
     covariance = fit.covariance
     for i in released:
         mean[i], variance[i] = fit.x[i], covariance[i, i] + (STRETCH * fit.x[i]) ** 2
@@ -128,7 +128,7 @@ def confirmation(
     evidence = evidence_of(held)
     mean, variance = trained(known, fit, chosen)
     without_mean, without = mean.copy(), variance.copy()
-    nominal = prior_variance(known)
+    nominal = prior_variance(known, precise=fit.precise)
     for i in option.unknowns:
         if not known[i].shape:  # it is nothing without the others
             without_mean[i], without[i] = 0.0, nominal[i]
@@ -137,7 +137,7 @@ def confirmation(
 
 def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:
     """By width, how far its parameters are pulled from nominal [standard deviations, root mean square]."""
-    prior = prior_variance(known)
+    prior = prior_variance(known, precise=fit.precise)
     out = {}
     for name, members in widths_of(known).items():
         rest = [i for i in members if i not in released]

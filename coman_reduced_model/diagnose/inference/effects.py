@@ -76,8 +76,9 @@ def far_from_nominal(finding: Finding) -> list[dict[str, Any]]:
     Their intervals do not hold nominal. What each recording has of its own (zeros of foot sensors) is left out, for it
     says nothing of the robot, and what nominal robots do not have at all, which is compared as an effect.
     """
-    fit, prior = finding.fit, prior_variance(finding.known, finding.released)
+    fit = finding.fit
     assert fit is not None
+    prior = prior_variance(finding.known, finding.released, fit.precise)
     rows = []
     for i, known in enumerate(finding.known):
         deviations = abs(fit.x[i]) / float(np.sqrt(prior[i]))

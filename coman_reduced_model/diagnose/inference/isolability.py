@@ -115,8 +115,8 @@ def expected(evidence: Evidence, ways: Sequence[Candidate], true: Array) -> Arra
         true: what is there: (P,) deviations from nominal, or (n, P) squares of such that are independent.
     """
     known = evidence.unknowns
-    before = prior_variance(known)
-    covariance = evidence.fit().covariance
+    fit = evidence.fit()
+    before, covariance = prior_variance(known, precise=fit.precise), fit.covariance
     response = covariance @ evidence.gram
     out = []
     for way in ways:

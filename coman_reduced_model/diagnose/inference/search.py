@@ -150,7 +150,8 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
 
 def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
     """By parameter of an effect, the deviation from nominal that adds ENOUGH evidence beside the chosen effects."""
-    fit, before = evidence_of(finding.train).fit(finding.released), prior_variance(finding.known, finding.released)
+    fit = evidence_of(finding.train).fit(finding.released)
+    before = prior_variance(finding.known, finding.released, fit.precise)
     variance = np.diag(fit.covariance)
     out = []
     for i, unknown in enumerate(finding.known):
@@ -161,7 +162,7 @@ def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
             continue
         noise = 1.0 / information  # variance by the data alone
         # A deviation d is worth d^2/2 (1/(noise + spread^2) - 1/(noise + reach^2)) less the price of the wider prior.
-        worth = 1.0 / (noise + unknown.spread**2) - 1.0 / (noise + unknown.reach**2)
-        price = 0.5 * np.log((noise + unknown.reach**2) / (noise + unknown.spread**2))
+        worth = 1.0 / (noise + before[i]) - 1.0 / (noise + unknown.reach**2)
+        price = 0.5 * np.log((noise + unknown.reach**2) / (noise + before[i]))
         out.append((unknown, float(np.sqrt(2.0 * (ENOUGH + price) / max(worth, 1e-30)))))
     return out

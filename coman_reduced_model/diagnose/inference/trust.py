@@ -94,14 +94,14 @@ def _log_evidence(size: int, parts: Sequence[Part], trust: Mapping[str, float]) 
 
 def learn_trust(
     robots: Sequence[Sequence[ByLaw]],
-    widths: Mapping[str, float],
+    widths: Sequence[Mapping[str, float]],
     each: Callable[..., Iterable[_Value]] = map,
 ) -> dict[str, float]:
     """By law, the trust with which the recordings of each robot agree best.
 
     Args:
         robots: recordings of nominal robots, two or more of each.
-        widths: how much these robots vary.
+        widths: how much robots like it vary, of each.
         each: calls a function for every robot, as `map` does.
     """
     laws = sorted({part.law for robot in robots for recording in robot for part in recording.parts})
@@ -109,7 +109,7 @@ def learn_trust(
     def loss(logs: Array) -> tuple[float, Array]:
         trust = dict(zip(laws, map(float, np.exp(logs)), strict=True))
         value, slope = PRICE * float(logs @ logs), 2.0 * PRICE * logs
-        for nats, slopes in each(partial(agreement, widths=widths, trust=trust), robots):
+        for nats, slopes in each(partial(agreement, trust=trust), robots, widths):
             beyond = max(WORST - nats, 0.0)
             value -= nats if nats > WORST else WORST - np.log1p(beyond)
             slope = slope - np.array([slopes[law] for law in laws]) / (1.0 + beyond)

@@ -10,12 +10,13 @@ from typing import Literal
 from ...core.base.nominal import Nominal
 from ...progress import Progress
 from ..data.recording import Recording, lifts_a_foot
-from .case import examine
+from .case import Case, examine
 from .case_cache import CaseCache
 from .check import Checked
 from .compare import confirmation
 from .explanation import UNKNOWN, worst_leftover
 from .finding import Finding
+from .gauss_newton import settled
 from .search import search
 
 Verdict = Literal["effect", "none", "unknown", "not_excited"]
@@ -53,17 +54,34 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
         examine(each, cache.known, train[0].evidence.at, nominal=cache.nominal) for each in checked.confirm
     ]
     finding.before = train, [*selecting, *nominal_cases]
-    confirming = [
-        examine(each, cache.known, finding.at, case) for each, case in zip(checked.confirm, nominal_cases, strict=True)
-    ]
-    for effect in finding.chosen if confirming else ():
-        nats = confirmation(cache.known, finding.fit, confirming, effect.option, finding.released)
-        finding.confirmed[effect.option.name] = nats
-    finding.hold = [*finding.hold, *confirming]
-    against = tuple(name for name, nats in finding.confirmed.items() if nats < AGAINST)
+    against = _confirm(finding, cache, checked, nominal_cases)
     leftover = finding.leftover()
     word = verdict(finding, checked.recordings[: len(checked.train)], bool(assumed), against)
     return Found(finding, leftover, word, probabilities(finding), against)
+
+
+def _confirm(finding: Finding, cache: CaseCache, checked: Checked, nominal_cases: Sequence[Case]) -> tuple[str, ...]:
+    """Open the confirming recording; names of the effects that it speaks against.
+
+    One that was chosen beside others is dropped, and the others are fitted again; the first one stays.
+    """
+    against: list[str] = []
+    while True:
+        pairs = zip(checked.confirm, nominal_cases, strict=True)
+        confirming = [examine(each, cache.known, finding.at, case) for each, case in pairs]
+        assert finding.fit is not None
+        finding.confirmed = {
+            effect.option.name: confirmation(cache.known, finding.fit, confirming, effect.option, finding.released)
+            for effect in (finding.chosen if confirming else ())
+        }
+        denied = [name for name, nats in finding.confirmed.items() if nats < AGAINST]
+        against += denied
+        if not denied or finding.chosen[0].option.name in denied:
+            finding.hold = [*finding.hold, *confirming]
+            return tuple(against)
+        finding.chosen = [effect for effect in finding.chosen if effect.option.name not in denied]
+        finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
+        finding.hold = cache.at(finding.at, "hold")
 
 
 def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against: Sequence[str] = ()) -> Verdict:
@@ -77,10 +95,8 @@ def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against
         return "effect" if finding.chosen else "none"
     if not any(lifts_a_foot(recording.phase) for recording in train):
         return "not_excited"
-    if against:
-        return "unknown"
     if finding.chosen:
-        return "effect"
+        return "unknown" if finding.chosen[0].option.name in against else "effect"
     if finding.steps and finding.steps[-1][1].verdict == UNKNOWN:
         return "unknown"
     return "none" if all(lifts_a_foot(recording.phase) for recording in train) else "not_excited"

@@ -95,8 +95,10 @@ def unknowns(recording: Recording, world: World, nominal: Nominal | None = None)
 
 def _of_this_robot(unknown: Unknown, nominal: Nominal) -> Unknown:
     """What is usual, and varies, on a robot of which recordings are known in which nothing is wrong."""
-    usual, spread = nominal.parameters.get(unknown.name, (unknown.usual, unknown.spread))
-    return replace(unknown, usual=usual, spread=spread)
+    if unknown.name not in nominal.parameters:
+        return unknown
+    usual, spread = nominal.parameters[unknown.name]
+    return replace(unknown, usual=usual, spread=spread, precise=None)
 
 
 def candidates(known: list[Unknown]) -> list[Candidate]:

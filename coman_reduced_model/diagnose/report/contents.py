@@ -72,6 +72,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "undetectable_below": undetectable(finding),
         "groups": groups(evidence, options),
         "probabilities": found.probabilities,
+        "precise": list(finding.fit.precise if finding.fit else ()),
         "pulled": pulled(finding),
         "far_from_nominal": far_from_nominal(finding),
         "weight": weight(finding),

@@ -129,7 +129,7 @@ def _probabilities(result: dict[str, Any]) -> list[Part]:
     if rows:
         caption = (
             "Before anything was chosen. The weights behind these figures were learnt from robots whose faults are "
-            "known (config/nominal.yaml says which)."
+            f"known (config/nominal.yaml says which). Judged as precise: {', '.join(result['precise']) or 'nothing'}."
         )
         parts.append(Table(["explanation", "probability"], rows[:_ROWS], caption, words=1))
     rows = [far(row) for row in result["far_from_nominal"]]

@@ -14,6 +14,7 @@ def test_the_shipped_population_is_whole():
     nominal = load_nominal()
     assert set(nominal.most) <= set(nominal.widths)
     assert all(value > 0.0 for value in nominal.widths.values())
+    assert nominal.precise and set(nominal.precise) <= set(nominal.widths)
     for weights in nominal.decision.values():
         assert {"one", "train", "select", "ways", "leftover", "pulled", "unknown"} == set(weights)
     assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
@@ -27,6 +28,7 @@ def test_what_is_written_is_what_is_read(tmp_path):
     path.write_text(yaml.safe_dump(load_nominal().plain()))
     again = load_nominal(path)
     assert again.plain() == load_nominal().plain()
+    assert again.width("mass", "spread", times=2.0)["precise"] == pytest.approx(2.0 * again.precise["mass.spread"])
     assert again.width("mass", "spread", times=2.0)["spread"] == pytest.approx(2.0 * again.widths["mass.spread"])
 
 

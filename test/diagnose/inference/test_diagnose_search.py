@@ -17,6 +17,7 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.unknown import PLAN
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.inference import gauss_newton
+from coman_reduced_model.diagnose.inference import verdict as verdicts
 from coman_reduced_model.diagnose.inference.case import examine, prepare
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.check import limitations, with_common_streams
@@ -74,13 +75,46 @@ def test_what_measured_motor_states_show_is_named_but_needs_no_change_of_the_mod
     config = Config().replaced({"prediction.reference": reference})
     against_plan = [option for option in candidates(known) if option.where == PLAN]
     assert {option.effect for option in against_plan} == {"motor_compliance", "motor_lag", "transport_delay"}
-    fit = SimpleNamespace(x=np.full(len(known), 0.01), covariance=np.eye(len(known)))
+    fit = SimpleNamespace(x=np.full(len(known), 0.01), covariance=np.eye(len(known)), precise=())
     for option in against_plan:
         finding = Finding(known, np.zeros(len(known)), chosen=[ChosenEffect(option, 9.0, 9.0)], fit=fit)
         (entry,) = effect_entries(finding, config)
         added = option.effect in {effect.name for effect in with_effects(config, [entry]).effects}
         assert entry["in_model"] == added == (reference == "topic")
         assert ("the motor states show it" in effect_sentence(entry)) == (reference == "motor")
+
+
+@pytest.mark.parametrize(
+    ("nats", "left", "against", "word"),
+    [
+        ({"payload": 9.0, "encoder_delay": 5.0}, ["payload", "encoder_delay"], (), "effect"),
+        ({"payload": 9.0, "encoder_delay": -5.0}, ["payload"], ("encoder_delay",), "effect"),
+        ({"payload": -9.0, "encoder_delay": 5.0}, ["payload", "encoder_delay"], ("payload",), "unknown"),
+    ],
+)
+def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, against, word):
+    """Unless it is what was found first: then something else is missing."""
+    recording, world = standing()
+    known = unknowns(recording, world)
+    options = [next(each for each in candidates(known) if each.effect == name) for name in nats]
+    finding = Finding(known, np.zeros(len(known)), fit=SimpleNamespace())
+    finding.chosen = [ChosenEffect(option, 9.0, 9.0) for option in options]
+    fitted = []
+
+    def settled(finding, cache, released):
+        fitted.append(released)
+        return np.zeros(len(known)), [], SimpleNamespace()
+
+    monkeypatch.setattr(verdicts, "examine", lambda *_: "confirming")
+    monkeypatch.setattr(verdicts, "settled", settled)
+    monkeypatch.setattr(verdicts, "confirmation", lambda known, fit, held, option, chosen: nats[option.effect])
+    cache, checked = SimpleNamespace(known=known, at=lambda at, which: []), SimpleNamespace(confirm=[recording])
+    assert verdicts._confirm(finding, cache, checked, [recording]) == against
+    assert [effect.option.effect for effect in finding.chosen] == left and finding.hold == ["confirming"]
+    assert fitted == ([list(options[0].unknowns)] if len(left) == 1 else [])
+    walk = SimpleNamespace(phase=np.array([Phase.LEFT]))
+    monkeypatch.setattr(verdicts, "lifts_a_foot", lambda phase: True)
+    assert verdicts.verdict(finding, [walk], False, against) == word
 
 
 def test_what_is_far_from_nominal_beside_the_effects_is_listed():
@@ -91,7 +125,7 @@ def test_what_is_far_from_nominal_beside_the_effects_is_listed():
     own = next(i for i, unknown in enumerate(known) if unknown.own)
     x = np.array([unknown.spread for unknown in known])
     x[soft], x[biased], x[own] = -0.5, 4.0 * known[biased].spread, 9.0 * max(known[own].spread, 1e-3)
-    fit = SimpleNamespace(x=x, covariance=1e-8 * np.eye(len(known)))
+    fit = SimpleNamespace(x=x, covariance=1e-8 * np.eye(len(known)), precise=())
     finding = Finding(known, np.zeros(len(known)), fit=fit)
     first, second = far_from_nominal(finding)
     assert (first["name"], first["where"], second["name"]) == ("joint_stiffness", "LKneeSag", "encoder_bias")

@@ -45,11 +45,16 @@ def recordings(rng: np.random.Generator, off: dict[str, float], count: int = 3) 
     return out
 
 
+def trust_of(robots: list[list[ByLaw]]) -> dict[str, float]:
+    """Learnt from robots that vary by WIDTHS."""
+    return learn_trust(robots, [WIDTHS] * len(robots))
+
+
 @pytest.mark.parametrize("error", [0.1, 0.3, 1.0])
 def test_a_law_that_its_next_recording_denies_is_trusted_as_far_as_it_holds(error):
     rng = np.random.default_rng(0)
     robots = [recordings(rng, {"good": 0.0, "bad": error}) for _ in range(40)]
-    trust = learn_trust(robots, WIDTHS)
+    trust = trust_of(robots)
     assert trust["good"] > 0.7
     # Its estimates have a standard deviation of 0.1 / sqrt(20) by its noise, and `error` by its model.
     assert np.log(trust["bad"]) == pytest.approx(np.log((0.1**2 / 20.0) / error**2), abs=np.log(4.0))
@@ -59,15 +64,15 @@ def test_few_robots_that_agree_with_nothing_change_little():
     rng = np.random.default_rng(1)
     robots = [recordings(rng, {"law": 0.0}) for _ in range(20)]
     odd = recordings(rng, {"law": 0.0}, 1) + recordings(rng, {"law": 0.0}, 1)  # two robots, taken for one
-    assert learn_trust([*robots, odd], WIDTHS)["law"] > 0.5
+    assert trust_of([*robots, odd])["law"] > 0.5
 
 
 def test_a_law_without_evidence_keeps_full_trust_and_none_has_more():
     nothing = Part("law", np.arange(SIZE), np.zeros((SIZE, SIZE)), np.zeros(SIZE), 0.0, 0)
     silent = [[ByLaw(figures(), [nothing])] * 2] * 3
-    assert learn_trust(silent, WIDTHS)["law"] == pytest.approx(1.0, abs=0.02)
+    assert trust_of(silent)["law"] == pytest.approx(1.0, abs=0.02)
     rng = np.random.default_rng(2)
-    assert max(learn_trust([recordings(rng, {"a": 0.0, "b": 0.0})] * 4, WIDTHS).values()) <= 1.0
+    assert max(trust_of([recordings(rng, {"a": 0.0, "b": 0.0})] * 4).values()) <= 1.0
 
 
 def test_agreement_is_the_log_bayes_factor_of_one_robot_and_its_slope_a_difference_quotient():

@@ -11,8 +11,9 @@ from diagnose_tools import made_up
 
 from coman_reduced_model.core.base.nominal import Nominal
 from coman_reduced_model.core.effects.unknown import Unknown
-from coman_reduced_model.diagnose.inference.evidence import Evidence
-from coman_reduced_model.diagnose.inference.variability import adapted, learn_widths, with_widths
+from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
+from coman_reduced_model.diagnose.inference.variability import adapted, learn_widths, widths_of_robot, with_widths
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate
 
 JOINTS = 8
 POPULATION = Nominal({"play.spread": 0.1, "zero_f.spread": 1.0}, most={"play.spread": 0.5})
@@ -41,16 +42,42 @@ def recordings(rng, play: float, zero: float, count: int = 3) -> list[Evidence]:
 
 def test_a_population_gets_the_widths_that_it_was_drawn_with():
     rng = np.random.default_rng(0)
-    widths = learn_widths([recordings(rng, 0.3, 2.0) for _ in range(40)], POPULATION)
+    widths = learn_widths([recordings(rng, 0.3, 2.0) for _ in range(40)], POPULATION).widths
     assert widths["play.spread"] == pytest.approx(0.3, rel=0.2)
     assert widths["zero_f.spread"] == pytest.approx(2.0, rel=0.2)
 
 
+def test_precise_robots_of_a_population_have_widths_of_their_own():
+    rng = np.random.default_rng(4)
+    robots = [recordings(rng, play, 1.0) for play in (0.3, 0.02) for _ in range(30)]
+    found = learn_widths(robots, POPULATION)
+    assert found.widths["play.spread"] == pytest.approx(0.3, rel=0.2)
+    assert found.precise == {"play.spread": pytest.approx(0.02, rel=0.4)}
+    assert [widths_of_robot(robot, found)[0] for robot in robots] == [()] * 30 + [("robot",)] * 30
+    assert widths_of_robot(robots[-1], found)[1]["play.spread"] == found.precise["play.spread"]
+
+
+@pytest.mark.parametrize("play", [0.1, 0.001])
+def test_what_is_usual_for_most_robots_stands_out_on_a_precise_one(play):
+    """A delay of 3, where most have 2 and precise robots 0.05: only where nothing has any play it is an effect."""
+    known = [replace(each, precise=0.001) for each in figures()[:JOINTS]]
+    known.append(Unknown("encoder_delay", "", "delay", "ms", lambda r, w, x: (r, w), 30.0, spread=2.0, precise=0.05))
+    rng, x = np.random.default_rng(5), np.zeros(JOINTS + 1)
+    x[:JOINTS], x[-1] = play * rng.standard_normal(JOINTS), 3.0
+    gram = 1e8 * np.eye(JOINTS + 1)
+    one = Evidence(known, np.zeros(len(x)), gram, gram @ x, float(x @ gram @ x), 200)
+    (late,) = scores(one, [Candidate("encoder_delay", "", (JOINTS,))])
+    assert (late.gain > 10.0) == (play < 0.01)
+    assert one.fit().precise == () and one.fit([JOINTS]).precise == (("robot",) if play < 0.01 else ())
+    each = adapted([one], POPULATION)
+    assert each[0].spread >= 0.04 and each[0].precise <= 0.001 and each[-1].precise == 0.05
+
+
 def test_no_width_is_more_than_plausible_and_one_odd_robot_changes_little():
     rng = np.random.default_rng(1)
-    assert learn_widths([recordings(rng, 2.0, 1.0) for _ in range(10)], POPULATION)["play.spread"] == 0.5
+    assert learn_widths([recordings(rng, 2.0, 1.0) for _ in range(10)], POPULATION).widths["play.spread"] == 0.5
     robots = [recordings(rng, 0.1, 1.0) for _ in range(19)]
-    odd = learn_widths([*robots, recordings(rng, 0.1, 300.0)], POPULATION)
+    odd = learn_widths([*robots, recordings(rng, 0.1, 300.0)], POPULATION).widths
     assert odd["zero_f.spread"] < 1.6
 
 
