@@ -20,11 +20,12 @@ from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.errors import BagError, ConfigError, OutputError
 from coman_reduced_model.judge import families, sizes
 from coman_reduced_model.judge.by_kind import by_kind, kinds_of, new_kinds
-from coman_reduced_model.judge.cases import draw_case, write_case
+from coman_reduced_model.judge.cases import data_sheet, draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
+from coman_reduced_model.judge.rank import evidence_with, ranking
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
 from coman_reduced_model.judge.sizes import times_to_show
@@ -32,7 +33,7 @@ from coman_reduced_model.judge.variability import true_deviations
 from coman_reduced_model.sim.contact import Floor
 from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
 from coman_reduced_model.sim.sensors import SensorOptions
-from coman_reduced_model.sim.worlds import AXES, World, draw_world
+from coman_reduced_model.sim.worlds import AXES, World, draw_world, record_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
 SHORT = {"duration_s": 4.0, "worlds": plain_kinds() | {"contact": "creeping"}}
@@ -137,6 +138,16 @@ def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_
 
 def test_a_precise_robot_has_no_delays_for_the_oracle():
     assert true_deviations(World(imperfections=0.0))["encoder_delay.delay.spread"] == 0.0
+
+
+def test_late_wrenches_show_about_nominal(tmp_path):
+    """Of a walk on firm, uneven ground, where forces are sudden, by sensors that were not zeroed."""
+    world = replace(draw_world(3140), duration_s=8.0)
+    record_world(world, tmp_path / "train", [make("wrench_delay", {"delay": 0.007})], 1, store=False)
+    (tmp_path / "robot.yaml").write_text(data_sheet(world))
+    rows = ranking(evidence_with(tmp_path, true_deviations(world)))
+    late = next(row for row in rows if (row["name"], row["where"]) == ("wrench_delay", ""))
+    assert late["parameters"]["delay"]["value"] == pytest.approx(0.007, rel=0.25) and late["evidence"] > 100.0
 
 
 def test_slides_have_no_form_that_the_diagnosis_has():
