@@ -36,7 +36,7 @@ def diagnose(
             "--holdout",
             metavar="BAG",
             help="Another walk, better of another gait; no value is fitted to it. The last one confirms: it is opened "
-            "once, at the end, and can only contradict. Those before it help to choose. Repeatable.",
+            "once, at the end, and can only take effects away. Those before it help to choose. Repeatable.",
         ),
     ] = None,
     assume: Annotated[

@@ -33,7 +33,7 @@ def diagnose(
     Args:
         bags: recordings to find effects in.
         holdout: other recordings, better of another gait; nothing is fitted to them. The last one confirms: it is
-            opened once, at the end, and can only contradict. Those before it help to choose.
+            opened once, at the end, and can only take effects away. Those before it help to choose.
         config: nominal robot and model; default: COMAN.
         assume: effects whose parameters are fitted instead of looking for one: `NAME` or `NAME:where=PLACE`.
         baseline: file of what is usual for this robot (`coman baseline`); default: the shipped population.

@@ -26,9 +26,10 @@ from .inference.case import Case, examine, repeats_of, with_known
 from .inference.check import check_recordings
 from .inference.compare import pulls
 from .inference.effects import with_structure
-from .inference.evidence import pooled, prior_variance
+from .inference.evidence import pooled
 from .inference.explanation import by_law
 from .inference.finding import leftover
+from .inference.prior import prior_variance
 from .inference.variability import POPULATION, adapted, spread
 from .monitor_rows import rows_of_robot, watch
 from .physics.hypotheses import unknowns
@@ -121,7 +122,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     prior = prior_variance(known, precise=fit.precise)
     shared = np.where(own, prior, np.diag(fit.covariance) + 1e-18)
     each = [evidence.posterior(np.where(own, 0.0, fit.x), shared) for evidence in evidences]
-    alone = [evidence.fit() for evidence in evidences]
+    alone = [evidence.fit_of_kind(precise=fit.precise) for evidence in evidences]
     mean = np.where(own, np.mean([one.x for one in each], axis=0), fit.x)
     variance = np.where(own, np.mean([np.diag(one.covariance) for one in each], axis=0), np.diag(fit.covariance))
     between_bags = np.where(

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cases drawn by seed, and their bags: a robot in a world, what is hidden in it, a training walk and two held-out ones.
 
-A seed gives the same case in any range. Each block of forty seeds (from a multiple of forty on) holds 20 clean robots,
-12 single effects, 4 pairs and 4 effects outside the catalogue; families and levels take turns. The world of a case
-(sim/worlds) is drawn from its seed.
+A seed gives the same case in any range, at one version: sizes go by what the diagnosis' laws leave open (sizes.py).
+Each block of forty seeds (from a multiple of forty on) holds 20 clean robots, 12 single effects, 4 pairs and 4 effects
+outside the catalogue; families and levels take turns. The world of a case (sim/worlds) is drawn from its seed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import yaml
 
 from ..errors import ConfigError, EngineError
 from ..output import OutputFolder
-from ..sim.disturbances import Disturbance, make
+from ..sim.disturbances import DISTURBANCES, Disturbance, make
 from ..sim.worlds import World, draw_world, record_world, world_yaml
 from ..sim.worlds.kinds import GAITS
 from ..sim.worlds.run import with_gait
@@ -172,6 +172,8 @@ def _seeds(case: HiddenCase) -> list[int]:
 
 def times_of(world: World, effects: Sequence[Mapping[str, Any]], levels: Sequence[str], seed: int) -> tuple[float, ...]:
     """`sizes.times_to_show` by a recording of a robot before anything was hidden in it; 1 each if it falls."""
+    if not any(DISTURBANCES[effect["name"]].catalogued for effect in effects):
+        return (1.0,) * len(effects)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         (folder / "robot.yaml").write_text(data_sheet(world), encoding="utf-8")

@@ -3,9 +3,10 @@
 
 A size is a multiple of what clean robots of the population vary by (sizes.yaml), of what those of its own world vary by
 (variability.py), or of what the recording of this robot without the effect leaves open (sizes.py), whichever is most:
-weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations. It is given for COMAN (17.3 kg, COM at 0.38 m); on
-another robot forces scale with its weight, torques with weight times COM height. Where a size would be beyond what a
-walking robot can have (`most`), the level is lower, and the result counts that.
+weak 2 to 4, medium 5 to 7, strong 10 to 14 standard deviations, at least 2, 5 and 10 of the recording's own. It is
+given for COMAN (17.3 kg, COM at 0.38 m); on another robot forces scale with its weight, torques with weight times COM
+height. Where a size would be beyond what a walking robot can have (`most`), the level is lower, and the result counts
+that.
 
 The effects themselves are those of sim/disturbances, which knows nothing of the models and the diagnosis.
 """

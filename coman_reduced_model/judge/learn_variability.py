@@ -23,7 +23,7 @@ from ..diagnose.data.reading import read_bags
 from ..diagnose.inference.case import Case, examine, repeats_of, with_known
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.effects import with_structure
-from ..diagnose.inference.evidence import Kind
+from ..diagnose.inference.prior import Kind
 from ..diagnose.inference.trust import ByLaw, learn_trust
 from ..diagnose.inference.variability import adapted, learn_widths, widths_of_robot
 from ..diagnose.physics.hypotheses import unknowns
@@ -49,7 +49,7 @@ def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool
     found = [each for each in read if each and len(each[0]) > 1]
     if not found:
         raise ConfigError("no clean case with two recordings or more: widths cannot be learnt (--keep-widths)")
-    robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets)
+    robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets, precise={})
     known = sheets
     of_robots: list[tuple[Kind, dict[str, float]]] = [((), dict(sheets.widths))] * len(robots)
     for _ in range(ROUNDS):

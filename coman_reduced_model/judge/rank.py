@@ -57,8 +57,8 @@ def evidence_with(folder: Path, deviations: Mapping[str, float]) -> Evidence:
 
 
 def with_deviation(unknown: Unknown, deviations: Mapping[str, float]) -> Unknown:
-    """An unknown whose spread over clean robots is as given; as it is, if nothing is given."""
-    name = unknown.widths.get("spread", "")
+    """An unknown whose spread over clean robots is as given; as on most robots, if nothing is given."""
+    name, unknown = unknown.widths.get("spread", ""), replace(unknown, precise=None)
     return replace(unknown, spread=deviations[name] * unknown.relative) if name in deviations else unknown
 
 

@@ -30,7 +30,6 @@ def true_deviations(world: World) -> dict[str, float]:
         "torque_zero.spread": max(s.torque_bias, 1e-3),
         "wrench_scale.scale.spread": float(np.hypot(a * made.WRENCH_GAIN, s.wrench_gain)) + 1e-4,
         "imu.spread": s.tilt_bias,
-        **({"ground_slope.spread": tilt} if tilt else {}),
         **_zeros(s),
     }
     return noise | {

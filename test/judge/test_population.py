@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 import yaml
 from conftest import ROOT
+from diagnose_tools import standing
 
 from coman_reduced_model.cli.judge_tables import show_monitor, show_prediction
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.base.nominal import load_nominal
+from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 from coman_reduced_model.errors import BagError, ConfigError, OutputError
 from coman_reduced_model.judge import families, sizes
 from coman_reduced_model.judge.by_kind import by_kind, kinds_of, new_kinds
@@ -25,7 +27,7 @@ from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
-from coman_reduced_model.judge.rank import evidence_with, ranking
+from coman_reduced_model.judge.rank import evidence_with, ranking, with_deviation
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
 from coman_reduced_model.judge.sizes import times_to_show
@@ -137,7 +139,12 @@ def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_
 
 
 def test_a_precise_robot_has_no_delays_for_the_oracle():
-    assert true_deviations(World(imperfections=0.0))["encoder_delay.delay.spread"] == 0.0
+    name, known = "encoder_delay.delay.spread", unknowns(*standing())
+    late = next(each for each in known if each.effect == "encoder_delay")
+    given = with_deviation(late, true_deviations(World(imperfections=0.0)))
+    assert late.widths["spread"] == name and late.precise is not None
+    assert given.spread == 0.0 and given.precise is None
+    assert with_deviation(late, {}).spread == late.spread and with_deviation(late, {}).precise is None
 
 
 def test_late_wrenches_show_about_nominal(tmp_path):

@@ -36,7 +36,7 @@ class EncoderDelay(Effect):
         prior = about.widths("encoder_delay.delay", "spread", "reach")
         ways = {"": ("q",), LINKS: ("q", "tau")} if about.efforts else {"": ("q",)}
         return [
-            cls.unknown("delay", _earlier(arrays), way, step=0.008, low=0.0, **prior) for way, arrays in ways.items()
+            cls.unknown("delay", _earlier(arrays), way, step=0.005, low=0.0, **prior) for way, arrays in ways.items()
         ]
 
 

@@ -73,7 +73,7 @@ class MotorLag(Effect):
         }
         ways = {"": "motor_q", PLAN: "plan"} if about.plan else {"": "motor_q"}
         return [
-            cls.unknown("time_constant", _behind(array), way, step=0.008, low=0.0, **prior[way])
+            cls.unknown("time_constant", _behind(array), way, step=0.005, low=0.0, **prior[way])
             for way, array in ways.items()
             if about.motors
         ]

@@ -38,11 +38,11 @@ class TransportDelay(Effect):
         out = []
         if about.motors:
             prior = about.widths("transport_delay.delay", "spread", "reach")
-            out.append(cls.unknown("delay", _later("motor_q"), step=0.008, low=0.0, **prior))
+            out.append(cls.unknown("delay", _later("motor_q"), step=0.005, low=0.0, **prior))
         if about.motors and about.plan:
             # Motor states that are measured show it against the plan, those that echo the command do not.
             prior = about.widths("transport_delay.plan", "spread", "reach")
-            out.append(cls.unknown("delay", _later("plan"), PLAN, step=0.008, low=0.0, **prior))
+            out.append(cls.unknown("delay", _later("plan"), PLAN, step=0.005, low=0.0, **prior))
         return out
 
 

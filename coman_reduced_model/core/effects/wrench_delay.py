@@ -38,6 +38,6 @@ class WrenchDelay(Effect):
         out = []
         for where, feet in FEET.items():
             out.append(
-                cls.unknown("delay", wrenches_changed(feet, shifted), where, step=0.008, **(one if where else both))
+                cls.unknown("delay", wrenches_changed(feet, shifted), where, step=0.005, **(one if where else both))
             )
         return out

@@ -20,22 +20,10 @@ from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
-from .evidence import (
-    Evidence,
-    Fit,
-    Problem,
-    Reference,
-    assemble,
-    parts_of,
-    pooled,
-    prior_variance,
-    reference,
-    shifts_of,
-    summed,
-    weigh,
-)
+from .evidence import Evidence, Fit, Problem, Reference, assemble, parts_of, pooled, reference, shifts_of, summed, weigh
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
+from .prior import prior_variance
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have

@@ -28,7 +28,7 @@ class Checked:
 
     Attributes:
         train, select, confirm: recordings with the streams that all of them have: effects are fitted to the first,
-            the second help to choose, and the last is opened once, at the end, and can only contradict.
+            the second help to choose, and the last is opened once, at the end, and can only take away.
         train_paths, hold_paths: bags of the first; of the others.
         recordings: all of them with all of their streams, the training bags first.
         not_checked: sentences on what the recordings cannot show, and which bags were left out.

@@ -16,11 +16,12 @@ from ...core.effects.unknown import Unknown
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of, examine
 from .case_cache import CaseCache
-from .evidence import Evidence, Fit, pooled, prior_variance, scores, weighed
+from .evidence import Evidence, Fit, pooled, scores, weighed
 from .explanation import Explanation
 from .finding import Finding, leftover
 from .gauss_newton import ROUNDS, settle
 from .noise import Noise, quieter
+from .prior import kinds_of, prior_variance
 from .variability import MEMBERS, widths_of
 
 CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # alike until linearised there
@@ -127,12 +128,16 @@ def confirmation(
     """Log evidence [nats] of other recordings for an effect as trained against none of it, beside the chosen ones."""
     evidence = evidence_of(held)
     mean, variance = trained(known, fit, chosen)
-    without_mean, without = mean.copy(), variance.copy()
-    nominal = prior_variance(known, precise=fit.precise)
-    for i in option.unknowns:
-        if not known[i].shape:  # it is nothing without the others
-            without_mean[i], without[i] = 0.0, nominal[i]
-    return evidence.posterior(mean, variance).log - evidence.posterior(without_mean, without).log
+    mine = [i for i in option.unknowns if not known[i].shape]  # a shape is nothing without the others
+    others = [i for i in chosen if i not in mine]
+    without_mean = mean.copy()
+    without_mean[mine] = 0.0
+    logs = []
+    for kind in kinds_of(known):  # as in the search, the robot without it may be of another kind
+        without = prior_variance(known, precise=kind)
+        without[others] = variance[others]
+        logs.append(evidence.posterior(without_mean, without).log)
+    return evidence.posterior(mean, variance).log - max(logs)
 
 
 def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:

@@ -14,8 +14,9 @@ from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import PLAN
 from ..physics.hypotheses import Candidate
-from .evidence import Fit, prior_variance
+from .evidence import Fit
 from .finding import Finding
+from .prior import prior_variance
 from .search import CLASSES
 from .verdict import FAR
 

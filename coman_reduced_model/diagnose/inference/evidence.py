@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from itertools import combinations
 from operator import add
 
 import numpy as np
@@ -45,14 +44,12 @@ from .noise import (
     whiten,
     yule_walker,
 )
+from .prior import Kind, kinds_of, prior_variance
 
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
 NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
 TIMED = {name for name, effect in CATALOGUE.items() if effect.clock or effect.late is not Effect.late}
-Kind = tuple[str, ...]  # the parts of a robot that are precise
-STEP_S = 0.005  # [s] to both sides, of the derivatives by shifts in time
-ABSENT = 1e-4  # spread, as a share of reach, of a unknown that nominal robots do not have
 
 
 @dataclass
@@ -138,7 +135,8 @@ def assemble(
         for name, value in reference.measured.residuals.items()
     }
     fresh = range(len(known)) if like is None else fresh
-    moved = [_differences(reference, quiet, where, known[i]) for i in fresh]
+    measured = applied(known, rest, reference.measured.recording, reference.measured.world)
+    moved = [_differences(measured, reference.measured, quiet, where, known[i]) for i in fresh]
     gains = [known[i].effect in ("wrench_scale", "sensor_rotation") for i in fresh]
     rows: dict[str, Array] = {}
     columns: dict[str, Array] = {}
@@ -167,18 +165,20 @@ def assemble(
     return Problem(known, rows, columns, pieces, times, resolution, stride, misfit or {}, trust or {})
 
 
-def _differences(reference: Reference, quiet: State, where: Masks, unknown: Unknown) -> dict[str, Array]:
+def _differences(
+    measured: tuple[Recording, World], before: State, quiet: State, where: Masks, unknown: Unknown
+) -> dict[str, Array]:
     """What a unit of an unknown has put into the residuals, by channel.
 
     A shift in time moves what is sudden most, which the quiet motion has not. Noise that is moved as far to both sides
-    does not bias it.
+    does not bias it; nor does that of a lag which is taken back, a slope over the neighbours.
     """
     if unknown.effect not in TIMED:
         moved = evaluate(*unknown.apply(quiet.recording, quiet.world, unknown.step), where, quiet)
         return {name: (value - moved.residuals[name]) / unknown.step for name, value in quiet.residuals.items()}
-    at, step = reference.measured, STEP_S
-    early, late = (evaluate(*unknown.apply(at.recording, at.world, by), where, at) for by in (-step, step))
-    return {name: (value - late.residuals[name]) / (2.0 * step) for name, value in early.residuals.items()}
+    first, last = (-unknown.step, unknown.step if CATALOGUE[unknown.effect].late is not Effect.late else 0.0)
+    early, late = (evaluate(*unknown.apply(*measured, by), where, before).residuals for by in (first, last))
+    return {name: (value - late[name]) / (last - first) for name, value in early.items()}
 
 
 @dataclass
@@ -258,25 +258,6 @@ class Fit:
     @property
     def covariance(self) -> Array:
         return np.asarray(self.scale[:, None] * cho_solve(self.factor, np.diag(self.scale)))
-
-
-def spread_of(unknown: Unknown, precise: Kind) -> float:
-    """On robots of a kind."""
-    return unknown.spread if unknown.precise is None or unknown.part not in precise else unknown.precise
-
-
-def kinds_of(known: Sequence[Unknown]) -> list[Kind]:
-    """All kinds of robots, as most are first."""
-    parts = sorted({unknown.part for unknown in known if unknown.precise is not None})
-    return [kind for n in range(len(parts) + 1) for kind in combinations(parts, n)]
-
-
-def prior_variance(known: Sequence[Unknown], released: Sequence[int] = (), precise: Kind = ()) -> Array:
-    """(P,) of nominal robots, with the unknowns `released` at their reach; of those that have `precise` parts."""
-    spread = np.array([max(spread_of(unknown, precise), ABSENT * unknown.reach) for unknown in known])
-    for i in released:
-        spread[i] = max(known[i].reach, spread[i])
-    return np.asarray(spread**2)
 
 
 def weigh(

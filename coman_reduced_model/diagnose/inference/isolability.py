@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from ...core.base.types import Array
 from ..physics.hypotheses import Candidate
-from .evidence import Evidence, prior_variance
+from .evidence import Evidence
+from .prior import prior_variance
 
 SIZE = 0.5  # of the reach of a parameter, that an effect has unless said
 APART = 3.0  # nats from which on two effects can be distinguished

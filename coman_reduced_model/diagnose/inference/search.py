@@ -17,10 +17,11 @@ from .case import Case, evidence_of
 from .case_cache import CaseCache
 from .compare import CLOCKS, compare
 from .decide import odds
-from .evidence import Score, prior_variance, scores
+from .evidence import Score, scores
 from .explanation import Explanation
 from .finding import ChosenEffect, Finding
 from .gauss_newton import settled
+from .prior import prior_variance
 
 MOST = 3  # effects at once
 RIVALS, PLACES = 6, 2  # effects that are compared closely; places of each

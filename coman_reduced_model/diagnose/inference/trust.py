@@ -23,7 +23,8 @@ from scipy.optimize import minimize
 from ...core.base.types import Array, Integers
 from ...core.effects.unknown import Unknown
 from .case import Case
-from .evidence import Evidence, Part, parts_of, prior_variance, summed
+from .evidence import Evidence, Part, parts_of, summed
+from .prior import prior_variance
 from .variability import with_widths
 
 PRICE = 0.25  # nats by which a trust of 1/e must be better than full trust; without evidence trust is full

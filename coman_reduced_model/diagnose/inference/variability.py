@@ -17,7 +17,8 @@ import numpy as np
 from ...core.base.nominal import Nominal
 from ...core.base.types import Array
 from ...core.effects.unknown import PLAN, Unknown
-from .evidence import Evidence, Fit, Kind, kinds_of, pooled, prior_variance, spread_of
+from .evidence import Evidence, Fit, pooled
+from .prior import Kind, kinds_of, prior_variance, spread_of
 
 MEMBERS = 4  # of a width, from which on their median says how much a robot varies
 MEDIAN = 0.455  # of the square of a standard normal value
@@ -97,7 +98,7 @@ def _adapted(evidences: Sequence[Evidence], known: list[Unknown], nominal: Nomin
                 name = known[i].widths["spread"]
                 most = 1.0 if precise else nominal.most.get(name, np.inf) / nominal.widths[name]
                 known[i] = replace(known[i], spread=float(start[i]) * float(np.clip(factor, LEAST, max(most, 1.0))))
-        for members in rare.values():
+        for members in () if precise else rare.values():
             total = float(np.sum((square[members] + variance[members]) / start[members] ** 2))
             factor = float(np.sqrt((TAILS + total) / (TAILS + len(members))))
             for i in members:

@@ -44,7 +44,7 @@ class Found:
 
 
 def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: Nominal, progress: Progress) -> Found:
-    """Search the effects, or fit the assumed ones; then open the confirming recording, which can only contradict."""
+    """Search the effects, or fit the assumed ones; then open the confirming recording, which can only take away."""
     progress(0.0, "looking at the residuals")
     cache = CaseCache(checked.train, checked.select, nominal)
     finding = search(cache, assumed or None, progress)
@@ -54,16 +54,19 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
         examine(each, cache.known, train[0].evidence.at, nominal=cache.nominal) for each in checked.confirm
     ]
     finding.before = train, [*selecting, *nominal_cases]
-    against = _confirm(finding, cache, checked, nominal_cases)
+    against = _confirm(finding, cache, checked, nominal_cases, bool(assumed))
     leftover = finding.leftover()
     word = verdict(finding, checked.recordings[: len(checked.train)], bool(assumed), against)
     return Found(finding, leftover, word, probabilities(finding), against)
 
 
-def _confirm(finding: Finding, cache: CaseCache, checked: Checked, nominal_cases: Sequence[Case]) -> tuple[str, ...]:
+def _confirm(
+    finding: Finding, cache: CaseCache, checked: Checked, nominal_cases: Sequence[Case], assumed: bool
+) -> tuple[str, ...]:
     """Open the confirming recording; names of the effects that it speaks against.
 
-    One that was chosen beside others is dropped, and the others are fitted again; the first one stays.
+    One that was chosen beside others is dropped, that which is denied most first, and the others are fitted again. The
+    one that was found first stays, and so do assumed ones.
     """
     against: list[str] = []
     while True:
@@ -75,11 +78,12 @@ def _confirm(finding: Finding, cache: CaseCache, checked: Checked, nominal_cases
             for effect in (finding.chosen if confirming else ())
         }
         denied = [name for name, nats in finding.confirmed.items() if nats < AGAINST]
-        against += denied
-        if not denied or finding.chosen[0].option.name in denied:
+        if not denied or assumed or finding.chosen[0].option.name in denied:
             finding.hold = [*finding.hold, *confirming]
-            return tuple(against)
-        finding.chosen = [effect for effect in finding.chosen if effect.option.name not in denied]
+            return (*against, *denied)
+        worst = min(denied, key=lambda name: finding.confirmed[name])
+        against.append(worst)
+        finding.chosen = [effect for effect in finding.chosen if effect.option.name != worst]
         finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
         finding.hold = cache.at(finding.at, "hold")
 

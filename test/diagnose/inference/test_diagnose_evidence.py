@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from coman_reduced_model.diagnose.data.strides import repeating
-from coman_reduced_model.diagnose.inference.evidence import Evidence, Problem, prior_variance, scores, weigh
+from coman_reduced_model.diagnose.inference.evidence import Evidence, Problem, scores, weigh
 from coman_reduced_model.diagnose.inference.floor import least
 from coman_reduced_model.diagnose.inference.noise import (
     ORDER,
@@ -26,6 +26,7 @@ from coman_reduced_model.diagnose.inference.noise import (
     whiten,
     yule_walker,
 )
+from coman_reduced_model.diagnose.inference.prior import prior_variance
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
 ROWS = 40

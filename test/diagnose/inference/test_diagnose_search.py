@@ -85,15 +85,16 @@ def test_what_measured_motor_states_show_is_named_but_needs_no_change_of_the_mod
 
 
 @pytest.mark.parametrize(
-    ("nats", "left", "against", "word"),
+    ("nats", "left", "against", "word", "assumed"),
     [
-        ({"payload": 9.0, "encoder_delay": 5.0}, ["payload", "encoder_delay"], (), "effect"),
-        ({"payload": 9.0, "encoder_delay": -5.0}, ["payload"], ("encoder_delay",), "effect"),
-        ({"payload": -9.0, "encoder_delay": 5.0}, ["payload", "encoder_delay"], ("payload",), "unknown"),
+        ({"payload": 9.0, "encoder_delay": 5.0}, ["payload", "encoder_delay"], (), "effect", False),
+        ({"payload": 9.0, "encoder_delay": -5.0}, ["payload"], ("encoder_delay",), "effect", False),
+        ({"payload": -9.0, "encoder_delay": 5.0}, ["payload", "encoder_delay"], ("payload",), "unknown", False),
+        ({"payload": 9.0, "encoder_delay": -5.0}, ["payload", "encoder_delay"], ("encoder_delay",), "effect", True),
     ],
 )
-def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, against, word):
-    """Unless it is what was found first: then something else is missing."""
+def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, against, word, assumed):
+    """Unless it is what was found first, then something else is missing, or is assumed."""
     recording, world = standing()
     known = unknowns(recording, world)
     options = [next(each for each in candidates(known) if each.effect == name) for name in nats]
@@ -109,12 +110,12 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
     monkeypatch.setattr(verdicts, "settled", settled)
     monkeypatch.setattr(verdicts, "confirmation", lambda known, fit, held, option, chosen: nats[option.effect])
     cache, checked = SimpleNamespace(known=known, at=lambda at, which: []), SimpleNamespace(confirm=[recording])
-    assert verdicts._confirm(finding, cache, checked, [recording]) == against
+    assert verdicts._confirm(finding, cache, checked, [recording], assumed) == against
     assert [effect.option.effect for effect in finding.chosen] == left and finding.hold == ["confirming"]
     assert fitted == ([list(options[0].unknowns)] if len(left) == 1 else [])
     walk = SimpleNamespace(phase=np.array([Phase.LEFT]))
     monkeypatch.setattr(verdicts, "lifts_a_foot", lambda phase: True)
-    assert verdicts.verdict(finding, [walk], False, against) == word
+    assert verdicts.verdict(finding, [walk], assumed, against) == word
 
 
 def test_what_is_far_from_nominal_beside_the_effects_is_listed():

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from diagnose_tools import made_up
 
-from coman_reduced_model.diagnose.inference.evidence import Evidence, prior_variance, scores
+from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
 from coman_reduced_model.diagnose.inference.isolability import APART, expected, isolability, taken_for
+from coman_reduced_model.diagnose.inference.prior import prior_variance
 from coman_reduced_model.diagnose.physics.hypotheses import candidates
 
 KNOWN = [
