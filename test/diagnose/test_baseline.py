@@ -57,17 +57,17 @@ def test_one_recording_is_too_few(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_with_a_baseline_of_the_robot_its_recordings_lack_nothing_and_more_is_seen(tmp_path, capsys):
-    """The same robot, well in three recordings, then with a small zero of one encoder."""
-    robot = make("scatter", {"seed": 3})
+    """The same robot, no precise one, well in three recordings, then with a small zero of one encoder."""
+    robot = make("scatter", {"seed": 3}), make("imperfections", {"seed": 3, "amount": 0.6})
     fault = make("encoder_bias", {"where": "RKneeSag", "bias": 0.004})
     walks = [("well_1", "test1", []), ("well_2", "test2", []), ("well_3", "test1", []), ("odd", "test1", [fault])]
     for seed, (name, gait, hidden) in enumerate(walks):
-        record(gait, tmp_path / name, disturbances=[robot, *hidden], seed=seed, duration_s=7.0)
+        record(gait, tmp_path / name, disturbances=[*robot, *hidden], seed=seed, duration_s=7.0)
     usual = tmp_path / "usual.yaml"
     bags = [str(tmp_path / name) for name in ("well_1", "well_2")]
     assert run(["baseline", *bags, "--out", str(usual)]) == 0
     own, population = load_nominal(usual).repeats, load_nominal().repeats
-    assert own["spring|any"] < population["spring|any"] and own["tilt/roll|single"] < population["tilt/roll|single"]
+    assert own["tilt/roll|single"] < population["tilt/roll|single"]
 
     def evidence(bag: str, *options: str) -> tuple[str, float]:
         out = tmp_path / "out"

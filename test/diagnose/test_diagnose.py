@@ -249,11 +249,16 @@ def test_a_nominal_robot_lacks_nothing(name, bags, diagnose):
 
 @pytest.mark.slow
 def test_what_no_effect_explains_is_said(bags, diagnose):
-    """Enough nominal robots leave as much that the verdict may be either."""
+    """A clock of the wrenches that is 2 % off: in the mean they are late, and nothing else is named.
+
+    Enough nominal robots leave as much that the verdict may be any.
+    """
     train, held = bags("late_clock")
     result, _ = diagnose(train, "--holdout", held)
-    assert result["verdict"] in ("unknown", "none") and result["effects"] == [] and result["too_much"]
-    assert "most of it in the" in result["sentence"] or "leaves more than on nominal robots" in result["sentence"]
+    assert {effect["name"] for effect in result["effects"]} <= {"wrench_delay"}
+    if result["verdict"] != "effect":
+        assert result["too_much"]
+        assert "most of it in the" in result["sentence"] or "leaves more than on nominal robots" in result["sentence"]
 
 
 @pytest.mark.slow

@@ -81,7 +81,7 @@ def test_wrenches_that_do_not_belong_to_the_motion_are_said_to_be_inconsistent()
     def scaled(sample: Sample) -> None:
         for wrench in (sample.left_wrench, sample.right_wrench):
             if wrench is not None:
-                wrench[:2] *= 40.0
+                wrench[:2] *= 80.0
 
     assert any(p.flags & Flags.INCONSISTENT for p in walk(scaled))
 
