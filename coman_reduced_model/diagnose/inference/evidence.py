@@ -362,16 +362,14 @@ def scores(evidence: Evidence, options: Sequence[Candidate], released: Sequence[
             _reweighed(base.x[k], covariance[np.ix_(k, k)], variance[k], wide)
             for base, covariance, variance in zip(bases, covariances, before, strict=True)
         ]
-        log, values = max(((base.log + gain, x) for base, (gain, x) in zip(bases, each, strict=True)), key=_first)
+        log, values = max(
+            ((base.log + gain, x) for base, (gain, x) in zip(bases, each, strict=True)), key=lambda pair: pair[0]
+        )
         gain = log - nothing
         # The sign only: by how much, linear extrapolation cannot say.
         physical = all(x > 0.0 or evidence.unknowns[i].low < 0.0 for x, i in zip(values, k, strict=True))
         out.append(Score(option, gain, values, physical))
     return sorted(out, key=lambda score: -score.gain)
-
-
-def _first(pair: tuple[float, Array]) -> float:
-    return pair[0]
 
 
 def _reweighed(x: Array, C: Array, before: Array, after: Array) -> tuple[float, Array]:

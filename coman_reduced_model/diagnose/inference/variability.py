@@ -73,7 +73,9 @@ def adapted(evidences: Sequence[Evidence], nominal: Nominal) -> list[Unknown]:
     """
     population = evidences[0].unknowns
     every = kinds_of(population)
-    kinds = [_adapted(evidences, with_kind(population, kind), nominal, bool(kind)) for kind in (every[0], every[-1])]
+    kinds = [
+        _adapted(evidences, with_kind(population, k), nominal, bool(k)) for k in dict.fromkeys((every[0], every[-1]))
+    ]
     return [
         replace(each, precise=None if one.precise is None else precise.spread)
         for one, each, precise in zip(population, kinds[0], kinds[-1], strict=True)
