@@ -71,11 +71,31 @@ class SpringLaws:
 def add_torques(
     torque: Array, law: Integers, since: Array, values: Array, t: float, deflection: Array, rate: Array
 ) -> None:
-    """Add the torques of all laws that hold at t; see SpringLaws."""
-    for m in range(len(law)):
-        if t >= since[m]:
-            for j in range(len(torque)):
-                torque[j] += _torque(law[m], values[m, j], t, deflection[j], rate[j])
+    """Add the torques of all laws that hold at t; see SpringLaws.
+
+    A slip that friction holds is in series with all else, play as well: the other laws act on what it leaves.
+    """
+    for j in range(len(torque)):
+        stretch, free = deflection[j], 0.0
+        for m in range(len(law)):
+            if law[m] == Law.PLAY and t >= since[m]:
+                free += values[m, j, 0]
+        for m in range(len(law)):
+            if law[m] == Law.HYSTERESIS and t >= since[m]:
+                slip = _slip(values[m, j], stretch, free)
+                torque[j] -= values[m, j, 2] * slip
+                stretch -= slip
+        for m in range(len(law)):
+            if law[m] != Law.HYSTERESIS and t >= since[m]:
+                torque[j] += _torque(law[m], values[m, j], t, stretch, rate[j])
+
+
+@compiled
+def _slip(v: Array, deflection: float, free: float) -> float:
+    """How far a lost motion has slipped, remembered in its values v; free: half width of the play behind it."""
+    stretch, reach = deflection - v[3], v[1] + free
+    v[3] = _within(v[3] + stretch - _within(stretch, reach), v[0])
+    return v[3]
 
 
 @compiled
@@ -86,11 +106,6 @@ def _torque(law: int, v: Array, t: float, deflection: float, rate: float) -> flo
         return -stiffness * _within(deflection, half) - free
     if law == Law.DRIFT:
         return v[0] * (1.0 - math.exp(-max(t, 0.0) / v[1])) * deflection if v[0] != 0.0 else 0.0
-    if law == Law.HYSTERESIS:
-        half, reach, stiffness, slip = v[0], v[1], v[2], v[3]
-        stretch = deflection - slip
-        v[3] = _within(slip + stretch - _within(stretch, reach), half)
-        return -stiffness * v[3]
     if law == Law.CUBIC:
         bent = _within(deflection, v[1])
         return v[0] * (bent**3 + 3.0 * bent**2 * (deflection - bent))

@@ -78,6 +78,22 @@ def test_hysteresis_stays_where_it_slipped_unlike_play(standing):
     assert law(springs, np.linspace(0.005 + reach / 2.0, 0.03, 300)) == pytest.approx(back[::-1])
 
 
+def test_lost_motion_is_in_series_with_play(standing):
+    """The same torque moves it, whatever plays behind it, and what is lost adds up."""
+    hidden = [
+        started(f"{text},where=LKneeSag", standing)
+        for text in ("hysteresis:width=0.01,friction=1", "backlash:width=0.004")
+    ]
+    for effect in hidden:
+        effect.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
+    springs = SpringLaws.of([each for effect in hidden for each in effect.spring_laws()], 12)
+    d = np.linspace(0.0, 0.03, 300)
+    found = law(springs, d)
+    assert found[-1] == pytest.approx(K[KNEE] * (0.03 - 0.005 - 0.002))
+    slips = (d > 0.002 + 1.0 / K[KNEE]) & (d < 0.006)
+    assert found[slips] == pytest.approx(np.ones(int(slips.sum())))  # at the friction
+
+
 def test_a_drifting_spring_changes_by_its_time_constant(standing):
     effect = started("stiffness_drift:where=LKneeSag,change=-0.3,time=4", standing)
     bent = 0.02 * np.ones(12)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 FRICTION = 0.5  # [Nm] unless configured
 _LEAST, _MOST = 0.02, 100.0  # [Nm]
+_SEEN = 0.005  # [rad] width of a difference quotient: a slip as long as those that matter takes its time
 
 
 class Hysteresis(Effect):
@@ -68,7 +69,9 @@ class Hysteresis(Effect):
         out = []
         for where, j in about.joints_and_legs.items() if about.motors else ():
             alone = where in about.joints
-            out.append(cls.unknown("width", world_plus("lost", j), where, low=0.0, **(one if alone else many)))
+            out.append(
+                cls.unknown("width", world_plus("lost", j), where, step=_SEEN, low=0.0, **(one if alone else many))
+            )
             if alone:
                 held = world_elements("slips_at", j, lambda torque, x: torque * np.exp(x))
                 out.append(cls.unknown("friction", held, where, low=low, logarithmic=True, shape=True, **friction))

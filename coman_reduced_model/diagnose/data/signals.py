@@ -39,9 +39,10 @@ class Smoothed:
         return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j], 1.0 / RATE))
 
     def slipped(self, world: World, j: int, torques: Array) -> Array:
-        """(n,) -1..1, where in its lost motion joint j is, of smoothed torques (n, nj) at RATE."""
-        held = float(world.slips_at[j])
-        return self._made(("slipped", j, held), torques, lambda each: slip(np.ascontiguousarray(each[:, j]), held))
+        """(n,) [rad] that the lost motion of joint j adds to its spring, of smoothed torques (n, nj) at RATE."""
+        law = tuple(float(each[j]) for each in (world.lost, world.slips_at, world.stiffness, world.damping))
+        key = "slipped", j, *law
+        return self._made(key, torques, lambda each: slipped(world, j, each[:, j], 1.0 / RATE))
 
     def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Any]) -> Any:
         found = self._known.get(key)
@@ -79,24 +80,38 @@ def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
     return (torque - d / k * np.gradient(torque, dt)) / k  # ticks are too far apart for the lag itself
 
 
-@compiled
-def slip(torque: Array, held: float) -> Array:
-    """Where a lost motion is (n,) from -1 to 1 that a torque (n,) [Nm] moves as it grows beyond `held` [Nm].
+def slipped(world: World, j: int, torque: Array, dt: float) -> Array:
+    """(n,) [rad] that lost motion adds to the stretch of joint j's spring, for a torque (n,) every dt [s]."""
+    k, d, held = float(world.stiffness[j]), float(world.damping[j]), float(world.slips_at[j])
+    torque = np.ascontiguousarray(torque)
+    with_it, without = (_lost_stretch(torque, k, d, half, held, dt) for half in (0.5 * float(world.lost[j]), 0.0))
+    return np.asarray(with_it - without)
 
-    It slips between a half and three halves of that, and stays when the torque falls. Where it was at first is not
-    known: at the other end than it is found at first.
+
+@compiled
+def _lost_stretch(torque: Array, k: float, d: float, half: float, held: float, dt: float) -> Array:
+    """Stretch (n,) [rad] of a spring k in series with a slip within +-half, and a damper d beside both.
+
+    The slip moves while the spring bears `held` [Nm] or more, as an element of Prandtl, and stays when the torque
+    falls. Backward Euler. Where it was at first is not known: at the other end than it is found at first.
     """
     out = np.empty(len(torque))
-    where = 0.0
+    slip, x, drag = 0.0, torque[0] / k, 0.0
     for i in range(len(torque)):
-        if abs(torque[i]) > 1.5 * held:
-            where = -1.0 if torque[i] > 0.0 else 1.0
+        if abs(torque[i]) > held:
+            slip = -half if torque[i] > 0.0 else half
             break
     for i in range(len(torque)):
-        upwards = min(max(2.0 * torque[i] / held - 2.0, -1.0), 1.0)
-        downwards = min(max(2.0 * torque[i] / held + 2.0, -1.0), 1.0)
-        where = min(max(where, upwards), downwards)
-        out[i] = where
+        pull = torque[i] + drag * x
+        x = (pull + k * slip) / (k + drag)
+        over = k * (x - slip)
+        if abs(over) > held:  # it slips, at the end of its way at the latest
+            x = (pull - np.copysign(held, over)) / drag if drag > 0.0 else np.copysign(1e9, over)
+            slip = min(max(x - np.copysign(held, over) / k, -half), half)
+            if abs(slip) == half:
+                x = (pull + k * slip) / (k + drag)
+        out[i] = x
+        drag = d / dt
     return out
 
 

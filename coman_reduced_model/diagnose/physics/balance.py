@@ -36,7 +36,7 @@ from ..data.computed import owing_to_wrenches
 from ..data.landings import slide_lengths
 from ..data.masks import TICKS, Masks, sure_torque
 from ..data.recording import FEET, RATE, WRENCH, Recording
-from ..data.signals import SOFTEST, Smoothed, noise_share, rate_of, slip, smooth, spring_stretch
+from ..data.signals import SOFTEST, Smoothed, noise_share, rate_of, slipped, smooth, spring_stretch
 from ..data.world import World
 from .motion import Motion, free_motion, inertial_forces, motion_of, normal, seen_from, yielding_of
 
@@ -268,11 +268,11 @@ def _joints(
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
-        torque, slipped = torques[:, j], None
+        torque, lost = torques[:, j], None
         if efforts is not None and smoothed.complete(efforts)[j]:
             out[f"torque/{name}"] = torque - needed[:, j]
             elastic = smoothed.stretch(world, j, efforts)[ticks]
-            slipped = smoothed.slipped(world, j, efforts)[ticks] if world.lost[j] else None
+            lost = smoothed.slipped(world, j, efforts)[ticks] if world.lost[j] else None
         else:
             elastic = spring_stretch(world, j, torque, 1.0 / TICKS)
         if warmed is not None:
@@ -281,9 +281,7 @@ def _joints(
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / sure_torque(world))
             bent = elastic + 0.5 * world.play[j] * play
             if world.lost[j]:
-                if slipped is None:
-                    slipped = slip(np.nan_to_num(torque), float(world.slips_at[j]))
-                bent = bent + 0.5 * world.lost[j] * slipped
+                bent = bent + (slipped(world, j, np.nan_to_num(torque), 1.0 / TICKS) if lost is None else lost)
             out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
     return out
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from coman_reduced_model.diagnose.data.signals import bent_stretch, beyond_noise, lagged
+from coman_reduced_model.diagnose.data.signals import _lost_stretch, bent_stretch, beyond_noise, lagged
 
 
 @settings(max_examples=8)
@@ -27,6 +27,19 @@ def test_a_bent_spring_is_what_an_integrator_says(bend, d, amplitude):
     found = bent_stretch(np.ascontiguousarray(torque), k, d, cubic, dt)
     assert found == pytest.approx(exact, abs=0.06 * amplitude / k)  # backward Euler is of first order
     assert np.abs(found - exact).mean() < 0.03 * amplitude / k
+
+
+def test_lost_motion_takes_its_time_and_stays_where_it_slipped():
+    """The damper holds it back: width d / (torque - friction); then it stays."""
+    k, d, width, friction, dt = 600.0, 12.0, 0.014, 0.5, 0.002
+    times = np.arange(0.0, 1.6, dt)
+    torque = np.where(times < 0.4, -5.0, np.where(times < 1.0, 3.0, 0.3))
+    slipped = _lost_stretch(torque, k, d, width / 2.0, friction, dt) - _lost_stretch(torque, k, d, 0.0, friction, dt)
+    at = np.interp([0.39, 0.99, 1.59], times, slipped)
+    assert at == pytest.approx([-width / 2.0, width / 2.0, width / 2.0], rel=1e-2)
+    lasts = width * d / (3.0 - friction)
+    crosses = times[(times > 0.4) & (slipped > 0.0)][0] - 0.4
+    assert 0.5 * lasts < crosses < 0.5 * lasts + 3.0 * d / k  # the spring has to turn round first
 
 
 def test_a_straight_spring_is_the_same_bent_by_nothing():
