@@ -3,7 +3,8 @@
 
 A seed gives the same case in any range, at one version: sizes go by what the diagnosis' laws leave open (sizes.py).
 Each block of forty seeds (from a multiple of forty on) holds 20 clean robots, 12 single effects, 4 pairs and 4 effects
-outside the catalogue; families and levels take turns. The world of a case (sim/worlds) is drawn from its seed.
+outside the catalogue; families and levels take turns. The world of a case (sim/worlds) is drawn from its seed, but for
+streams in which alone what is hidden shows (families.STREAMS).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from ..sim.disturbances import DISTURBANCES, Disturbance, make
 from ..sim.worlds import World, draw_world, record_world, world_yaml
 from ..sim.worlds.kinds import GAITS
 from ..sim.worlds.run import with_gait
-from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, class_of, draw_effect
+from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, STREAMS, class_of, draw_effect
 from .sizes import times_to_show
 
 KINDS = ("clean", "single", "pair", "unknown")
@@ -123,7 +124,8 @@ def draw_case(
     families = families or dealt
     if level:
         wanted = (level,) * len(families)
-    world = draw_world(seed, worlds)
+    needed = [{"streams": STREAMS[family]} for family in families if family in STREAMS]
+    world = draw_world(seed, (needed or [{}])[0] | dict(worlds or {}))
     if attempt:
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
     if duration_s is not None:

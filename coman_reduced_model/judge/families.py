@@ -240,6 +240,8 @@ def _eccentric(rng: np.random.Generator, amplitude: float, table: RobotTable) ->
     }
 
 
+# Motor states that are measured have lags and yielding already: nothing is to be found there, nor does a model miss it.
+STREAMS = dict.fromkeys(("motor_lag", "transport_delay", "motor_compliance"), "commanded")
 FAMILIES: dict[str, Family] = {
     "backlash": Family(
         "backlash", "rad", 0.03, lambda rng, s, table: {"where": _joints(rng), "width": s}, parameter="width"

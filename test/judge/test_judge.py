@@ -155,6 +155,18 @@ def written(tmp_path_factory) -> tuple[Path, cases.HiddenCase, dict]:
     return folder / case.name, case, found
 
 
+def test_what_happens_before_the_motors_is_hidden_where_motor_states_repeat_the_command():
+    """Motor states that are measured lag already."""
+    for family in ("motor_lag", "transport_delay", "motor_compliance"):
+        for attempt in (0, 1):
+            case = draw_case(3, attempt, kind="single", families=(family,))
+            assert case.world.kinds["streams"] == "commanded" and case.world.sensors.motor_source == "commanded"
+    assert (
+        draw_case(3, kind="single", families=("motor_lag",), worlds={"streams": "bare"}).world.kinds["streams"]
+        == "bare"
+    )
+
+
 def test_bags_hold_no_label(written):
     folder, case, found = written
     assert sorted(path.name for path in folder.iterdir()) == ["hold1", "hold2", "robot.yaml", "train"]
