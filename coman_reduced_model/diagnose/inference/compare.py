@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import reduce
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from .case_cache import CaseCache
 from .evidence import Evidence, Fit, pooled, scores, weighed
 from .explanation import Explanation
 from .finding import Finding, leftover
-from .gauss_newton import ROUNDS, settle
-from .noise import Noise, quieter
+from .gauss_newton import settle
+from .noise import Noise
 from .prior import kinds_of, prior_variance
 from .variability import MEMBERS, widths_of
 
@@ -31,48 +30,78 @@ STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
 
 def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> list[Explanation]:
-    """Nothing more, then each rival, linear around its own values, all judged with the same noise."""
-    nothing = finding.train, finding.hold
-    trials = [nothing, *(_settled(finding, cache, rival) for rival in rivals)]
-    noises = _quietest([train for train, _ in trials]), _quietest([select for _, select in trials])
-    options: list[Candidate | None] = [None, *rivals]
-    fits, logs, without = [], [], []
-    for option, (train, select) in zip(options, trials, strict=True):
-        trial = _weighed(train, noises[0]), _weighed(select, noises[1]) if select else None
-        fit, *log = _judged(finding, option, *trial)
-        fits.append(fit)
-        logs.append(log)
-        # Streams that are shifted in time lie on lines between samples, which takes noise off them: nothing more than a
-        # shift as nominal robots have is judged on the same streams too.
-        without.append(_judged(finding, None, *trial)[1:] if option and option.effect in CLOCKS else logs[0])
+    """Nothing more, then each rival, linear around its own values.
+
+    A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely.
+    """
+    nothing = _Trial(finding, None, finding.train, finding.hold)
     places = Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(finding.known)})
-    out = []
-    for option, (train, select), fit, log, other in zip(options, trials, fits, logs, without, strict=True):
-        released = [*finding.released, *(option.unknowns if option else ())]
-        left = leftover([*train, *select], fit, released)
-        gains = np.array(log) - np.maximum(logs[0], other)
-        ways, pulled = places[option.effect] if option else 1, pulls(finding.known, fit, released)
-        out.append(Explanation(option, fit, float(gains[0]), float(gains[1]), ways, left, pulled))
+    out = [_explanation(nothing, nothing.judged([nothing]), (0.0, np.nan if not finding.hold else 0.0), 1)]
+    for option in rivals:
+        trial = _Trial(finding, option, *_settled(finding, cache, option))
+        noises = [nothing, trial]
+        found, other = trial.judged(noises), nothing.judged(noises)
+        without = [other.train, other.select]
+        if option.effect in CLOCKS:
+            # Streams that are shifted in time lie on lines between samples, which takes noise off them: nothing more
+            # than a shift as nominal robots have is judged on the same streams too.
+            same = replace(trial, option=None).judged(noises)
+            without = list(np.maximum(without, [same.train, same.select]))
+        gains = found.train - without[0], found.select - without[1]
+        out.append(_explanation(trial, found, gains, places[option.effect]))
     return out
 
 
-def _judged(
-    finding: Finding, option: Candidate | None, train: Evidence, select: Evidence | None
-) -> tuple[Fit, float, float]:
-    """A fit with one more effect, or none, its log evidence, and that of selecting recordings that show the effect."""
-    released = [*finding.released, *(option.unknowns if option else ())]
-    fit = train.fit(released)
-    if select is None or (option and not shown(select, option)):
-        return fit, fit.log, np.nan
-    return fit, fit.log, select.posterior(*trained(finding.known, fit, released)).log
+@dataclass(frozen=True)
+class _Judged:
+    """A fit on the training bags, its log evidence, and that of selecting bags; NaN: they do not show the effect."""
+
+    fit: Fit
+    train: float
+    select: float
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Recordings around the values of one more effect, or of none."""
+
+    finding: Finding
+    option: Candidate | None
+    train: list[Case]
+    hold: list[Case]
+
+    @property
+    def released(self) -> list[int]:
+        return [*self.finding.released, *(self.option.unknowns if self.option else ())]
+
+    def judged(self, noises: Sequence[_Trial]) -> _Judged:
+        """With the noise that any of some trials leaves: that with which these recordings are most likely."""
+        fits = [_weighed(self.train, [case.noise for case in each.train]).fit(self.released) for each in noises]
+        fit = max(fits, key=lambda one: one.log)
+        held = [_weighed(self.hold, [case.noise for case in each.hold]) for each in noises] if self.hold else []
+        if not held or (self.option and not shown(held[0], self.option)):
+            return _Judged(fit, fit.log, np.nan)
+        prior = trained(self.finding.known, fit, self.released)
+        return _Judged(fit, fit.log, max(each.posterior(*prior).log for each in held))
+
+
+def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
+    left = leftover([*trial.train, *trial.hold], judged.fit, trial.released)
+    pulled = pulls(trial.finding.known, judged.fit, trial.released)
+    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
 
 
 def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list[Case], list[Case]]:
-    """Cases of training and selecting bags around the values with a rival."""
+    """Cases of training and selecting bags around the values with a rival.
+
+    Where streams are shifted in time, all derivatives are those of the shifted streams: by unshifted ones, other
+    parameters would take up what the shift does not explain.
+    """
     released = [*finding.released, *rival.unknowns]
     if rival.effect in CLOCKS:
-        finding = _nearer(finding, cache, rival)
-    at, train, _ = settle(finding, cache, released, ROUNDS if rival.effect in CLOCKS else 1)
+        at, _, _ = settle(_nearer(finding, cache, rival), cache, released)
+        return cache.at(at, "train"), cache.at(at, "hold")
+    at, train, _ = settle(finding, cache, released, 1)
     select = [
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]
@@ -91,20 +120,14 @@ def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:
         for i, value in zip(rival.unknowns, linear.values, strict=True):
             unknown = finding.known[i]
             at[i] = share * (unknown.reach if unknown.low == 0.0 else np.copysign(unknown.reach, value))
-        train = cache.near(at, finding.train, rival.unknowns)
-        found.append((evidence_of(train).fit(released).log, at, train))
-    _, at, train = max(found, key=lambda each: each[0])
-    return replace(finding, at=at, train=train)
+        found.append((evidence_of(cache.near(at, finding.train, rival.unknowns)).fit(released).log, at))
+    _, at = max(found, key=lambda each: each[0])
+    return replace(finding, at=at, train=cache.at(at, "train"))
 
 
 def shown(evidence: Evidence, option: Candidate) -> bool:
     """Whether recordings depend on any parameter of an effect."""
     return any(evidence.gram[i, i] * evidence.unknowns[i].reach ** 2 > LEAST_SHOWN for i in option.unknowns)
-
-
-def _quietest(several: Sequence[Sequence[Case]]) -> list[dict[str, Noise]]:
-    """By recording, the noise that the best of several explanations leaves."""
-    return [reduce(quieter, (case.noise for case in cases)) for cases in zip(*several, strict=True)]
 
 
 def _weighed(cases: Sequence[Case], noises: Sequence[dict[str, Noise]]) -> Evidence:

@@ -22,8 +22,8 @@ from .evidence import Fit
 from .finding import Finding
 
 # All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
-# then CONVERGED of it, in ROUNDS rounds at most.
-FAR_OFF, CONVERGED, ROUNDS = 0.3, 0.1, 4
+# in ROUNDS rounds at most.
+FAR_OFF, ROUNDS = 0.1, 4
 STEPS, SETTLED = 12, 0.05  # steps of one round at most; share of the reach that counts as no change
 
 
@@ -40,13 +40,13 @@ def settle(
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
     at[list(released)] = finding.at[list(released)]
-    near, far_off = finding.at, FAR_OFF
+    near = finding.at
     best: tuple[Array, list[Case], Fit] | None = None
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases)
-        if not left or all(abs(at[i] - near[i]) <= far_off * known[i].reach for i in released):
+        if not left or all(abs(at[i] - near[i]) <= FAR_OFF * known[i].reach for i in released):
             break
-        near, far_off, cases = at, CONVERGED, cache.at(at, "train")
+        near, cases = at, cache.at(at, "train")
         again = evidence_of(cases).fit(released)
         if best and again.log <= best[2].log:
             return best

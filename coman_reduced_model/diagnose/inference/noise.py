@@ -41,11 +41,6 @@ def no_less(autoregression: Array, key: str) -> Array:
     return np.concatenate([[max(autoregression[0], 0.1 * least(key))], autoregression[1:]])
 
 
-def quieter(first: dict[str, Noise], second: dict[str, Noise]) -> dict[str, Noise]:
-    """Of each group, the noise with the smaller innovations: what the better of two explanations leaves."""
-    return {key: min(value, second[key], key=lambda noise: noise.autoregression[0]) for key, value in first.items()}
-
-
 def mean_offset(remainder: Array, pieces: Integers) -> float:
     """Standard deviation of the means of the contiguous pieces; 0 where there are too few to say."""
     means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))

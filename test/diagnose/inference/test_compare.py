@@ -12,8 +12,9 @@ from diagnose_tools import EXACT_TORQUES, index, standing, stretched
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.diagnose.data.masks import masks, part_of
 from coman_reduced_model.diagnose.data.signals import lagged
+from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
-from coman_reduced_model.diagnose.inference.compare import compare
+from coman_reduced_model.diagnose.inference.compare import _settled, compare
 from coman_reduced_model.diagnose.inference.decide import odds
 from coman_reduced_model.diagnose.inference.explanation import Explanation, features, law_of, worst_leftover
 from coman_reduced_model.diagnose.inference.finding import Finding
@@ -51,6 +52,20 @@ def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
     assert best.option is not None and best.gain > 10.0 < best.confirmed
     (i,) = best.option.unknowns
     assert cache.known[i].value(best.fit.x[i]) == pytest.approx(factor, rel=0.15)
+
+
+def test_a_shift_in_time_is_judged_by_derivatives_of_the_shifted_streams():
+    """By those of the streams as measured, other parameters took up what a wrong shift leaves."""
+    recording, world = standing()
+    prepared = recording, world, masks(recording, world)
+    cache = CaseCache([prepared], [prepared], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
+    late = next(o for o in candidates(cache.known) if o.effect == "encoder_delay")
+    for case in (each for several in _settled(finding, cache, late) for each in several):
+        again = examine(prepared, cache.known, case.evidence.at)
+        for key, columns in again.problem.columns.items():
+            np.testing.assert_allclose(case.problem.columns[key], columns)
 
 
 def test_probabilities_add_up_and_follow_the_evidence(nominal):
