@@ -45,7 +45,7 @@ class SpringLaw:
 
 @dataclass(frozen=True)
 class SpringLaws:
-    """Laws side by side, as compiled code takes them; what they remember is in `values`."""
+    """The laws of all springs, as compiled code takes them; what they remember is in `values`."""
 
     law: Integers  # (m,)
     since: Array  # (m,) [s]
@@ -73,21 +73,29 @@ def add_torques(
 ) -> None:
     """Add the torques of all laws that hold at t; see SpringLaws.
 
-    A slip that friction holds is in series with all else, play as well: the other laws act on what it leaves.
+    Slips that friction holds, play and the spring are in series: the spring's laws act on what the others leave.
     """
     for j in range(len(torque)):
-        stretch, free = deflection[j], 0.0
+        stretch, speed = deflection[j], rate[j]
+        free, stiffness, damping = 0.0, 0.0, 0.0
         for m in range(len(law)):
-            if law[m] == Law.PLAY and t >= since[m]:
+            if law[m] == Law.PLAY and t >= since[m] and values[m, j, 0] > 0.0:
                 free += values[m, j, 0]
+                stiffness, damping = values[m, j, 1], values[m, j, 2]
         for m in range(len(law)):
             if law[m] == Law.HYSTERESIS and t >= since[m]:
                 slip = _slip(values[m, j], stretch, free)
                 torque[j] -= values[m, j, 2] * slip
                 stretch -= slip
+        if free > 0.0:
+            torque[j] -= stiffness * _within(stretch, free)
+            if abs(stretch) < free:
+                torque[j] -= damping * speed
+                speed = 0.0
+            stretch -= _within(stretch, free)
         for m in range(len(law)):
-            if law[m] != Law.HYSTERESIS and t >= since[m]:
-                torque[j] += _torque(law[m], values[m, j], t, stretch, rate[j])
+            if law[m] != Law.HYSTERESIS and law[m] != Law.PLAY and t >= since[m]:
+                torque[j] += _torque(law[m], values[m, j], t, stretch, speed)
 
 
 @compiled
@@ -100,10 +108,6 @@ def _slip(v: Array, deflection: float, free: float) -> float:
 
 @compiled
 def _torque(law: int, v: Array, t: float, deflection: float, rate: float) -> float:
-    if law == Law.PLAY:
-        half, stiffness, damping = v[0], v[1], v[2]
-        free = damping * rate if abs(deflection) < half else 0.0
-        return -stiffness * _within(deflection, half) - free
     if law == Law.DRIFT:
         return v[0] * (1.0 - math.exp(-max(t, 0.0) / v[1])) * deflection if v[0] != 0.0 else 0.0
     if law == Law.CUBIC:

@@ -78,20 +78,31 @@ def test_hysteresis_stays_where_it_slipped_unlike_play(standing):
     assert law(springs, np.linspace(0.005 + reach / 2.0, 0.03, 300)) == pytest.approx(back[::-1])
 
 
-def test_lost_motion_is_in_series_with_play(standing):
-    """The same torque moves it, whatever plays behind it, and what is lost adds up."""
-    hidden = [
-        started(f"{text},where=LKneeSag", standing)
-        for text in ("hysteresis:width=0.01,friction=1", "backlash:width=0.004")
-    ]
+def together(standing, *texts: str) -> SpringLaws:
+    """The springs' laws of several effects of the left knee."""
+    hidden = [started(f"{text},where=LKneeSag", standing) for text in texts]
     for effect in hidden:
         effect.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
-    springs = SpringLaws.of([each for effect in hidden for each in effect.spring_laws()], 12)
+    return SpringLaws.of([each for effect in hidden for each in effect.spring_laws()], 12)
+
+
+def test_lost_motion_is_in_series_with_play(standing):
+    """The same torque moves it, whatever plays behind it, and what is lost adds up."""
     d = np.linspace(0.0, 0.03, 300)
-    found = law(springs, d)
+    found = law(together(standing, "hysteresis:width=0.01,friction=1", "backlash:width=0.004"), d)
     assert found[-1] == pytest.approx(K[KNEE] * (0.03 - 0.005 - 0.002))
-    slips = (d > 0.002 + 1.0 / K[KNEE]) & (d < 0.006)
-    assert found[slips] == pytest.approx(np.ones(int(slips.sum())))  # at the friction
+    slips = (d > 0.002 + 1.0 / K[KNEE]) & (d < 0.002 + 1.0 / K[KNEE] + 0.005)
+    assert slips.sum() > 40 and found[slips] == pytest.approx(np.ones(int(slips.sum())))  # at the friction
+
+
+def test_plays_add_up_and_bear_nothing_inside(standing):
+    d = np.linspace(-0.02, 0.02, 401)
+    both = law(together(standing, "backlash:width=0.01", "backlash:width=0.002"), d)
+    assert both == pytest.approx(law(together(standing, "backlash:width=0.012"), d))
+    inside = np.abs(d) < 0.006 - 1e-9
+    assert inside.sum() > 100 and both[inside] == pytest.approx(np.zeros(int(inside.sum())), abs=1e-9)
+    bent = law(together(standing, "backlash:width=0.01", "spring_nonlinearity:cubic=150"), d)
+    assert bent[-1] == pytest.approx(K[KNEE] * 0.015 * (1.0 + 150.0 * 0.015**2))  # what play leaves bends the spring
 
 
 def test_a_drifting_spring_changes_by_its_time_constant(standing):
