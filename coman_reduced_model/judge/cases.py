@@ -124,8 +124,7 @@ def draw_case(
     families = families or dealt
     if level:
         wanted = (level,) * len(families)
-    needed = [{"streams": STREAMS[family]} for family in families if family in STREAMS]
-    world = draw_world(seed, (needed or [{}])[0] | dict(worlds or {}))
+    world = draw_world(seed, kinds_for(families, worlds))
     if attempt:
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
     if duration_s is not None:
@@ -140,6 +139,12 @@ def draw_case(
     held = [str(name) for name in rng.choice(others, len(BAGS) - 1, replace=False)]
     gaits = dict(zip(BAGS, (world.kinds["gait"], *held), strict=True))
     return HiddenCase(seed, kind, world, tuple(families), tuple(levels), tuple(effects), gaits, attempt, tuple(wanted))
+
+
+def kinds_for(families: Sequence[str], worlds: Mapping[str, str] | None) -> dict[str, str]:
+    """Kinds of world by axis that are given: by the caller, and by what shows in some streams alone."""
+    streams = [STREAMS[each] for each in families if each in STREAMS]
+    return ({"streams": streams[0]} if streams else {}) | dict(worlds or {})
 
 
 def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dict[str, Any] | None:
@@ -197,10 +202,10 @@ def write_healthy(world: World, seed: int, folder: str | Path, force: bool = Fal
 
 
 def _walks(world: World, bag: Path, hidden: Sequence[Disturbance], seed: int) -> bool:
-    """Record a bag without its truth; False: the robot fell, or its engine could not go on."""
+    """Record a bag without its truth; False: the robot fell, its engine could not go on, or it has no such effect."""
     try:
         result = record_world(world, bag, hidden, seed, store=False)
-    except EngineError:
+    except (EngineError, ConfigError):  # a load that is larger than the body that bears it
         return False
     result.truth.unlink()
     return result.fallen_s is None

@@ -240,7 +240,8 @@ def _eccentric(rng: np.random.Generator, amplitude: float, table: RobotTable) ->
     }
 
 
-# Motor states that are measured have lags and yielding already: nothing is to be found there, nor does a model miss it.
+# Streams in which a family shows: motor states that are measured have lags and yielding already, and stabilisers leave
+# com/reference, against which they would show, by more.
 STREAMS = dict.fromkeys(("motor_lag", "transport_delay", "motor_compliance"), "commanded")
 FAMILIES: dict[str, Family] = {
     "backlash": Family(

@@ -26,7 +26,7 @@ from ..resources import version
 from ..sim.disturbances import Disturbance, make
 from ..sim.worlds import World, draw_world, record_world
 from .by_kind import by_kind
-from .cases import data_sheet, times_of
+from .cases import data_sheet, kinds_for, times_of
 from .families import FAMILIES, LEVELS, draw_effect
 from .folder import RunFolder
 from .prediction import prediction_rows
@@ -56,7 +56,7 @@ def draw_onset(seed: int, attempt: int = 0, worlds: Mapping[str, str] | None = N
     """Draw the walk of a seed; families take turns. `attempt`: see draw_case; `times`: see draw_effect."""
     able = families_with_onset()
     family = able[seed % len(able)]
-    world = draw_world(seed, worlds)
+    world = draw_world(seed, kinds_for([family], worlds))
     if attempt:
         world = draw_world(seed + 1_000_003 * attempt, world.kinds)
     rng = np.random.default_rng([23, seed, attempt])

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 FRICTION = 0.5  # [Nm] unless configured
 _LEAST, _MOST = 0.02, 100.0  # [Nm]
-_SEEN = 0.005  # [rad] width of a difference quotient: a slip as long as those that matter takes its time
+_STEP = 0.005  # [rad] of the difference quotient: about as wide as a lost motion that shows, as slipping takes time
 
 
 class Hysteresis(Effect):
@@ -70,7 +70,7 @@ class Hysteresis(Effect):
         for where, j in about.joints_and_legs.items() if about.motors else ():
             alone = where in about.joints
             out.append(
-                cls.unknown("width", world_plus("lost", j), where, step=_SEEN, low=0.0, **(one if alone else many))
+                cls.unknown("width", world_plus("lost", j), where, step=_STEP, low=0.0, **(one if alone else many))
             )
             if alone:
                 held = world_elements("slips_at", j, lambda torque, x: torque * np.exp(x))

@@ -93,7 +93,7 @@ def _lost_stretch(torque: Array, k: float, d: float, half: float, held: float, d
     """Stretch (n,) [rad] of a spring k in series with a slip within +-half, and a damper d beside both.
 
     The slip moves while the spring bears `held` [Nm] or more, as an element of Prandtl, and stays when the torque
-    falls. Backward Euler. Where it was at first is not known: at the other end than it is found at first.
+    falls. Backward Euler. Where it was at first is not known: taken to begin opposite to its first slip.
     """
     out = np.empty(len(torque))
     slip, x, drag = 0.0, torque[0] / k, 0.0

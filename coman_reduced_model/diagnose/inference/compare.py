@@ -43,8 +43,8 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
         found, other = trial.judged(noises), nothing.judged(noises)
         without = [other.train, other.select]
         if option.effect in CLOCKS:
-            # Streams that are shifted in time lie on lines between samples, which takes noise off them: nothing more
-            # than a shift as nominal robots have is judged on the same streams too.
+            # A shift between samples changes the noise of a stream: nothing more than a shift as nominal robots have is
+            # judged on the same streams too.
             same = replace(trial, option=None).judged(noises)
             without = list(np.maximum(without, [same.train, same.select]))
         gains = found.train - without[0], found.select - without[1]
@@ -146,9 +146,19 @@ def trained(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> tupl
 
 
 def confirmation(
-    known: Sequence[Unknown], fit: Fit, held: Sequence[Case], option: Candidate, chosen: Sequence[int]
+    known: Sequence[Unknown],
+    fit: Fit,
+    held: Sequence[Case],
+    option: Candidate,
+    chosen: Sequence[int],
+    without_it: Sequence[Case] = (),
 ) -> float:
-    """Log evidence [nats] of other recordings for an effect as trained against none of it, beside the chosen ones."""
+    """Log evidence [nats] of other recordings for an effect as trained against none of it, beside the chosen ones.
+
+    Args:
+        held: their cases around the values that were found.
+        without_it: the same with this effect at nominal, if it shifts streams in time.
+    """
     evidence = evidence_of(held)
     mean, variance = trained(known, fit, chosen)
     mine = [i for i in option.unknowns if not known[i].shape]  # a shape is nothing without the others
@@ -159,7 +169,8 @@ def confirmation(
     for kind in kinds_of(known):  # as in the search, the robot without it may be of another kind
         without = prior_variance(known, precise=kind)
         without[others] = variance[others]
-        logs.append(evidence.posterior(without_mean, without).log)
+        for each in (evidence, evidence_of(without_it)) if without_it else (evidence,):
+            logs.append(each.posterior(without_mean, without).log)
     return evidence.posterior(mean, variance).log - max(logs)
 
 

@@ -10,10 +10,11 @@ from typing import Literal
 from ...core.base.nominal import Nominal
 from ...progress import Progress
 from ..data.recording import Recording, lifts_a_foot
+from ..physics.hypotheses import Candidate
 from .case import Case, examine
 from .case_cache import CaseCache
 from .check import Checked
-from .compare import confirmation
+from .compare import CLOCKS, confirmation
 from .explanation import UNKNOWN, worst_leftover
 from .finding import Finding
 from .gauss_newton import settled
@@ -74,7 +75,14 @@ def _confirm(
         confirming = [examine(each, cache.known, finding.at, case) for each, case in pairs]
         assert finding.fit is not None
         finding.confirmed = {
-            effect.option.name: confirmation(cache.known, finding.fit, confirming, effect.option, finding.released)
+            effect.option.name: confirmation(
+                cache.known,
+                finding.fit,
+                confirming,
+                effect.option,
+                finding.released,
+                _unshifted(finding, cache, checked, nominal_cases, effect.option),
+            )
             for effect in (finding.chosen if confirming else ())
         }
         denied = [name for name, nats in finding.confirmed.items() if nats < AGAINST]
@@ -86,6 +94,17 @@ def _confirm(
         finding.chosen = [effect for effect in finding.chosen if effect.option.name != worst]
         finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
         finding.hold = cache.at(finding.at, "hold")
+
+
+def _unshifted(
+    finding: Finding, cache: CaseCache, checked: Checked, nominal_cases: Sequence[Case], option: Candidate
+) -> list[Case]:
+    """Of an effect that shifts streams in time, the cases of the confirming recordings without its shift."""
+    if option.effect not in CLOCKS:
+        return []
+    at = finding.at.copy()
+    at[list(option.unknowns)] = 0.0
+    return [examine(each, cache.known, at, case) for each, case in zip(checked.confirm, nominal_cases, strict=True)]
 
 
 def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against: Sequence[str] = ()) -> Verdict:
