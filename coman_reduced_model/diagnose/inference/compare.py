@@ -35,17 +35,18 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
     A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely.
     """
     nothing = _Trial(finding, None, finding.train, finding.hold)
+    alone = nothing.with_noise_of(nothing)
     places = Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(finding.known)})
-    out = [_explanation(nothing, nothing.judged([nothing]), (0.0, np.nan if not finding.hold else 0.0), 1)]
+    out = [_explanation(nothing, nothing.judged([alone]), (0.0, np.nan if not finding.hold else 0.0), 1)]
     for option in rivals:
         trial = _Trial(finding, option, *_settled(finding, cache, option))
-        noises = [nothing, trial]
-        found, other = trial.judged(noises), nothing.judged(noises)
+        mine = [trial.with_noise_of(nothing), trial.with_noise_of(trial)]
+        found, other = trial.judged(mine), nothing.judged([alone, nothing.with_noise_of(trial)])
         without = [other.train, other.select]
         if option.effect in CLOCKS:
             # A shift between samples changes the noise of a stream: nothing more than a shift as nominal robots have is
             # judged on the same streams too.
-            same = replace(trial, option=None).judged(noises)
+            same = nothing.judged(mine)
             without = list(np.maximum(without, [same.train, same.select]))
         gains = found.train - without[0], found.select - without[1]
         out.append(_explanation(trial, found, gains, places[option.effect]))
@@ -74,11 +75,15 @@ class _Trial:
     def released(self) -> list[int]:
         return [*self.finding.released, *(self.option.unknowns if self.option else ())]
 
-    def judged(self, noises: Sequence[_Trial]) -> _Judged:
-        """With the noise that any of some trials leaves: that with which these recordings are most likely."""
-        fits = [_weighed(self.train, [case.noise for case in each.train]).fit(self.released) for each in noises]
-        fit = max(fits, key=lambda one: one.log)
-        held = [_weighed(self.hold, [case.noise for case in each.hold]) for each in noises] if self.hold else []
+    def with_noise_of(self, other: _Trial) -> tuple[Evidence, Evidence | None]:
+        """Evidence of the training bags, and of the selecting ones if there are any, with the noise of a trial."""
+        train = _weighed(self.train, [case.noise for case in other.train])
+        return train, _weighed(self.hold, [case.noise for case in other.hold]) if self.hold else None
+
+    def judged(self, evidences: Sequence[tuple[Evidence, Evidence | None]]) -> _Judged:
+        """By evidence with several noises, of which that counts with which the recordings are most likely."""
+        fit = max((train.fit(self.released) for train, _ in evidences), key=lambda one: one.log)
+        held = [select for _, select in evidences if select is not None]
         if not held or (self.option and not shown(held[0], self.option)):
             return _Judged(fit, fit.log, np.nan)
         prior = trained(self.finding.known, fit, self.released)
