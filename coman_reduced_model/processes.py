@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children, get_all_start_methods, get_context
+from multiprocessing import active_children, get_all_start_methods, get_context, resource_tracker
 from typing import Any
 
 
@@ -27,9 +27,9 @@ def workers(
     before = {process.pid for process in active_children()}
     context = get_context(method if method in get_all_start_methods() else "spawn")
     pool = ProcessPoolExecutor(max(1, count), context, _begin, (begin, arguments))
-    with _interrupts_ignored():  # by what this starts
-        pool.submit(int)
     try:
+        with _interrupts_kept():
+            pool.submit(int)
         yield pool
     except BaseException:
         for process in active_children():
@@ -41,20 +41,34 @@ def workers(
 
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
-    """A process that is to end leaves its work by an exception: a command that it waits for is ended too."""
+    """Ctrl-C is not for it. A process that is to end leaves its work by an exception.
+
+    A command that it waits for is ended too.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     if begin is not None:
         begin(*arguments)
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Processes that are started meanwhile ignore Ctrl-C; outside of the main thread they do not."""
+def _interrupts_kept() -> Iterator[None]:
+    """Ctrl-C comes at the end of the block; processes that are started meanwhile do not get it until they ignore it.
+
+    Outside of the main thread nothing is done.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # it would unblock the signal
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda *_: came.append(1))  # another thread may take it
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if came:
+            signal.raise_signal(signal.SIGINT)

@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import active_children
 from pathlib import Path
 
 import pytest
 
+from coman_reduced_model import processes
 from coman_reduced_model.processes import workers
 
 
@@ -52,3 +56,22 @@ def test_a_process_begins_with_what_it_is_given_and_gives_results(tmp_path: Path
     with workers(1, begin, (str(tmp_path / "begun"),)) as pool:
         assert pool.submit(sum, [1, 2]).result() == 3
     assert (tmp_path / "begun").is_file()
+
+
+class Interrupted(ProcessPoolExecutor):
+    """Ctrl-C comes while its process is started."""
+
+    def submit(self, *call, **named):
+        started = super().submit(*call, **named)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+        return started
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_ctrl_c_while_a_process_is_started_is_not_lost(monkeypatch, method):
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", Interrupted)
+    begun = []
+    with pytest.raises(KeyboardInterrupt), workers(1, method=method):
+        begun.append(method)
+    assert not begun and until(lambda: not active_children())

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from .diagnose import diagnose
 from .export import export
 from .identify import identify
 from .init import init
+from .interrupt import answered, came, listen
 from .isolability import isolability
 from .judge import judge
 from .live import live
@@ -133,7 +133,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if isinstance(error, ModuleNotFoundError) and (line := remedy(error)):
             return _say(line, 2)
-        if _interrupted:  # compiled code turns a KeyboardInterrupt into errors of its own
+        if came():
             return 130
         traceback.print_exc()
         return _say("internal error, please report the lines above", 1)
@@ -144,22 +144,11 @@ def _say(sentence: str, code: int) -> int:
     return code
 
 
-_interrupted = False
-
-
-def _on_interrupt(number: int, frame: object) -> None:
-    """The first Ctrl-C ends the work, further ones do not disturb the cleaning up."""
-    global _interrupted
-    _interrupted = True
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
 def main() -> None:
     """Entry point."""
-    signal.signal(signal.SIGINT, _on_interrupt)
+    listen()
     code = run()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done; while Python ends, a Ctrl-C would change the exit code
+    answered()  # all is done; while Python ends, a Ctrl-C would change the exit code
     sys.exit(code)
 
 

@@ -12,6 +12,7 @@ import typer
 
 from ..errors import ComanError
 from .common import BagArgument, JsonOption, NamespaceOption, RemapOption, print_json, progress, warn
+from .interrupt import answered
 
 if TYPE_CHECKING:
     from ..ros.tools.replay import Progress
@@ -82,6 +83,7 @@ def replay(
     except KeyboardInterrupt:  # how a replay is usually ended
         if player is None:
             raise
+        answered()
     finally:
         with suppress(Exception):
             if player is not None:

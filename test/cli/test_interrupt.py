@@ -70,6 +70,32 @@ def test_ctrl_c_during_the_first_compilation(tmp_path, start, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
+SWALLOWING = """
+import os, signal, sys
+
+class Swallows:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
+
+def swallow(*_, **__):
+    Swallows()
+    while True:
+        pass
+
+import coman_reduced_model.output
+coman_reduced_model.output.OutputFolder = swallow
+from coman_reduced_model.cli.entry import main
+main()
+"""
+
+
+def test_ctrl_c_that_a_destructor_swallows(start, tmp_path):
+    process = start(sys.executable, "-c", SWALLOWING, "diagnose", bag_path("stand"), "--out", tmp_path / "out")
+    goes_silently(process)
+    assert not process.output
+
+
 ENDING = """
 import atexit, os, signal
 

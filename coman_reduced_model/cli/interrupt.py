@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ctrl-C ends the work of a command, wherever it comes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import Any
+
+_AGAIN_S = 0.5  # far longer than an exception takes to be handled
+
+_came = False
+
+
+def listen() -> None:
+    """From now on Ctrl-C raises KeyboardInterrupt.
+
+    Compiled code and destructors can swallow it, as no program can tell them not to: as long as the program goes on
+    without handling it, it is raised again.
+    """
+    signal.signal(signal.SIGINT, _on_interrupt)
+    signal.signal(signal.SIGALRM, _again)
+    sys.unraisablehook = _on_swallowed
+
+
+def came() -> bool:
+    """Whether Ctrl-C has come. Compiled code also turns it into errors of its own."""
+    return _came
+
+
+def answered() -> None:
+    """The work is over, or has been ended by Ctrl-C: from now on it changes nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _on_interrupt(number: int, frame: object) -> None:
+    """The first Ctrl-C ends the work, further ones do not disturb the cleaning up."""
+    global _came
+    _came = True
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
+    raise KeyboardInterrupt
+
+
+def _again(number: int, frame: object) -> None:
+    if sys.exc_info()[0] is None:  # nothing is being handled
+        raise KeyboardInterrupt
+
+
+def _on_swallowed(unraisable: Any) -> None:
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)
