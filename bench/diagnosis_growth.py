@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 from offline_growth import draw, exponent
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from coman_reduced_model.sim.disturbances.springs import Backlash
@@ -49,7 +48,7 @@ def main() -> None:
     arguments = parser.parse_args()
     cases = [("length of two recordings [s]", each, 2, each) for each in LENGTHS]
     cases += [("recordings of 12 s", 12, each, each) for each in NUMBERS]
-    shown = Table("what grows", "value", r"CPU \[s]", r"wall clock \[s]", "verdict")
+    shown = Table("what grows", "value", "CPU [s]", "wall clock [s]", "verdict")
     found: dict[str, list[tuple[float, float]]] = {}
     for name, seconds, number, x in cases:
         with tempfile.TemporaryDirectory() as folder:
@@ -59,8 +58,8 @@ def main() -> None:
                 record("test1" if i else "test2", bag, disturbances=hidden, seed=i, duration_s=float(seconds))
             cpu, wall, verdict = diagnosed(bags[1:], bags[0], Path(folder) / "out")
         found.setdefault(name, []).append((x, cpu))
-        shown.add_row(escape(name), f"{x}", f"{cpu:.1f}", f"{wall:.1f}", verdict)
-    Console(width=100).print(shown)
+        shown.add_row(name, f"{x}", f"{cpu:.1f}", f"{wall:.1f}", verdict)
+    Console(width=100, markup=False).print(shown)
     curves = {name: (np.array(points)[:, 0], np.array(points)[:, 1]) for name, points in found.items()}
     for name, (values, cpu) in curves.items():
         print(f"{name}: CPU time grows with exponent {exponent(values, cpu):.2f}")

@@ -95,7 +95,7 @@ def main() -> None:
         table.add_row(str(joints), *(f"{each * 1e6:.0f}" for each in column))
     exponents = [np.polyfit(np.log(JOINTS), np.log(row), 1)[0] for row in times]
     table.add_row("exponent", *(f"{each:.2f}" for each in exponents))
-    Console(width=120).print(table)
+    Console(width=120, markup=False).print(table)
     if len(sys.argv) > 1:
         draw(Path(sys.argv[1]), times, exponents)
 

@@ -115,7 +115,7 @@ def main() -> None:
         rms = np.sqrt(np.nanmean(np.square(values), axis=0)) * 1e3
         paid = (f"{cost[name] * 1e6:.0f}", f"{cost[name] / full:.2f}") if name in cost else ("", "")
         table.add_row(name, *paid, ", ".join(f"{axis:.2f}" for axis in rms))
-    Console(width=120).print(table)
+    Console(width=120, markup=False).print(table)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ import matplotlib
 import numpy as np
 from offline import measure, repeat
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from coman_reduced_model.resources import bag_path
@@ -78,7 +77,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, help="where to draw both curves")
     arguments = parser.parse_args()
     cases = [("length of the bag [s]", each) for each in LENGTHS] + [("rate [Hz]", each) for each in RATES]
-    table = Table("what grows", "value", "samples", r"CPU \[s]", "us a sample", "x real time")
+    table = Table("what grows", "value", "samples", "CPU [s]", "us a sample", "x real time")
     found: dict[str, list[tuple[float, float]]] = {}
     for name, value in cases:
         with tempfile.TemporaryDirectory() as folder:
@@ -92,8 +91,8 @@ def main() -> None:
         x = value if name.startswith("rate") else result["duration"]
         found.setdefault(name, []).append((x, cpu))
         row = (f"{x:.0f}", f"{samples}", f"{cpu:.2f}", f"{1e6 * cpu / samples:.0f}", f"{result['duration'] / cpu:.1f}")
-        table.add_row(escape(name), *row)
-    Console(width=100).print(table)
+        table.add_row(name, *row)
+    Console(width=100, markup=False).print(table)
     curves = {name: (np.array(points)[:, 0], np.array(points)[:, 1]) for name, points in found.items()}
     for name, (x, cpu) in curves.items():
         print(f"{name}: CPU time grows with exponent {exponent(x, cpu):.2f}")

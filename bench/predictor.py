@@ -185,7 +185,7 @@ def main() -> None:
     parser.add_argument("bag", nargs="?", type=Path, default=None)
     parser.add_argument("--first-call", action="store_true", help="instead: what compiling costs a new machine")
     arguments = parser.parse_args()
-    console = Console(width=140)
+    console = Console(width=140, markup=False)
     if arguments.first_call:
         table = Table("first samples of a process", "wall [s]", "CPU [s]")
         for name, (wall, cpu) in zip(("nothing compiled yet", "compiled before"), first_call(), strict=True):

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the diagnosis says of recordings of real robots.
+"""What the diagnosis says of recordings of real robots, and of the nominal robot of another simulation.
 
     python bench/real.py ../shared/real/icub_walk config/icub.yaml ../shared/real/icub_yoga/raw ROBOT.yaml
 
-Nothing was chosen on these recordings, and nobody knows that these robots were ever nominal: what is said is reported,
-right or wrong. Others established that the iCub on one leg (`icub_yoga`) has wrench axes pitched by some 10 degrees on
-both feet, lost motion of 4 to 7 mrad in the right hip pitch, soles that differ by 1.4 degrees by the encoders, and, in
-`raw`, zeros of the foot sensors of hundreds of newtons; and that the wrenches of the iCub that walks (`icub_walk`) are
-30 to 60 ms late.
+Nothing was chosen on these recordings, and nobody knows that the real robots were ever nominal: what is said is
+reported, right or wrong. That of the other simulation (`other_robot`) is nominal, and its soles creep.
+
+Others established that the iCub on one leg (`icub_yoga`) has wrench axes pitched by some 10 degrees on both feet, lost
+motion of 4 to 7 mrad in the right hip pitch, soles that differ by 1.4 degrees by the encoders, and, in `raw`, zeros of
+the foot sensors of hundreds of newtons; and that the wrenches of the iCub that walks (`icub_walk`) are 30 to 60 ms late.
 """
 
 from __future__ import annotations

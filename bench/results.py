@@ -70,6 +70,7 @@ REAL = (
     ("real/icub_yoga/zeroed", "{shared}/real/icub_yoga/icub02.yaml"),
     ("real/icub_yoga/raw", "{shared}/real/icub_yoga/icub02.yaml"),
     ("real/icub_walk", "config/icub.yaml"),
+    *((f"other_robot/{name}", "config/coman.yaml") for name in ("walk_003", "walk_006", "stand")),
 )
 PICTURE_BAG = "bags/test2"
 GAITS = ("test1", "test2")  # of the first recordings, which the full simulation repeats
@@ -354,7 +355,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         needs="real/icub_yoga",
     ),
     "real": script(
-        "Diagnosis of real robots",
+        "Diagnosis of real robots, and of another simulation",
         ("real", *(argument for bag, config in REAL for argument in (f"{{shared}}/{bag}", config))),
         needs="real",
     ),
