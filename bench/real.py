@@ -8,7 +8,7 @@ reported, right or wrong. That of the other simulation (`other_robot`) is nomina
 
 Others established that the iCub on one leg (`icub_yoga`) has wrench axes pitched by some 10 degrees on both feet, lost
 motion of 4 to 7 mrad in the right hip pitch, soles that differ by 1.4 degrees by the encoders, and, in `raw`, zeros of
-the foot sensors of hundreds of newtons; and that the wrenches of the iCub that walks (`icub_walk`) are 30 to 60 ms late.
+the foot sensors of hundreds of newtons; and that the wrenches of the walking iCub (`icub_walk`) are 30 to 60 ms late.
 """
 
 from __future__ import annotations

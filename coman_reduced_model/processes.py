@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, get_all_start_methods, get_context, resource_tracker
 from typing import Any
@@ -26,7 +26,7 @@ def workers(
     """
     before = {process.pid for process in active_children()}
     context = get_context(method if method in get_all_start_methods() else "spawn")
-    pool = ProcessPoolExecutor(max(1, count), context, _begin, (begin, arguments))
+    pool = _Pool(max(1, count), context, _begin, (begin, arguments))
     try:
         with _interrupts_kept():
             pool.submit(int)
@@ -40,16 +40,40 @@ def workers(
     pool.shutdown()
 
 
-def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
-    """Ctrl-C is not for it. A process that is to end leaves its work by an exception.
+class _Pool(ProcessPoolExecutor):
+    def submit(self, call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        return super().submit(_work, call, *arguments, **named)
 
-    A command that it waits for is ended too.
-    """
+
+_ended = _working = False
+
+
+def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+    """Ctrl-C is not for it. A process that is to end leaves its work, with the command that it waits for."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    signal.signal(signal.SIGTERM, _end)
     if begin is not None:
         begin(*arguments)
+
+
+def _work(call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+    global _working
+    if _ended:
+        sys.exit(128 + signal.SIGTERM)
+    _working = True
+    try:
+        return call(*arguments, **named)
+    finally:
+        _working = False
+
+
+def _end(number: int, frame: object) -> None:
+    """By an exception, but not while a result is sent: half of one would block both processes for ever."""
+    global _ended
+    _ended = True
+    if _working:
+        sys.exit(128 + number)
 
 
 @contextmanager

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -58,7 +57,7 @@ def test_a_process_begins_with_what_it_is_given_and_gives_results(tmp_path: Path
     assert (tmp_path / "begun").is_file()
 
 
-class Interrupted(ProcessPoolExecutor):
+class Interrupted(processes._Pool):
     """Ctrl-C comes while its process is started."""
 
     def submit(self, *call, **named):
@@ -70,8 +69,24 @@ class Interrupted(ProcessPoolExecutor):
 
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_ctrl_c_while_a_process_is_started_is_not_lost(monkeypatch, method):
-    monkeypatch.setattr(processes, "ProcessPoolExecutor", Interrupted)
+    monkeypatch.setattr(processes, "_Pool", Interrupted)
     begun = []
     with pytest.raises(KeyboardInterrupt), workers(1, method=method):
         begun.append(method)
     assert not begun and until(lambda: not active_children())
+
+
+class EndedWhileSent:
+    """A result whose process is told to end while it is sent."""
+
+    def __reduce__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.1)
+        return str, ("whole",)
+
+
+def test_a_result_that_is_being_sent_arrives_whole_and_nothing_is_begun_after_it():
+    with workers(1) as pool:
+        assert pool.submit(EndedWhileSent).result() == "whole"
+        with pytest.raises(SystemExit):
+            pool.submit(int).result()
