@@ -62,3 +62,13 @@ def test_the_zero_of_an_encoder_takes_up_no_play():
     )
     np.testing.assert_allclose(off, played, atol=1e-9)
     assert np.abs(played).max() == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("play", "seen"), [(0.0, 0.02), (0.01, 0.9)])
+def test_noise_of_encoders_takes_up_no_play(play, seen):
+    """Play that is seen in what noise makes of a law is in the residual and in its derivative: all noise were play."""
+    recording, world = standing()
+    noise = np.random.default_rng(0).normal(0.0, 0.0005, recording.q.shape)
+    stretch = 0.01 * (recording.motor_q - recording.q) + 0.5 * play * np.sign(recording.tau) + noise
+    light = recording.changed(tau=0.01 * recording.tau, motor_q=recording.q + stretch)
+    assert np.abs(masks(light, world).taken_up).max() == pytest.approx(seen, abs=0.1)
