@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children, get_all_start_methods, get_context, resource_tracker
+from multiprocessing import active_children, get_all_start_methods, get_context, parent_process, resource_tracker
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 
@@ -50,11 +52,23 @@ _ended = _working = False
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
     """Ctrl-C is not for it. A process that is to end leaves its work, with the command that it waits for."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    only_for_its_parent()
     signal.signal(signal.SIGTERM, _end)
     if begin is not None:
         begin(*arguments)
+
+
+def only_for_its_parent() -> None:
+    """In a new process: Ctrl-C is for the one that started it, and without that one there is nothing to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    threading.Thread(target=_follow, args=(parent_process(),), daemon=True).start()
+
+
+def _follow(parent: BaseProcess | None) -> None:
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _work(call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:

@@ -90,3 +90,27 @@ def test_a_result_that_is_being_sent_arrives_whole_and_nothing_is_begun_after_it
         assert pool.submit(EndedWhileSent).result() == "whole"
         with pytest.raises(SystemExit):
             pool.submit(int).result()
+
+
+KILLED = """
+import os, sys, time
+from coman_reduced_model.processes import workers
+
+def work(path):
+    with open(path, "w") as file:
+        file.write(str(os.getpid()))
+    time.sleep(60)
+
+if __name__ == "__main__":
+    with workers(2) as pool:
+        list(pool.map(work, sys.argv[1:]))
+"""
+
+
+def test_processes_end_when_the_command_is_killed(tmp_path: Path):
+    started = [tmp_path / "one", tmp_path / "two"]
+    command = subprocess.Popen([sys.executable, "-c", KILLED, *map(str, started)])
+    assert until(lambda: all(path.is_file() and path.read_text() for path in started))
+    command.kill()
+    command.wait()
+    assert until(lambda: not any(runs(int(path.read_text())) for path in started))

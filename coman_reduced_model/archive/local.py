@@ -12,6 +12,7 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
+from ..processes import only_for_its_parent
 from .work import DIED, Task, run_task
 
 TRIES = 2
@@ -75,7 +76,7 @@ class _Slot(threading.Thread):
             if self._stopped:
                 break
             if self._pool is None:
-                self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
+                self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), only_for_its_parent)
             try:
                 return self._pool.submit(run_task, task).result()
             except BrokenProcessPool:
@@ -93,16 +94,3 @@ def _kill(process: int) -> None:
         os.kill(process, signal.SIGKILL)
     except (ProcessLookupError, PermissionError):
         return
-
-
-def _begin() -> None:
-    """In a new worker: Ctrl-C is for the one that started it, and without that one there is nothing to do."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-
-    def follow() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
