@@ -7,7 +7,6 @@ OUT/monitor/SEED.json   a walk in which an effect of medium size begins after 7 
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from ..sim.worlds import World, draw_world, record_world
 from .by_kind import by_kind
 from .cases import data_sheet, kinds_for, times_of
 from .families import FAMILIES, LEVELS, draw_effect
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .prediction import prediction_rows
 from .run import run_all
 from .score import rate
@@ -93,7 +92,7 @@ def run_onsets(
 
 def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
     target = folder.out / "monitor" / f"{seed}.json"
-    if target.is_file():
+    if stored(target) is not None:
         return
     for attempt in range(ATTEMPTS):
         onset = draw_onset(seed, attempt, **fixed)
@@ -158,7 +157,7 @@ def score_monitor(
     """
     folder = RunFolder(Path(out).absolute())
     clean = [*prediction_rows(folder, names), *long]
-    onsets = [json.loads((folder.out / "monitor" / f"{seed}.json").read_text(encoding="utf-8")) for seed in seeds]
+    onsets = [stored(folder.out / "monitor" / f"{seed}.json") for seed in seeds]
     result = {
         "version": version(),
         "alarms": alarms(clean),
@@ -171,7 +170,7 @@ def score_monitor(
         },
         "onsets": onsets,
     }
-    (folder.out / "monitor.json").write_text(to_json(result), encoding="utf-8")
+    write_file(folder.out / "monitor.json", to_json(result))
     return result
 
 

@@ -19,10 +19,11 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ..core.base.nominal import Nominal, load_nominal
+from ..output import write_file
 from ..resources import version
 from .by_kind import by_kind, new_kinds
 from .families import CLASSES, class_of, of_this_catalogue
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .run import seal
 from .seeds import commit, spent_among
 from .sizes import shown
@@ -295,23 +296,16 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
         cases.append(
             {
                 "name": name,
-                "answer": of_this_catalogue(_json(folder.answer(name))),
-                "verdict": _json(folder.verdict(name) / "diagnosis.json"),
-                "run": _json(folder.verdict(name) / "run.json"),
+                "answer": of_this_catalogue(stored(folder.answer(name))),
+                "verdict": stored(folder.verdict(name) / "diagnosis.json"),
+                "run": stored(folder.verdict(name) / "run.json"),
                 "with_baseline": (folder.verdict(name) / "baseline.yaml").is_file(),
-                "baselines": _json(folder.verdict(name) / "baselines.json"),
-                "oracle": _json(folder.oracle(name) / "diagnosis.json"),
-                "ranking": _json(folder.ranking(name) / "ranking.json"),
+                "baselines": stored(folder.verdict(name) / "baselines.json"),
+                "oracle": stored(folder.oracle(name) / "diagnosis.json"),
+                "ranking": stored(folder.ranking(name) / "ranking.json"),
             }
         )
     rounds = len(folder.rounds.read_text(encoding="utf-8").splitlines()) if folder.rounds.is_file() else 0
     result = {"version": version(), "commit": commit(), "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
-    (folder.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
+    write_file(folder.out / "score.json", json.dumps(result, indent=1, default=float))
     return result
-
-
-def _json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
