@@ -47,6 +47,12 @@ SPREADS = {  # effects whose size varies as another figure of config/nominal.yam
     "ground_slope": "ground_slope",
     "wrench_bias": "zero_fz",
 }
+FORMS = {  # that the diagnosis does not share: it has a cubic spring, looks for slides where smooth ones are, and
+    # measures a landing by one pulse of three samples, as a half sine is
+    "spring_nonlinearity": ("tanh", "steps"),
+    "foot_slip": ("late", "sudden", "creep"),
+    "touchdown_impact": ("decay", "double"),
+}
 LINKS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # by the joint that moves them
 
 
@@ -151,6 +157,10 @@ def _joints(rng: np.random.Generator, *kinds: str) -> str:
     return str(rng.choice([one, one, _foot(rng, False), ""]))
 
 
+def _form(rng: np.random.Generator, effect: str) -> str:
+    return str(rng.choice(FORMS[effect]))
+
+
 def _axis(rng: np.random.Generator, size: float, *axes: str) -> dict[str, Any]:
     return {str(rng.choice(axes)): _sign(rng) * size}
 
@@ -163,13 +173,8 @@ def working_stretch(joint: str, table: RobotTable) -> float:
 def _bend(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
     """The secant stiffness changes by `change` at the largest deflection of these joints in a plain walk."""
     where = _joints(rng, *BENT)
-    form = str(rng.choice(["cubic", "tanh", "steps"]))
-    if where[1:] in BENT:
-        stretch = working_stretch(where[1:], table)
-        form = form if where[1:] in SOFT else "cubic"  # the other forms bend where no hip gets to
-    else:
-        stretch = max(working_stretch(joint, table) for joint in SOFT)
-    return {"where": where, "cubic": change / stretch**2, "form": form}
+    stretch = max(working_stretch(joint, table) for joint in ([where[1:]] if where[1:] in BENT else SOFT))
+    return {"where": where, "cubic": change / stretch**2, "form": _form(rng, "spring_nonlinearity"), "at": stretch}
 
 
 def _wrench_bias(rng: np.random.Generator, size: float, table: RobotTable) -> dict[str, Any]:
@@ -288,7 +293,7 @@ FAMILIES: dict[str, Family] = {
         lambda rng, s, table: {
             "where": _foot(rng, False),
             "distance": s,
-            "form": str(rng.choice(["late", "sudden", "creep"])),  # not that of the diagnosis
+            "form": _form(rng, "foot_slip"),
         },
         "length",
         "distance",
@@ -297,7 +302,7 @@ FAMILIES: dict[str, Family] = {
         "touchdown_impact",
         "Ns",
         2.0,
-        lambda rng, s, table: {"impulse": s, "form": str(rng.choice(["half_sine", "decay", "double"]))},
+        lambda rng, s, table: {"impulse": s, "form": _form(rng, "touchdown_impact")},
         "mass",
         "impulse",
     ),

@@ -111,6 +111,19 @@ def test_late_wrenches_show_about_nominal(tmp_path):
     assert late["parameters"]["delay"]["value"] == pytest.approx(0.007, rel=0.3) and late["evidence"] > 8.0
 
 
-def test_slides_have_no_form_that_the_diagnosis_has():
-    forms = {draw_effect("foot_slip", np.random.default_rng(k), 1, World())[0]["form"] for k in range(30)}
-    assert forms == {"late", "sudden", "creep"}
+@pytest.mark.parametrize(
+    ("family", "forms"),
+    [
+        ("foot_slip", {"late", "sudden", "creep"}),
+        ("touchdown_impact", {"decay", "double"}),
+        ("hardening", {"tanh", "steps"}),
+        ("softening", {"tanh", "steps"}),
+    ],
+)
+def test_no_hidden_effect_has_the_form_that_the_diagnosis_has(family, forms):
+    """That is the form which a disturbance has by default."""
+    draws = [draw_effect(family, np.random.default_rng(k), 1, World())[0] for k in range(60)]
+    assert {values["form"] for values in draws} == forms
+    assert make(FAMILIES[family].effect, {}).form not in forms
+    if family == "hardening":  # at a hip too
+        assert {values["form"] for values in draws if values["where"][1:] == "HipSag"} == forms
