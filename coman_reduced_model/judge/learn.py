@@ -219,7 +219,8 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, A
     """Shares over examples with their probabilities, and the mean log loss of the truth.
 
     right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
-    unknown: of effects outside the catalogue.
+    unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a
+    lower level than wanted.
     """
     rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
     losses = []
@@ -236,7 +237,12 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, A
             rows["wrong"].append(best not in {*example.truth, "none", UNKNOWN})
         losses.append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
     shares = {name: rate(sum(values), len(values)) for name, values in rows.items()}
-    return {"cases": len(found), **shares, "log_loss": float(np.mean(losses))}
+    answers = [example.answer for example, _ in found]
+    again = {
+        "redrawn": sum(answer["attempt"] > 0 for answer in answers),
+        "lowered": sum(answer["levels"] != answer["wanted"] for answer in answers),
+    }
+    return {"cases": len(found), **shares, **again, "log_loss": float(np.mean(losses))}
 
 
 def by_left_out(examples: Sequence[Example]) -> dict[str, dict[str, Any]]:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..bag.session import Session
+from ..core.base.nominal import load_nominal
 from ..core.config.files import load_config
 from ..errors import ComanError, EngineError
 from ..output import to_json, write_file
@@ -24,7 +25,7 @@ from ..progress import Progress
 from ..resources import version
 from ..sim.disturbances import Disturbance, make
 from ..sim.worlds import World, draw_world, record_world
-from .by_kind import by_kind
+from .by_kind import by_kind, by_what_was_learnt
 from .cases import data_sheet, kinds_for, times_of
 from .families import FAMILIES, LEVELS, draw_effect
 from .folder import RunFolder, stored
@@ -158,8 +159,13 @@ def score_monitor(
     folder = RunFolder(Path(out).absolute())
     clean = [*prediction_rows(folder, names), *long]
     onsets = [stored(folder.out / "monitor" / f"{seed}.json") for seed in seeds]
+    nominal = load_nominal()
     result = {
         "version": version(),
+        "learnt": {
+            "alarms": by_what_was_learnt(clean, nominal, alarms, "monitor"),
+            "delays": by_what_was_learnt(onsets, nominal, delays, "monitor"),
+        },
         "alarms": alarms(clean),
         "alarms_by_kind": by_kind(clean, alarms),
         "delays": delays(onsets),

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from ..bag.session import Session
+from ..core.base.nominal import load_nominal
 from ..core.config.files import load_config
 from ..errors import ComanError
 from ..offline import predict_bag
 from ..output import to_json, write_file
 from ..progress import Progress
 from ..resources import version
-from .by_kind import by_kind
+from .by_kind import by_kind, by_what_was_learnt
 from .cases import BAGS
 from .folder import RunFolder, stored
 from .run import chosen_cases, make_case, run_all
@@ -85,6 +86,7 @@ def score_predictions(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
         "walks": len(rows),
         "all": measure(rows),
         "by_kind": by_kind(rows, measure),
+        "learnt": by_what_was_learnt(rows, load_nominal(), measure),
         "rows": rows,
     }
     write_file(folder.out / "prediction.json", to_json(result))

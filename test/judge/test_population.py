@@ -44,6 +44,10 @@ def test_figures_by_kind_are_of_the_rows_of_that_kind_only():
     learnt = replace(load_nominal(), source={"kinds": kinds_of(rows[:1], {"gait": ["test1"]})})
     assert learnt.source["kinds"] == {"engine": ["mujoco"], "contact": ["firm"], "gait": ["test1"]}
     assert [set(new_kinds(row, learnt)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
+    assert new_kinds({"worlds": {"length": "120 s", "contact": "firm"}}, learnt) == []
+    of_monitor = replace(learnt, source={**learnt.source, "monitor": {"kinds": {"engine": ["drake"]}}})
+    assert new_kinds(rows[2], of_monitor, "monitor") == ["creeping"]
+    assert new_kinds(rows[2], learnt, "monitor") == new_kinds(rows[2], learnt)
 
 
 def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
@@ -129,6 +133,11 @@ def test_kinds_are_shown_worst_first_with_all_horizons(capsys, monkeypatch):
     assert free_run[0][2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1", "0"]
     assert free_run[3][-2:] == ["0", "1"]  # none, redrawn
     assert " ".join(ahead[3][2:]) == "0.11, 0.12, 0.13 0.21, 0.22, 0.23 0.41, 0.42, 0.43"
+    learnt = {"new_kinds": ["drake"], "some_new_kind": measure([bad]), "only_learnt_kinds": measure([])}
+    show_prediction({"all": measure([bad]), "by_kind": {}, "learnt": learnt}, Path("judged"))
+    shown = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "never learnt on drake 1 5.00, 5.00, 5.00 2.00, 2.00, 2.00 100 %, 100 %, 100 % 0 1" in shown
+    assert "all learnt on 0 -, -, - -, -, - -, -, - 0 0" in shown
 
 
 def test_results_of_earlier_versions_are_shown(capsys):
@@ -161,6 +170,7 @@ def test_the_monitor_is_judged_by_one_command(clean_run, capsys, monkeypatch):
     from coman_reduced_model.judge import monitor
     from coman_reduced_model.judge.prediction import run_predictions
 
+    monkeypatch.setenv("COLUMNS", "150")
     monkeypatch.setattr(monitor, "SECONDS", 11.0)
     seeds = json.loads(RunFolder(clean_run).seeds.read_text())
     monitor.run_onsets(clean_run, seeds, worlds=SHORT["worlds"])
@@ -168,6 +178,10 @@ def test_the_monitor_is_judged_by_one_command(clean_run, capsys, monkeypatch):
     result = monitor.score_monitor(clean_run, names, seeds)
     assert result["alarms"]["hours"] > 6.0 / 3600.0
     assert result["delays"]["walks"] == 1 and set(result["delays_by_kind"]["contact"]) == {"creeping"}
+    learnt = result["learnt"]["alarms"]  # MuJoCo's worlds, all of which were learnt on
+    assert learnt["only_learnt_kinds"] == result["alarms"] and learnt["new_kinds"] == []
+    show_monitor(result, clean_run)
+    assert "never learnt on" in capsys.readouterr().out
     assert json.loads((clean_run / "monitor.json").read_text())["onsets"][0]["seed"] == seeds[0]
 
 
