@@ -20,6 +20,7 @@ _ROWS = (
     ("one_of_a_pair", "one of a pair, nothing wrong", ""),
     ("failed", "no verdict", ""),
 )
+_LEARNT = "learnt on: kinds of worlds that config/nominal.yaml was learnt from"
 _REDRAWN = "redrawn: walks of robots that were drawn again because they fell"
 
 
@@ -77,7 +78,7 @@ def show_prediction(result: Mapping[str, Any], out: Path) -> None:
         ],
         words=2,
     )
-    print(f"none: nothing could be predicted. {_REDRAWN}; all in {out}/prediction.json")
+    print(f"{_LEARNT}. none: nothing could be predicted. {_REDRAWN}; all in {out}/prediction.json")
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
@@ -104,7 +105,10 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
     ]
     print_table("by effect", ["effect", "detected within 5 s", "median [s]"], families)
     channels = ", ".join(f"{name} {n}" for name, n in result["alarms"]["channels"].items())
-    print(f"{_REDRAWN}; lowered: at a lower level than medium, which would be beyond what a walking robot can have")
+    print(
+        f"{_LEARNT}. {_REDRAWN}; lowered: at a lower level than medium, which would be beyond what a walking robot can "
+        "have"
+    )
     print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
 
 
@@ -182,7 +186,7 @@ def _show_kinds(result: Mapping[str, Any]) -> None:
     kinds.sort(key=lambda each: -(each[2]["false_alarms_on_clean"]["share"] or 0.0))
     rows += [[axis, kind, *_kind(found)] for axis, kind, found in kinds]
     print_table(
-        "by kind of world; learnt on: by weights or widths of config/nominal.yaml",
+        f"by kind of world; {_LEARNT}",
         ["axis", "kind", "cases", "false alarms", "right", "wrong", "outside: unknown", "redrawn, lowered"],
         rows,
         words=2,
