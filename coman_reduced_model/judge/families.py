@@ -25,7 +25,7 @@ import yaml
 from ..sim.disturbances import DISTURBANCES
 from ..sim.robot_table import COMAN, RobotTable
 from ..sim.worlds import World
-from .variability import true_deviations
+from .variability import deviation_of
 
 LEVELS = ("weak", "medium", "strong")
 MULTIPLES = ((2.0, 4.0), (5.0, 7.0), (10.0, 14.0))  # of the standard deviation, by level
@@ -41,12 +41,6 @@ JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
 SOFT = ("KneeSag", "AnkSag")
 SPRINGS = ("HipSag", "HipYaw", *SOFT)  # whose spring or damper alone may differ; those of roll: soft_roll
 BENT = {"HipSag": 0.41, "KneeSag": 0.14, "AnkSag": 0.065}  # springs that may be bent: torque / (weight * COM height)
-SPREADS = {  # effects whose size varies as another figure of config/nominal.yaml
-    "hysteresis": "backlash.width",
-    "stiffness_drift": "joint_stiffness.scale",
-    "ground_slope": "ground_slope",
-    "wrench_bias": "zero_fz",
-}
 FORMS = {  # that the diagnosis does not share: it has a cubic spring, looks for slides where smooth ones are, and
     # measures a landing by one pulse of three samples, as a half sine is
     "spring_nonlinearity": ("tanh", "steps"),
@@ -125,9 +119,9 @@ def draw_effect(
 
 def _of_world(family: Family, world: World) -> float:
     """Standard deviation over clean robots of this world, for COMAN; 0: the world says nothing of its own."""
-    of = SPREADS.get(family.effect, f"{family.effect}.{family.parameter}")
-    deviation = true_deviations(world).get(f"{of}.spread", 0.0)
-    return deviation / family.factor(world.table) if family.effect == "wrench_bias" else deviation  # [N] of any robot
+    deviation = deviation_of(family.effect, family.parameter, world)
+    of_any_robot = family.effect in ("wrench_bias", "ground_compliance", "foot_slip")
+    return deviation / family.factor(world.table) if of_any_robot else deviation
 
 
 def com_height(table: RobotTable) -> float:

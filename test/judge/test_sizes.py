@@ -72,6 +72,29 @@ def test_a_size_is_no_less_than_what_the_robots_of_its_own_world_vary_by():
     assert min(sizes("ground_slope", World(), "pitch")[0]) < min(sizes("ground_slope", uneven, "pitch")[0])
     found, levels = sizes("wrench_bias", World(sensors=SensorOptions(wrench_zero=300.0)), "fz")
     assert levels == {0} and max(found) == FAMILIES["wrench_bias"].most  # zeros are that large anyway
+    soft = draw_world(0, {"contact": "soft_soles", "engine": "mujoco"})
+    found, levels = sizes("ground_compliance", replace(soft, robot="coman"), "vertical")
+    assert levels == {0} and max(found) == FAMILIES["ground_compliance"].most  # soles are that soft anyway
+    talks = World(sensors=SensorOptions(cross_talk=0.02))
+    found, levels = sizes("wrench_cross_talk", talks, "fx")
+    assert min(found) >= 5.0 * 0.02 and levels == {1}
+    assert min(sizes("sensor_rotation", talks, "angle")[0]) >= 5.0 * 0.02  # which looks like it
+
+
+def test_soles_vary_where_they_creep_or_are_soft():
+    slide, sink = "foot_slip.distance.spread", "ground_compliance.vertical.spread"
+    for kind, engine, known in (
+        ("creeping", "mujoco", {slide}),
+        ("soft_soles", "mujoco", {sink}),
+        ("soft_soles", "drake", {sink}),
+        ("firm", "mujoco", set()),
+        ("firm", "drake", set()),
+    ):
+        deviations = true_deviations(draw_world(1, {"contact": kind, "engine": engine}))
+        assert known == {slide, sink} & set(deviations)
+    softer = unknowns(*standing())
+    name = {each.widths.get("spread"): each for each in softer}
+    assert {slide, sink, "sensor_rotation.angle.spread"} <= set(name)  # as the oracle takes them
 
 
 def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_path):
