@@ -79,8 +79,8 @@ def check_file(path: str | Path, force: bool) -> Path:
     return path
 
 
-def write_file(path: Path, text: str) -> None:
-    """Write a file and the folders above it, whole or not at all.
+def write_file(path: Path, content: str | bytes, private: bool = False) -> None:
+    """Write a file and the folders above it, whole or not at all; `private`: only its owner can read it.
 
     Raises:
         OutputError: it cannot be written.
@@ -88,7 +88,9 @@ def write_file(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.part")
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(content if isinstance(content, bytes) else content.encode())
+        if private:
+            partial.chmod(0o600)
         partial.replace(path)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None

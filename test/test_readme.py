@@ -33,7 +33,7 @@ from coman_reduced_model.topics import INPUT_TOPICS, OUTPUT_TYPES
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "doc").glob("*.md"))]
 RESULTS = sorted((ROOT / "doc" / "results").glob("*.md"))
-REASONS = ("needs hardware", "needs an installed ROS 2", "needs rerun-sdk")
+REASONS = ("needs hardware", "needs an installed ROS 2", "needs rerun-sdk", "needs the repository's history")
 LANGUAGES = ("bash", "python", "yaml", "json", "text")
 GIVEN = ("bags", "bench", "config", "doc", "launch", "test", "Makefile")  # of the checkout, in the folder of a session
 STARTS_NODES = re.compile(r"^coman (demo|live|replay)\b", re.M)

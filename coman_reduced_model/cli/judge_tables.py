@@ -20,6 +20,7 @@ _ROWS = (
     ("one_of_a_pair", "one of a pair, nothing wrong", ""),
     ("failed", "no verdict", ""),
 )
+_LEARNT = "learnt on: kinds of worlds that config/nominal.yaml was learnt from"
 _REDRAWN = "redrawn: walks of robots that were drawn again because they fell"
 
 
@@ -60,7 +61,7 @@ def show_prediction(result: Mapping[str, Any], out: Path) -> None:
     """Errors, and skills against the best causal baseline, by kind, the worst first."""
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     kinds.sort(key=lambda each: _error(each[2]), reverse=True)
-    ordered = [("all", "", result["all"]), *kinds]
+    ordered = [("all", "", result["all"]), *_by_learnt(result.get("learnt")), *kinds]
     print_table(
         "clean walks: medians of the free run's RMS error and the rigid robot's; x, y, z",
         ["axis", "kind", "walks", "model [mm]", "rigid [mm]", "walks worse than rigid", "none", "redrawn"],
@@ -77,12 +78,14 @@ def show_prediction(result: Mapping[str, Any], out: Path) -> None:
         ],
         words=2,
     )
-    print(f"none: nothing could be predicted. {_REDRAWN}; all in {out}/prediction.json")
+    print(f"{_LEARNT}. none: nothing could be predicted. {_REDRAWN}; all in {out}/prediction.json")
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
     """Alarms and delays by kind, the worst first."""
     rows = [["all", "", *_alarms(result["alarms"], result["delays"])]]
+    clean, late = (_by_learnt(result.get("learnt", {}).get(name)) for name in ("alarms", "delays"))
+    rows += [[title, new, *_alarms(found, after[2])] for (title, new, found), after in zip(clean, late, strict=True)]
     kinds = []
     for axis, by in result["alarms_by_kind"].items():
         for kind, found in by.items():
@@ -102,7 +105,10 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
     ]
     print_table("by effect", ["effect", "detected within 5 s", "median [s]"], families)
     channels = ", ".join(f"{name} {n}" for name, n in result["alarms"]["channels"].items())
-    print(f"{_REDRAWN}; lowered: at a lower level than medium, which would be beyond what a walking robot can have")
+    print(
+        f"{_LEARNT}. {_REDRAWN}; lowered: at a lower level than medium, which would be beyond what a walking robot can "
+        "have"
+    )
     print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
 
 
@@ -132,20 +138,24 @@ def show_left_out(result: Mapping[str, Any], path: Path) -> None:
     """What weights are worth on kinds of worlds that were left out when they were learnt; most false alarms first."""
     shares = ("right", "wrong", "false_alarms", "unknown")
     for name, title in (("population", "without a baseline"), ("with_baseline", "with a baseline")):
+        if not result[name]:
+            continue
         kinds = [(axis, kind, found) for axis, by in result[name].items() for kind, found in by.items()]
         kinds.sort(
             key=lambda each: [each[1] != "", *(-(each[2][k]["share"] or 0.0) for k in ("false_alarms", "wrong"))]
         )
         print_table(
             f"{title}: each kind by weights that were learnt on all others",
-            ["axis", "kind", "cases", "right", "wrong", "false alarms", "outside: unknown"],
+            ["axis", "kind", "cases", "right", "wrong", "false alarms", "outside: unknown", "redrawn, lowered"],
             [
-                [axis, kind or "all, each left out", str(found["cases"]), *(share(found[key]) for key in shares)]
+                [axis, kind or "all, each left out", str(found["cases"]), *(share(found[key]) for key in shares),
+                 ", ".join(str(found.get(key, "-")) for key in ("redrawn", "lowered"))]
                 for axis, kind, found in kinds
             ],
             words=2,
-        )
+        )  # fmt: skip
     source = result["source"]
+    print("redrawn: cases that were drawn again because the robot fell; lowered: at a lower level than wanted")
     print(f"learnt at commit {source['commit']} from {source['cases']} cases; all in {path}")
 
 
@@ -167,23 +177,28 @@ def _show_shares(result: Mapping[str, Any]) -> None:
 def _show_kinds(result: Mapping[str, Any]) -> None:
     """Shares by kind of world, those with most false alarms first."""
     from ..core.base.nominal import load_nominal
-    from ..judge.score import by_what_was_learnt
+    from ..judge.by_kind import by_what_was_learnt
+    from ..judge.score import by_world
 
-    learnt = result.get("learnt") or by_what_was_learnt(result["rows"], load_nominal())  # earlier versions: without
-    new = ", ".join(learnt["new_kinds"]) or "none"
-    rows = [
-        ["never learnt on", new, *_kind(learnt["some_new_kind"])],
-        ["all learnt on", "", *_kind(learnt["only_learnt_kinds"])],
-    ]
+    learnt = result.get("learnt") or by_what_was_learnt(result["rows"], load_nominal(), by_world)  # earlier: without
+    rows = [[title, new, *_kind(found)] for title, new, found in _by_learnt(learnt)]
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     kinds.sort(key=lambda each: -(each[2]["false_alarms_on_clean"]["share"] or 0.0))
     rows += [[axis, kind, *_kind(found)] for axis, kind, found in kinds]
     print_table(
-        "by kind of world; learnt on: by weights or widths of config/nominal.yaml",
+        f"by kind of world; {_LEARNT}",
         ["axis", "kind", "cases", "false alarms", "right", "wrong", "outside: unknown", "redrawn, lowered"],
         rows,
         words=2,
     )
+
+
+def _by_learnt(learnt: Mapping[str, Any] | None) -> list[tuple[str, str, Any]]:
+    """Rows of what is never, and of what is always, learnt on: title, kinds, measure; earlier versions had none."""
+    if learnt is None:
+        return []
+    new = ", ".join(learnt["new_kinds"]) or "none"
+    return [("never learnt on", new, learnt["some_new_kind"]), ("all learnt on", "", learnt["only_learnt_kinds"])]
 
 
 def _kind(found: Mapping[str, Any]) -> list[str]:

@@ -37,7 +37,20 @@ def kinds_of(rows: Sequence[Row], more: Mapping[str, Sequence[str]] | None = Non
     return found
 
 
-def new_kinds(row: Row, nominal: Nominal) -> list[str]:
-    """The kinds of a row's world that no weight and no width of the diagnosis was learnt on."""
-    learnt = nominal.source.get("kinds", {})
-    return [kind for axis, kind in row["worlds"].items() if kind not in learnt.get(axis, ())]
+def new_kinds(row: Row, nominal: Nominal, part: str = "") -> list[str]:
+    """The kinds of a row's world that no weight and no width of the diagnosis, or of a part of it, was learnt on."""
+    learnt = nominal.source.get(part, {}).get("kinds") or nominal.source.get("kinds", {})
+    known = [(axis, kind) for axis, kind in row["worlds"].items() if kind in AXES.get(axis, ())]  # not `120 s`
+    return [kind for axis, kind in known if kind not in learnt.get(axis, ())]
+
+
+def by_what_was_learnt(
+    rows: Sequence[Row], nominal: Nominal, measure: Callable[[Sequence[Row]], Measured], part: str = ""
+) -> dict[str, Any]:
+    """A measure of the rows with a kind of world that nothing was learnt on, by `nominal.source`, and of all others."""
+    new = [new_kinds(row, nominal, part) for row in rows]
+    return {
+        "new_kinds": sorted({kind for kinds in new for kind in kinds}),
+        "some_new_kind": measure([row for row, kinds in zip(rows, new, strict=True) if kinds]),
+        "only_learnt_kinds": measure([row for row, kinds in zip(rows, new, strict=True) if not kinds]),
+    }

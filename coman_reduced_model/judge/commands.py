@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import ConfigError
+from ..output import write_file
 
 TIMEOUT = 600.0  # [s] after which a diagnosis counts as failed
 
@@ -79,7 +80,7 @@ def run_diagnosis(
         extra: more options.
         usual: the robot's baseline.
     """
-    verdict.mkdir(parents=True, exist_ok=True)
+    (verdict / "diagnosis.json").unlink(missing_ok=True)  # of a run that was killed
     with CaseCopy(bags, config, usual) as (copy, environment):
         train, *held_out = (str(copy / bag.name) for bag in bags)
         options = [part for bag in held_out for part in ("--holdout", bag)]
@@ -93,6 +94,6 @@ def run_diagnosis(
         seconds, after = time.perf_counter() - began, os.times()
         cpu = after.children_user + after.children_system - before.children_user - before.children_system
         if (out / "diagnosis.json").is_file():
-            shutil.copy2(out / "diagnosis.json", verdict / "diagnosis.json")
+            write_file(verdict / "diagnosis.json", (out / "diagnosis.json").read_bytes())
     report = {"exit": result.returncode, "seconds": seconds, "cpu_seconds": cpu, "message": last_line(result.stderr)}
-    (verdict / "run.json").write_text(json.dumps(report), encoding="utf-8")
+    write_file(verdict / "run.json", json.dumps(report))

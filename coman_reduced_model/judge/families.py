@@ -25,7 +25,7 @@ import yaml
 from ..sim.disturbances import DISTURBANCES
 from ..sim.robot_table import COMAN, RobotTable
 from ..sim.worlds import World
-from .variability import true_deviations
+from .variability import deviation_of
 
 LEVELS = ("weak", "medium", "strong")
 MULTIPLES = ((2.0, 4.0), (5.0, 7.0), (10.0, 14.0))  # of the standard deviation, by level
@@ -41,11 +41,11 @@ JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
 SOFT = ("KneeSag", "AnkSag")
 SPRINGS = ("HipSag", "HipYaw", *SOFT)  # whose spring or damper alone may differ; those of roll: soft_roll
 BENT = {"HipSag": 0.41, "KneeSag": 0.14, "AnkSag": 0.065}  # springs that may be bent: torque / (weight * COM height)
-SPREADS = {  # effects whose size varies as another figure of config/nominal.yaml
-    "hysteresis": "backlash.width",
-    "stiffness_drift": "joint_stiffness.scale",
-    "ground_slope": "ground_slope",
-    "wrench_bias": "zero_fz",
+FORMS = {  # that the diagnosis does not share: it has a cubic spring, looks for slides where smooth ones are, and
+    # measures a landing by one pulse of three samples, as a half sine is
+    "spring_nonlinearity": ("tanh", "steps"),
+    "foot_slip": ("late", "sudden", "creep"),
+    "touchdown_impact": ("decay", "double"),
 }
 LINKS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # by the joint that moves them
 
@@ -119,9 +119,9 @@ def draw_effect(
 
 def _of_world(family: Family, world: World) -> float:
     """Standard deviation over clean robots of this world, for COMAN; 0: the world says nothing of its own."""
-    of = SPREADS.get(family.effect, f"{family.effect}.{family.parameter}")
-    deviation = true_deviations(world).get(f"{of}.spread", 0.0)
-    return deviation / family.factor(world.table) if family.effect == "wrench_bias" else deviation  # [N] of any robot
+    deviation = deviation_of(family.effect, family.parameter, world)
+    of_any_robot = family.effect in ("wrench_bias", "ground_compliance", "foot_slip")
+    return deviation / family.factor(world.table) if of_any_robot else deviation
 
 
 def com_height(table: RobotTable) -> float:
@@ -151,6 +151,10 @@ def _joints(rng: np.random.Generator, *kinds: str) -> str:
     return str(rng.choice([one, one, _foot(rng, False), ""]))
 
 
+def _form(rng: np.random.Generator, effect: str) -> str:
+    return str(rng.choice(FORMS[effect]))
+
+
 def _axis(rng: np.random.Generator, size: float, *axes: str) -> dict[str, Any]:
     return {str(rng.choice(axes)): _sign(rng) * size}
 
@@ -163,13 +167,8 @@ def working_stretch(joint: str, table: RobotTable) -> float:
 def _bend(rng: np.random.Generator, change: float, table: RobotTable) -> dict[str, Any]:
     """The secant stiffness changes by `change` at the largest deflection of these joints in a plain walk."""
     where = _joints(rng, *BENT)
-    form = str(rng.choice(["cubic", "tanh", "steps"]))
-    if where[1:] in BENT:
-        stretch = working_stretch(where[1:], table)
-        form = form if where[1:] in SOFT else "cubic"  # the other forms bend where no hip gets to
-    else:
-        stretch = max(working_stretch(joint, table) for joint in SOFT)
-    return {"where": where, "cubic": change / stretch**2, "form": form}
+    stretch = max(working_stretch(joint, table) for joint in ([where[1:]] if where[1:] in BENT else SOFT))
+    return {"where": where, "cubic": change / stretch**2, "form": _form(rng, "spring_nonlinearity"), "at": stretch}
 
 
 def _wrench_bias(rng: np.random.Generator, size: float, table: RobotTable) -> dict[str, Any]:
@@ -288,7 +287,7 @@ FAMILIES: dict[str, Family] = {
         lambda rng, s, table: {
             "where": _foot(rng, False),
             "distance": s,
-            "form": str(rng.choice(["late", "sudden", "creep"])),  # not that of the diagnosis
+            "form": _form(rng, "foot_slip"),
         },
         "length",
         "distance",
@@ -297,7 +296,7 @@ FAMILIES: dict[str, Family] = {
         "touchdown_impact",
         "Ns",
         2.0,
-        lambda rng, s, table: {"impulse": s, "form": str(rng.choice(["half_sine", "decay", "double"]))},
+        lambda rng, s, table: {"impulse": s, "form": _form(rng, "touchdown_impact")},
         "mass",
         "impulse",
     ),

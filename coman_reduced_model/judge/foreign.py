@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
+from ..output import write_file
 from ..progress import Progress
 from ..resources import config_path, version
 from .by_kind import by_kind
 from .commands import run_diagnosis
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .run import DIAGNOSE, keep_to_one_commit, run_all
 from .score import OTHER, rate
 
@@ -90,7 +91,7 @@ def _data_sheet(case: Path, config: Path | None) -> Path:
 
 
 def _diagnose(case: Path, verdict: Path, config: Path, command: Sequence[str]) -> None:
-    if not (verdict / "run.json").is_file():
+    if stored(verdict / "run.json") is None:
         held_out = sorted(path for path in case.iterdir() if path.is_dir() and path.name != "train")
         run_diagnosis([case / "train", *held_out], config, verdict, command)
 
@@ -100,8 +101,7 @@ def score_folder(folder: Path, out: Path, names: Sequence[str]) -> dict[str, Any
     answers = read_answers(folder)
     rows = []
     for name in names:
-        path, answer = out / "verdicts" / name / "diagnosis.json", answers[name]
-        verdict = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+        answer, verdict = answers[name], stored(out / "verdicts" / name / "diagnosis.json")
         kinds = {key: str(value) for key, value in answer.items() if key not in NOT_KINDS and isinstance(value, str)}
         kinds = {key: value for key, value in kinds.items() if not key.startswith("said")}
         rows.append({
@@ -112,7 +112,7 @@ def score_folder(folder: Path, out: Path, names: Sequence[str]) -> dict[str, Any
             **outcome(answer, verdict, _true_of(kinds, answers)),
         })  # fmt: skip
     result = {"version": version(), "all": measure(rows), "by_kind": by_kind(rows, measure), "rows": rows}
-    (out / "score.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
+    write_file(out / "score.json", json.dumps(result, indent=1))
     return result
 
 

@@ -8,7 +8,6 @@ A round goes through the worlds of all seeds; with each round a world takes the 
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -24,7 +23,7 @@ from ..progress import Progress
 from ..sim.worlds import World, draw_world, record_world
 from ..sim.worlds.kinds import GAITS
 from .cases import ATTEMPTS, data_sheet
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .monitor import detections
 from .run import run_all
 
@@ -53,8 +52,8 @@ def run_hours(
 
     rows: list[dict[str, Any]] = []
     while True:
-        while (target := task(len(rows))[0]).is_file():
-            rows.append(json.loads(target.read_text(encoding="utf-8")))
+        while (row := stored(task(len(rows))[0])) is not None:
+            rows.append(row)
         missing = hours - sum(row["seconds"] for row in rows) / 3600.0
         if missing <= 0.0 or (len(rows) >= len(seeds) and all(row["failed"] for row in rows[-len(seeds) :])):
             return rows
@@ -72,7 +71,7 @@ def draw_walk(seed: int, round_: int, attempt: int = 0, worlds: Mapping[str, str
 
 
 def _walk(target: Path, seed: int, round_: int, worlds: Mapping[str, str] | None) -> None:
-    if target.is_file():
+    if stored(target) is not None:
         return
     for attempt in range(ATTEMPTS):
         world = draw_walk(seed, round_, attempt, worlds)

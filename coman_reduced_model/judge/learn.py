@@ -84,7 +84,7 @@ def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[st
     """The explanations that a diagnosis of a case compares first, as plain values; kept in a file."""
     if not stored.is_file():
         try:
-            stored.write_text(json.dumps(_first_comparison(checked_case(bags), nominal)), encoding="utf-8")
+            write_file(stored, json.dumps(_first_comparison(checked_case(bags), nominal)))
         except ComanError:
             return None
     found: list[dict[str, Any]] = json.loads(stored.read_text(encoding="utf-8"))
@@ -99,7 +99,7 @@ def with_baseline(
         try:
             config = load_config(bags / "robot.yaml")
             own = baseline(sorted(healthy.iterdir()), config, population=nominal).nominal
-            stored.write_bytes(pickle.dumps((own, _first_comparison(checked_case(bags), own))))
+            write_file(stored, pickle.dumps((own, _first_comparison(checked_case(bags), own))))
         except ComanError:
             return None
     found: tuple[Nominal, list[dict[str, Any]]] = pickle.loads(stored.read_bytes())
@@ -219,7 +219,8 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, A
     """Shares over examples with their probabilities, and the mean log loss of the truth.
 
     right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
-    unknown: of effects outside the catalogue.
+    unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a
+    lower level than wanted.
     """
     rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
     losses = []
@@ -236,7 +237,12 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, A
             rows["wrong"].append(best not in {*example.truth, "none", UNKNOWN})
         losses.append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
     shares = {name: rate(sum(values), len(values)) for name, values in rows.items()}
-    return {"cases": len(found), **shares, "log_loss": float(np.mean(losses))}
+    answers = [example.answer for example, _ in found]
+    again = {
+        "redrawn": sum(answer["attempt"] > 0 for answer in answers),
+        "lowered": sum(answer["levels"] != answer["wanted"] for answer in answers),
+    }
+    return {"cases": len(found), **shares, **again, "log_loss": float(np.mean(losses))}
 
 
 def by_left_out(examples: Sequence[Example]) -> dict[str, dict[str, Any]]:
@@ -321,7 +327,7 @@ def main() -> None:
     asked = parser.parse_args()
     runs = [run.absolute() for run in asked.runs]
     nominal, *several = learn(runs, load_nominal(), asked.jobs, asked.keep_widths)
-    asked.out.write_text(header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
+    write_file(asked.out, header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120))
     names = ("population", "with_baseline")
     kinds = {name: by_left_out(examples) for name, examples in zip(names, several, strict=True)}
     beside = asked.out.with_suffix(".left_out.json")

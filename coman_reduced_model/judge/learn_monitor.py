@@ -20,6 +20,7 @@ from ..core.base.nominal import Nominal, load_nominal
 from ..core.config.files import load_config
 from ..diagnose.monitor_rows import Walk, rows_of_population, watch
 from ..errors import BagError, ComanError
+from ..output import write_file
 from ..processes import workers
 from .by_kind import kinds_of
 from .cases import BAGS
@@ -76,7 +77,7 @@ def main() -> None:
     parser.add_argument("--without", nargs="*", default=(), metavar="KIND", help="kinds of worlds to leave out")
     asked = parser.parse_args()
     nominal = learn_monitor([run.absolute() for run in asked.runs], load_nominal(), asked.jobs, asked.without)
-    asked.out.write_text(header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120), encoding="utf-8")
+    write_file(asked.out, header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120))
 
 
 if __name__ == "__main__":

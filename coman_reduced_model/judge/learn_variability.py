@@ -28,6 +28,7 @@ from ..diagnose.inference.trust import ByLaw, learn_trust
 from ..diagnose.inference.variability import adapted, learn_widths, widths_of_robot
 from ..diagnose.physics.hypotheses import unknowns
 from ..errors import ComanError, ConfigError
+from ..output import write_file
 from .cases import BAGS
 from .seeds import commit
 
@@ -88,7 +89,7 @@ def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[By
         cases = [examine(each, known, np.zeros(len(known)), nominal=nominal) for each in recordings]
         light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
         evidence = [replace(ByLaw.of(case), unknowns=light) for case in cases]
-        stored.write_bytes(pickle.dumps((evidence, repeats(cases, nominal))))
+        write_file(stored, pickle.dumps((evidence, repeats(cases, nominal))))
     found: tuple[list[ByLaw], dict[str, float]] = pickle.loads(stored.read_bytes())
     return found
 

@@ -7,7 +7,6 @@ OUT/monitor/SEED.json   a walk in which an effect of medium size begins after 7 
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..bag.session import Session
+from ..core.base.nominal import load_nominal
 from ..core.config.files import load_config
 from ..errors import ComanError, EngineError
 from ..output import to_json, write_file
@@ -25,10 +25,10 @@ from ..progress import Progress
 from ..resources import version
 from ..sim.disturbances import Disturbance, make
 from ..sim.worlds import World, draw_world, record_world
-from .by_kind import by_kind
+from .by_kind import by_kind, by_what_was_learnt
 from .cases import data_sheet, kinds_for, times_of
 from .families import FAMILIES, LEVELS, draw_effect
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .prediction import prediction_rows
 from .run import run_all
 from .score import rate
@@ -93,7 +93,7 @@ def run_onsets(
 
 def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
     target = folder.out / "monitor" / f"{seed}.json"
-    if target.is_file():
+    if stored(target) is not None:
         return
     for attempt in range(ATTEMPTS):
         onset = draw_onset(seed, attempt, **fixed)
@@ -158,9 +158,14 @@ def score_monitor(
     """
     folder = RunFolder(Path(out).absolute())
     clean = [*prediction_rows(folder, names), *long]
-    onsets = [json.loads((folder.out / "monitor" / f"{seed}.json").read_text(encoding="utf-8")) for seed in seeds]
+    onsets = [stored(folder.out / "monitor" / f"{seed}.json") for seed in seeds]
+    nominal = load_nominal()
     result = {
         "version": version(),
+        "learnt": {
+            "alarms": by_what_was_learnt(clean, nominal, alarms, "monitor"),
+            "delays": by_what_was_learnt(onsets, nominal, delays, "monitor"),
+        },
         "alarms": alarms(clean),
         "alarms_by_kind": by_kind(clean, alarms),
         "delays": delays(onsets),
@@ -171,7 +176,7 @@ def score_monitor(
         },
         "onsets": onsets,
     }
-    (folder.out / "monitor.json").write_text(to_json(result), encoding="utf-8")
+    write_file(folder.out / "monitor.json", to_json(result))
     return result
 
 

@@ -8,7 +8,6 @@ The same runs serve the monitor, whose false alarms they hold.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,15 +16,16 @@ from typing import Any
 import numpy as np
 
 from ..bag.session import Session
+from ..core.base.nominal import load_nominal
 from ..core.config.files import load_config
 from ..errors import ComanError
 from ..offline import predict_bag
-from ..output import to_json
+from ..output import to_json, write_file
 from ..progress import Progress
 from ..resources import version
-from .by_kind import by_kind
+from .by_kind import by_kind, by_what_was_learnt
 from .cases import BAGS
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .run import chosen_cases, make_case, run_all
 
 AXES_XYZ = ("x", "y", "z")
@@ -57,13 +57,12 @@ def run_predictions(
 
 
 def _predict_case(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
-    name = make_case(folder, seed, **fixed)
-    target = folder.out / "predictions" / name
-    target.mkdir(parents=True, exist_ok=True)
+    name, failed = make_case(folder, seed, **fixed)
     for bag in BAGS:
-        if not (target / f"{bag}.json").is_file():
-            summary = predicted(folder.bags(name) / bag, folder.bags(name) / "robot.yaml")
-            (target / f"{bag}.json").write_text(to_json(summary), encoding="utf-8")
+        target = folder.out / "predictions" / name / f"{bag}.json"
+        if stored(target) is None:
+            known = {"failed": failed} if failed else None
+            write_file(target, to_json(known or predicted(folder.bags(name) / bag, folder.bags(name) / "robot.yaml")))
 
 
 def predicted(bag: Path, config: Path) -> dict[str, Any]:
@@ -87,9 +86,10 @@ def score_predictions(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
         "walks": len(rows),
         "all": measure(rows),
         "by_kind": by_kind(rows, measure),
+        "learnt": by_what_was_learnt(rows, load_nominal(), measure),
         "rows": rows,
     }
-    (folder.out / "prediction.json").write_text(to_json(result), encoding="utf-8")
+    write_file(folder.out / "prediction.json", to_json(result))
     return result
 
 
@@ -97,9 +97,9 @@ def prediction_rows(folder: RunFolder, names: Sequence[str]) -> list[dict[str, A
     """A row for each walk of the clean cases."""
     rows = []
     for name in names:
-        answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
+        answer = stored(folder.answer(name))
         for bag in BAGS:
-            found = json.loads((folder.out / "predictions" / name / f"{bag}.json").read_text(encoding="utf-8"))
+            found = stored(folder.out / "predictions" / name / f"{bag}.json")
             worlds = {**answer["worlds"], "gait": answer["gaits"][bag]}
             row = {"case": name, "seed": answer["seed"], "bag": bag, "worlds": worlds, "attempt": answer["attempt"]}
             rows.append({**row, **_figures_of(found)})

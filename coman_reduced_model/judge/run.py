@@ -14,7 +14,7 @@
     OUT.sealed/         CASE.json (the answers) and seeds.json; beside OUT, so that no folder that a diagnosis sees
                         leads to it
 
-Existing files are kept: an interrupted run continues where it stopped.
+Existing files are kept: an interrupted run continues where it stopped. A case that cannot be recorded has no verdict.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ from ..errors import ConfigError, OutputError
 from ..output import write_file
 from ..processes import workers
 from ..progress import Progress
+from ..sim.engines import check_engine
 from ..sim.worlds.world import world_from_yaml
-from .cases import BAGS, BLOCK, HiddenCase, draw_case, write_healthy, write_seed
+from .cases import BAGS, BLOCK, HiddenCase, answer, draw_case, write_healthy, write_seed
 from .commands import CaseCopy, last_line, run_command, run_diagnosis
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .seeds import commit, fresh_range, parse_range
 
 DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
@@ -56,7 +57,7 @@ def choose_seeds(text: str, out: str | Path) -> Sequence[int]:
         out: folder of the run.
 
     Raises:
-        ConfigError: not of that form, or empty.
+        ConfigError: not of that form, or empty; those of the run cannot be read.
     """
     known = RunFolder(Path(out).absolute()).seeds
     if text:
@@ -65,7 +66,9 @@ def choose_seeds(text: str, out: str | Path) -> Sequence[int]:
         except ValueError as error:
             raise ConfigError(f"--seeds: {error}") from None
     if known.is_file():
-        return [int(seed) for seed in json.loads(known.read_text(encoding="utf-8"))]
+        if (seeds := stored(known)) is None:
+            raise ConfigError(f"{known}: cannot be read: give the seeds of this run by --seeds")
+        return [int(seed) for seed in seeds]
     return fresh_range("worlds", FRESH, BLOCK)
 
 
@@ -129,7 +132,7 @@ def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
             f"{folder.out}: was begun at commit {begun}, and this is {commit()}: figures of different versions are not "
             "pooled; take another folder, or diagnose the bags of these seeds again with --again"
         )
-    folder.commit.write_text(f"{commit()}\n", encoding="utf-8")
+    write_file(folder.commit, f"{commit()}\n")
 
 
 def run(
@@ -226,20 +229,34 @@ def run_all(
                 progress(done / len(tasks), f"{done} of {len(tasks)} {what}")
 
 
-def make_case(folder: RunFolder, seed: int, **fixed: Any) -> str:
-    """Bags and answer of a seed's case, unless they exist; returns its name."""
-    name = draw_case(seed, **fixed).name
-    if not (folder.bags(name).is_dir() and folder.answer(name).is_file()):
-        _, answer = write_seed(seed, folder.out / "bags", force=True, **fixed)
-        _write_sealed(folder.answer(name), answer)
-    return name
+def make_case(folder: RunFolder, seed: int, **fixed: Any) -> tuple[str, str]:
+    """Bags and answer of a seed's case, unless they exist; its name, and why it cannot be recorded, or nothing.
+
+    Raises:
+        ConfigError: its engine is not installed.
+        OSError, OutputError: `folder` cannot be written.
+    """
+    case = draw_case(seed, **fixed)
+    known = stored(folder.answer(case.name))
+    if known is None or not (folder.bags(case.name).is_dir() or "failed" in known):
+        check_engine(case.world.engine)
+        try:
+            _, known = write_seed(seed, folder.out / "bags", force=True, **fixed)
+        except (OSError, OutputError):
+            raise
+        except Exception as error:  # whatever else ends a simulation is the failure of this case, not of the run
+            shutil.rmtree(folder.bags(case.name), ignore_errors=True)
+            known = {**answer(case), "failed": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+        _write_sealed(folder.answer(case.name), known)
+    return case.name, known.get("failed", "")
 
 
 def make_healthy(folder: RunFolder, name: str) -> None:
     """Healthy recordings of the robot of a case, unless they exist."""
     if not folder.healthy(name).is_dir():
-        answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
-        write_healthy(world_from_yaml(answer["world"]), answer["seed"], folder.healthy(name))
+        known, partial = stored(folder.answer(name)), folder.healthy(f".{name}.part")
+        write_healthy(world_from_yaml(known["world"]), known["seed"], partial, force=True)
+        partial.rename(folder.healthy(name))
 
 
 def _judge_case(
@@ -250,22 +267,26 @@ def _judge_case(
     fixed: dict[str, Any],
     baseline: bool = False,
 ) -> None:
-    """Bags, verdict and baselines of one case."""
-    name = make_case(folder, seed, **fixed)
-    if not (folder.verdict(name) / "run.json").is_file():
+    """Bags, verdict and baselines of one case; one that cannot be recorded has none, and its answer says why."""
+    name, failed = make_case(folder, seed, **fixed)
+    done = stored(folder.verdict(name) / "run.json") is not None
+    if failed:
+        if not done:
+            write_file(folder.verdict(name) / "run.json", json.dumps({"message": "not recorded"}))
+        return
+    if not done:
         usual = None
         if baseline:
             make_healthy(folder, name)
             usual = _learn_baseline(folder, name)
         _diagnose_case(folder, name, folder.verdict(name), command, usual=usual)
-    if baselines and not (folder.verdict(name) / "baselines.json").is_file():
+    if baselines and stored(folder.verdict(name) / "baselines.json") is None:
         _run_baselines(folder.bags(name), folder.verdict(name), baselines)
 
 
 def _write_sealed(path: Path, value: Any) -> None:
     """Write JSON that only its owner can read."""
-    path.write_text(json.dumps(value, indent=1), encoding="utf-8")
-    path.chmod(0o600)
+    write_file(path, json.dumps(value, indent=1), private=True)
 
 
 def _run_baselines(bags: Path, verdict: Path, command: Sequence[str]) -> None:
@@ -274,7 +295,7 @@ def _run_baselines(bags: Path, verdict: Path, command: Sequence[str]) -> None:
         train, config = copy / BAGS[0], copy / "robot.yaml"
         result = run_command([*command, str(train), "--config", str(config)], copy, environment)
     text = result.stdout if result.returncode == 0 else json.dumps({"failed": last_line(result.stderr)})
-    (verdict / "baselines.json").write_text(text, encoding="utf-8")
+    write_file(verdict / "baselines.json", text)
 
 
 def _case_copy(bags: Path) -> CaseCopy:
@@ -291,34 +312,33 @@ def _diagnose_case(
 def _learn_baseline(folder: RunFolder, name: str) -> Path | None:
     """The baseline of a case's robot; None, and a message beside the verdict: it could not be learnt."""
     verdict, bags = folder.verdict(name), sorted(folder.healthy(name).iterdir())
-    verdict.mkdir(parents=True, exist_ok=True)
     if not bags:
-        (verdict / "no_baseline.txt").write_text("it falls on all gaits\n", encoding="utf-8")
+        write_file(verdict / "no_baseline.txt", "it falls on all gaits\n")
         return None
     with CaseCopy(bags, folder.bags(name) / "robot.yaml") as (copy, environment):
         paths, out = [str(copy / bag.name) for bag in bags], copy / "baseline.yaml"
         options = ["--config", str(copy / "robot.yaml"), "--out", str(out)]
         result = run_command([*LEARN_BASELINE, *paths, *options], copy, environment)
         if out.is_file():
-            return Path(shutil.copy2(out, verdict / "baseline.yaml"))
-    (verdict / "no_baseline.txt").write_text(f"{last_line(result.stderr)}\n", encoding="utf-8")
+            write_file(verdict / "baseline.yaml", out.read_bytes())
+            return verdict / "baseline.yaml"
+    write_file(verdict / "no_baseline.txt", f"{last_line(result.stderr)}\n")
     return None
 
 
 def _run_oracles(folder: RunFolder, name: str, command: Sequence[str]) -> None:
     """Both oracles of a case with hidden effects; run after the verdicts are sealed."""
-    answer = json.loads(folder.answer(name).read_text(encoding="utf-8"))
-    if answer["kind"] not in ("single", "pair"):
+    known = stored(folder.answer(name))
+    if known["kind"] not in ("single", "pair") or "failed" in known:
         return
-    if not (folder.oracle(name) / "run.json").is_file():
-        assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in answer["effects"]]
+    if stored(folder.oracle(name) / "run.json") is None:
+        assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in known["effects"]]
         options = [part for text in assumed for part in ("--assume", text)]
         learnt = folder.verdict(name) / "baseline.yaml"
         usual = learnt if learnt.is_file() else None
         _diagnose_case(folder, name, folder.oracle(name), command, *options, usual=usual)
-    if not (folder.ranking(name) / "ranking.json").is_file():
-        folder.ranking(name).mkdir(parents=True, exist_ok=True)
-        _write_ranking(folder, name, answer["world"])
+    if stored(folder.ranking(name) / "ranking.json") is None:
+        _write_ranking(folder, name, known["world"])
 
 
 def _write_ranking(folder: RunFolder, name: str, world: str) -> None:
@@ -327,7 +347,7 @@ def _write_ranking(folder: RunFolder, name: str, world: str) -> None:
         (copy / "world.yaml").write_text(world, encoding="utf-8")
         result = run_command([*RANK, str(copy)], copy, environment)
     text = result.stdout if result.returncode == 0 else json.dumps({"failed": last_line(result.stderr)})
-    (folder.ranking(name) / "ranking.json").write_text(text, encoding="utf-8")
+    write_file(folder.ranking(name) / "ranking.json", text)
 
 
 def seal(folder: RunFolder, names: Sequence[str]) -> str:
@@ -353,5 +373,5 @@ def seal(folder: RunFolder, names: Sequence[str]) -> str:
             raise OutputError(
                 f"{folder.verdict(name)}: changed since the answers were opened; --again starts another round"
             )
-    path.write_text("".join(f"{digest}  {name}\n" for name, digest in sorted(known.items())), encoding="utf-8")
+    write_file(path, "".join(f"{digest}  {name}\n" for name, digest in sorted(known.items())))
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

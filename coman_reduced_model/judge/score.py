@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from ..core.base.nominal import Nominal, load_nominal
+from ..core.base.nominal import load_nominal
+from ..output import write_file
 from ..resources import version
-from .by_kind import by_kind, new_kinds
+from .by_kind import by_kind, by_what_was_learnt
 from .families import CLASSES, class_of, of_this_catalogue
-from .folder import RunFolder
+from .folder import RunFolder, stored
 from .run import seal
 from .seeds import commit, spent_among
 from .sizes import shown
@@ -151,8 +152,8 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "largest": max(seconds, default=None),
         },
         "confusion": confusion(rows),
-        "by_kind": by_kind(rows, _by_world),
-        "learnt": by_what_was_learnt(rows, load_nominal()),
+        "by_kind": by_kind(rows, by_world),
+        "learnt": by_what_was_learnt(rows, load_nominal(), by_world),
         "ranking": _rankings(rows),
         "rows": rows,
     }
@@ -181,7 +182,7 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _by_world(rows: Sequence[Any]) -> dict[str, Any]:
+def by_world(rows: Sequence[Any]) -> dict[str, Any]:
     """The shares that have a target, for the rows of one kind of world, and how many of them were drawn again."""
     return {
         **_shares(rows, lambda row: row["result"]),
@@ -189,16 +190,6 @@ def _by_world(rows: Sequence[Any]) -> dict[str, Any]:
         "clean": sum(row["kind"] == "clean" for row in rows),
         "redrawn": sum(row["attempt"] > 0 for row in rows),
         "lowered": sum(row["lowered"] for row in rows),
-    }
-
-
-def by_what_was_learnt(rows: Sequence[Any], nominal: Nominal) -> dict[str, Any]:
-    """Shares on worlds with a kind that nothing was learnt on, by `nominal.source`, and on all other worlds."""
-    new = {row["case"]: new_kinds(row, nominal) for row in rows}
-    return {
-        "new_kinds": sorted({kind for kinds in new.values() for kind in kinds}),
-        "some_new_kind": _by_world([row for row in rows if new[row["case"]]]),
-        "only_learnt_kinds": _by_world([row for row in rows if not new[row["case"]]]),
     }
 
 
@@ -295,23 +286,16 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
         cases.append(
             {
                 "name": name,
-                "answer": of_this_catalogue(_json(folder.answer(name))),
-                "verdict": _json(folder.verdict(name) / "diagnosis.json"),
-                "run": _json(folder.verdict(name) / "run.json"),
+                "answer": of_this_catalogue(stored(folder.answer(name))),
+                "verdict": stored(folder.verdict(name) / "diagnosis.json"),
+                "run": stored(folder.verdict(name) / "run.json"),
                 "with_baseline": (folder.verdict(name) / "baseline.yaml").is_file(),
-                "baselines": _json(folder.verdict(name) / "baselines.json"),
-                "oracle": _json(folder.oracle(name) / "diagnosis.json"),
-                "ranking": _json(folder.ranking(name) / "ranking.json"),
+                "baselines": stored(folder.verdict(name) / "baselines.json"),
+                "oracle": stored(folder.oracle(name) / "diagnosis.json"),
+                "ranking": stored(folder.ranking(name) / "ranking.json"),
             }
         )
     rounds = len(folder.rounds.read_text(encoding="utf-8").splitlines()) if folder.rounds.is_file() else 0
     result = {"version": version(), "commit": commit(), "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
-    (folder.out / "score.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
+    write_file(folder.out / "score.json", json.dumps(result, indent=1, default=float))
     return result
-
-
-def _json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None

@@ -31,7 +31,8 @@ NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)})
 def example(kind: str, gain: float, left: float = 1.0, error: float = 0.0) -> Example:
     """A case with a payload, or none, whose evidence is `gain`; its mass is wrong by `error` deviations."""
     effects = [{"name": "payload", "where": "", "parameters": {"mass": 1.0}}] if kind in ("single", "pair") else []
-    answer = {"kind": kind, "levels": ["strong"], "effects": effects, "worlds": dict.fromkeys(AXES, "usual")}
+    answer = {"kind": kind, "levels": ["strong"], "effects": effects, "worlds": dict.fromkeys(AXES, "usual"),
+              "wanted": ["strong"], "attempt": 0}  # fmt: skip
 
     def row(name: str, gain: float) -> dict:
         parameters = {"mass": [0.0, 1.0 + 0.1 * error, 0.1, False]} if name else {}
@@ -71,14 +72,19 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
     soft = [
         replace(each, answer={**each.answer, "worlds": {**each.answer["worlds"], "contact": "soft"}}) for each in soft
     ]
-    found = by_left_out([*examples, *soft])
+    again = [replace(each, answer={**each.answer, "attempt": 5}) for each in examples[:5]]
+    again[:3] = [replace(each, answer={**each.answer, "wanted": ["none"]}) for each in again[:3]]
+    found = by_left_out([*again, *examples[5:], *soft])
     assert list(found) == ["contact"]  # the only axis with two kinds, and each with enough others
     kinds = found["contact"]
     assert kinds["soft"]["false_alarms"] == rate(10, 10) and kinds["usual"]["cases"] == len(examples)
     assert kinds[""]["cases"] == len(examples) + 10
     show_left_out({"population": found, "with_baseline": {}, "source": {"commit": "0", "cases": 70}}, Path("x.json"))
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(" contact")]
+    printed = capsys.readouterr().out
+    lines = [line.rstrip() for line in printed.splitlines() if line.startswith(" contact")]
     assert [line.split()[1] for line in lines] == ["all,", "soft", "usual"]
+    assert [line[-5:].strip() for line in lines] == ["5, 3", "0, 0", "5, 3"]
+    assert printed.count("by weights that were learnt on all others") == 1  # nothing with a baseline, no table
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):

@@ -9,33 +9,21 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
 from conftest import ROOT
-from diagnose_tools import standing
 
 from coman_reduced_model.cli.judge_tables import show_monitor, show_prediction
 from coman_reduced_model.cli.main import run as coman
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.diagnose.physics.hypotheses import unknowns
-from coman_reduced_model.errors import BagError, ConfigError, OutputError
-from coman_reduced_model.judge import families, sizes
+from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge.by_kind import by_kind, kinds_of, new_kinds
-from coman_reduced_model.judge.cases import data_sheet, draw_case, write_case
-from coman_reduced_model.judge.families import FAMILIES, MULTIPLES, draw_effect
+from coman_reduced_model.judge.cases import draw_case, write_case
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
-from coman_reduced_model.judge.rank import evidence_with, ranking, with_deviation
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
-from coman_reduced_model.judge.sizes import times_to_show
-from coman_reduced_model.judge.variability import true_deviations
-from coman_reduced_model.sim.contact import Floor
-from coman_reduced_model.sim.disturbances import Imperfections, Scatter, make
-from coman_reduced_model.sim.sensors import SensorOptions
-from coman_reduced_model.sim.worlds import AXES, World, draw_world, record_world
+from coman_reduced_model.sim.worlds import AXES, draw_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
 SHORT = {"duration_s": 4.0, "worlds": plain_kinds() | {"contact": "creeping"}}
@@ -56,6 +44,10 @@ def test_figures_by_kind_are_of_the_rows_of_that_kind_only():
     learnt = replace(load_nominal(), source={"kinds": kinds_of(rows[:1], {"gait": ["test1"]})})
     assert learnt.source["kinds"] == {"engine": ["mujoco"], "contact": ["firm"], "gait": ["test1"]}
     assert [set(new_kinds(row, learnt)) for row in rows] == [set(), {"creeping"}, {"drake", "creeping"}]
+    assert new_kinds({"worlds": {"length": "120 s", "contact": "firm"}}, learnt) == []
+    of_monitor = replace(learnt, source={**learnt.source, "monitor": {"kinds": {"engine": ["drake"]}}})
+    assert new_kinds(rows[2], of_monitor, "monitor") == ["creeping"]
+    assert new_kinds(rows[2], learnt, "monitor") == new_kinds(rows[2], learnt)
 
 
 def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
@@ -65,101 +57,6 @@ def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
     assert kinds == {**drawn, "engine": ["mujoco"]}
     notes = [entry.purpose for entry in spent("worlds") if "weights again" in entry.purpose]
     assert notes and all("MuJoCo alone" in purpose for purpose in notes)
-
-
-# --- sizes against what clean robots vary by ---
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_a_size_is_a_multiple_of_what_clean_robots_vary_by(monkeypatch, family):
-    """On COMAN; where that is more than a walking robot can have, the level is lower, and that is returned."""
-    entry = yaml.safe_load(families.SIZES.read_text())[family]
-    deviation, sizes = float(entry["clean"]), []
-    one = FAMILIES[family]
-
-    def draw(rng, size, table):
-        sizes.append(size)
-        return one.draw(rng, size, table)
-
-    monkeypatch.setitem(FAMILIES, family, replace(one, draw=draw))
-    rng = np.random.default_rng(1)
-    for wanted in range(3):
-        values, reached = draw_effect(family, rng, wanted, World())
-        low, high = MULTIPLES[reached]
-        assert reached <= wanted and min(low * deviation, one.most) * 0.999 <= sizes[-1] <= high * deviation * 1.001
-        if reached < wanted:
-            assert MULTIPLES[reached + 1][1] * deviation > one.most
-        make(one.effect, values)  # within its bounds
-
-
-def test_the_true_variability_is_that_of_the_draws():
-    """Springs scatter by Scatter, all else by Imperfections: measured over draws, as the oracle is given it."""
-    world = World(imperfections=1.0)
-    deviations = true_deviations(world)
-    zeros = [Imperfections(seed=seed).drawn(world.table)["encoder_zero"] for seed in range(200)]
-    assert deviations["encoder_bias.bias.spread"] == pytest.approx(np.std(zeros), rel=0.5)
-    assert deviations["joint_stiffness.scale.spread"] == pytest.approx(Scatter().spring, rel=0.2)
-    calmer = true_deviations(World(imperfections=0.5))
-    assert calmer["encoder_bias.bias.spread"] < deviations["encoder_bias.bias.spread"]
-
-
-def test_a_size_is_no_less_than_what_the_robots_of_its_own_world_vary_by():
-    """Medium is five deviations, of the world if those are more; a level that no robot walks with is lowered."""
-
-    def sizes(family, world, key):
-        draws = [draw_effect(family, np.random.default_rng(seed), 1, world) for seed in range(40)]
-        return [abs(values[key]) for values, _ in draws if key in values], {level for _, level in draws}
-
-    loose = World(imperfections=1.4)
-    found, levels = sizes("backlash", loose, "width")
-    assert min(found) >= 5.0 * true_deviations(loose)["backlash.width.spread"] and levels == {1}
-    assert min(sizes("backlash", World(), "width")[0]) < min(found)
-    uneven = replace(World(), floor=Floor(tile_height=0.0025))
-    assert min(sizes("ground_slope", World(), "pitch")[0]) < min(sizes("ground_slope", uneven, "pitch")[0])
-    found, levels = sizes("wrench_bias", World(sensors=SensorOptions(wrench_zero=300.0)), "fz")
-    assert levels == {0} and max(found) == FAMILIES["wrench_bias"].most  # zeros are that large anyway
-
-
-def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_path):
-    """Where the recording without it leaves 0.02 s of a late stream open, medium is five times that."""
-    late = {"name": "encoder_delay", "where": "", "parameters": {"delay": 0.01}}
-    row = {"name": "encoder_delay", "where": "", "parameters": {"delay": {"value": 0.0, "deviation": 0.02}}}
-    monkeypatch.setattr(sizes, "evidence_with", lambda folder, deviations: None)
-    monkeypatch.setattr(sizes, "ranking", lambda evidence: [row])
-    found = times_to_show(tmp_path, World(), [late, {**late, "name": "cogging"}], ["medium", "medium"])
-    assert found == pytest.approx((10.0, 1.0))
-    draws = [draw_effect("com_offset", np.random.default_rng(2), 1, World(), times)[0] for times in (1.0, 2.0)]
-    assert draws[1] == pytest.approx({axis: 2.0 * value for axis, value in draws[0].items()})
-
-    def refuse(folder, deviations):
-        raise BagError("no step")
-
-    monkeypatch.setattr(sizes, "evidence_with", refuse)
-    assert times_to_show(tmp_path, World(), [late], ["medium"]) == (1.0,)
-
-
-def test_a_precise_robot_has_no_delays_for_the_oracle():
-    name, known = "encoder_delay.delay.spread", unknowns(*standing())
-    late = next(each for each in known if each.effect == "encoder_delay")
-    given = with_deviation(late, true_deviations(World(imperfections=0.0)))
-    assert late.widths["spread"] == name and late.precise is not None
-    assert given.spread == 0.0 and given.precise is None
-    assert with_deviation(late, {}).spread == late.spread and with_deviation(late, {}).precise is None
-
-
-def test_late_wrenches_show_about_nominal(tmp_path):
-    """Of a walk on firm, uneven ground, where forces are sudden, by sensors that were not zeroed."""
-    world = replace(draw_world(3140), duration_s=8.0)
-    record_world(world, tmp_path / "train", [make("wrench_delay", {"delay": 0.007})], 1, store=False)
-    (tmp_path / "robot.yaml").write_text(data_sheet(world))
-    rows = ranking(evidence_with(tmp_path, true_deviations(world)))
-    late = next(row for row in rows if (row["name"], row["where"]) == ("wrench_delay", ""))
-    assert late["parameters"]["delay"]["value"] == pytest.approx(0.007, rel=0.3) and late["evidence"] > 8.0
-
-
-def test_slides_have_no_form_that_the_diagnosis_has():
-    forms = {draw_effect("foot_slip", np.random.default_rng(k), 1, World())[0]["form"] for k in range(30)}
-    assert forms == {"late", "sudden", "creep"}
 
 
 # --- runs ---
@@ -236,6 +133,11 @@ def test_kinds_are_shown_worst_first_with_all_horizons(capsys, monkeypatch):
     assert free_run[0][2:] == ["1", "-,", "-,", "-", "-,", "-,", "-", "-,", "-,", "-", "1", "0"]
     assert free_run[3][-2:] == ["0", "1"]  # none, redrawn
     assert " ".join(ahead[3][2:]) == "0.11, 0.12, 0.13 0.21, 0.22, 0.23 0.41, 0.42, 0.43"
+    learnt = {"new_kinds": ["drake"], "some_new_kind": measure([bad]), "only_learnt_kinds": measure([])}
+    show_prediction({"all": measure([bad]), "by_kind": {}, "learnt": learnt}, Path("judged"))
+    shown = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "never learnt on drake 1 5.00, 5.00, 5.00 2.00, 2.00, 2.00 100 %, 100 %, 100 % 0 1" in shown
+    assert "all learnt on 0 -, -, - -, -, - -, -, - 0 0" in shown
 
 
 def test_results_of_earlier_versions_are_shown(capsys):
@@ -268,6 +170,7 @@ def test_the_monitor_is_judged_by_one_command(clean_run, capsys, monkeypatch):
     from coman_reduced_model.judge import monitor
     from coman_reduced_model.judge.prediction import run_predictions
 
+    monkeypatch.setenv("COLUMNS", "150")
     monkeypatch.setattr(monitor, "SECONDS", 11.0)
     seeds = json.loads(RunFolder(clean_run).seeds.read_text())
     monitor.run_onsets(clean_run, seeds, worlds=SHORT["worlds"])
@@ -275,6 +178,10 @@ def test_the_monitor_is_judged_by_one_command(clean_run, capsys, monkeypatch):
     result = monitor.score_monitor(clean_run, names, seeds)
     assert result["alarms"]["hours"] > 6.0 / 3600.0
     assert result["delays"]["walks"] == 1 and set(result["delays_by_kind"]["contact"]) == {"creeping"}
+    learnt = result["learnt"]["alarms"]  # MuJoCo's worlds, all of which were learnt on
+    assert learnt["only_learnt_kinds"] == result["alarms"] and learnt["new_kinds"] == []
+    show_monitor(result, clean_run)
+    assert "never learnt on" in capsys.readouterr().out
     assert json.loads((clean_run / "monitor.json").read_text())["onsets"][0]["seed"] == seeds[0]
 
 
@@ -374,6 +281,7 @@ def test_the_shared_cases_have_the_form_that_is_read():
         (["prophecy"], "allowed: diagnosis, prediction, monitor"),
         (["--world", "moon"], "no kind"),
         (["--world", "creeping", "--world", "holding"], "both of the axis contact"),
+        (["--world", "drake", "--world", "creeping"], "drake and creeping exclude each other"),
         (["monitor", "--cases", "x"], "judges the diagnosis, not the monitor"),
         (["--only", "dirty"], "allowed: clean"),
         (["prediction", "--again"], "--again: has no effect with prediction"),

@@ -11,8 +11,9 @@ import pytest
 
 from coman_reduced_model.cli.judge_tables import show_diagnosis
 from coman_reduced_model.core.base.nominal import load_nominal
+from coman_reduced_model.judge.by_kind import by_what_was_learnt
 from coman_reduced_model.judge.families import of_this_catalogue
-from coman_reduced_model.judge.score import by_what_was_learnt, confusion, gap_reduction, outcome, score
+from coman_reduced_model.judge.score import by_world, confusion, gap_reduction, outcome, score
 from coman_reduced_model.judge.sizes import shown
 
 # --- the score, on verdicts that are known ---
@@ -136,7 +137,7 @@ def test_worlds_of_kinds_that_nothing_was_learnt_on_have_figures_of_their_own(ca
     result = score([
         {"name": str(k), "answer": answer, "verdict": verdict} for k, (answer, verdict) in enumerate(verdicts)
     ])  # fmt: skip
-    found = by_what_was_learnt(result["rows"], nominal)
+    found = by_what_was_learnt(result["rows"], nominal, by_world)
     assert found["new_kinds"] == ["drake"]
     assert found["some_new_kind"]["false_alarms_on_clean"]["share"] == 1.0 and found["some_new_kind"]["cases"] == 1
     assert found["only_learnt_kinds"]["false_alarms_on_clean"]["share"] == 0.0

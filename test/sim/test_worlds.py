@@ -48,8 +48,27 @@ def test_to_fix_one_axis_leaves_the_others_as_they_were(seed, axis_and_kind):
     free, fixed = draw_world(seed), draw_world(seed, {axis: kind})
     assert fixed.kinds[axis] == kind and fixed.robot == free.robot
     depends = {"contact"} if axis == "engine" else set()  # not each engine has each contact
+    if free.engine != (AXES[axis][kind].only_engine or free.engine):
+        depends = {"engine", "contact"}
     for other in set(AXES) - {axis} - depends:
         assert fixed.kinds[other] == free.kinds[other]
+
+
+@pytest.mark.parametrize(("axis", "kind"), [pair for pair in KINDS if AXES[pair[0]][pair[1]].only_engine])
+def test_a_kind_that_one_engine_has_takes_that_engine(axis, kind):
+    engine = AXES[axis][kind].only_engine
+    worlds = [draw_world(seed, {axis: kind}) for seed in range(20)]
+    assert {world.engine for world in worlds} == {world.kinds["engine"] for world in worlds} == {engine}
+    for fixed in ({"engine": "drake", axis: kind}, {axis: kind, "engine": "drake"}):
+        with pytest.raises(ConfigError, match=f"(drake and {kind}|{kind} and drake) exclude each other: they need"):
+            draw_world(0, fixed)
+    assert draw_world(2, {"engine": engine, axis: kind}) == draw_world(2, {axis: kind})
+
+
+def test_no_world_has_a_kind_that_its_engine_does_not_have():
+    worlds = [draw_world(seed, fixed) for seed in range(100) for fixed in ({}, {"engine": "drake"})]
+    for world in worlds:
+        assert {AXES[axis][kind].only_engine for axis, kind in world.kinds.items()} <= {"", world.engine}
 
 
 def test_kinds_come_up_as_often_as_their_weights_say():

@@ -112,24 +112,24 @@ class SpringNonlinearity(Disturbance):
     """Torque k d (1 + cubic d^2): hardening above zero, softening below.
 
     A softening spring goes on straight where its tangent has fallen to a fifth: it never pushes the wrong way. Other
-    forms have the same secant stiffness as the cubic one at a deflection of 0.05 rad: `tanh` saturates (softening) or
-    grows like sinh (hardening), `steps` changes its slope at 0.02 rad.
+    forms have the same secant stiffness as the cubic one at the deflection `at`: `tanh` saturates (softening) or grows
+    like sinh (hardening), `steps` changes its slope at 0.4 of it.
     """
 
     name: ClassVar[str] = "spring_nonlinearity"
     where: str = par("", "", _JOINT)
     cubic: float = par(0.0, "1/rad^2", "relative change of the secant stiffness over the squared deflection", -1e6, 1e6)
     form: str = par("cubic", "", "law of the spring", choices=FORMS)
+    at: float = par(0.05, "rad", "deflection at which all forms have the same secant stiffness", 1e-3, 0.5)
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
         stiffness, joints = model.actuator_gainprm[:, 0], joint_indices(table, self.where)
-        change = float(np.clip(self.cubic * _SECANT_AT**2, -0.6, 3.0))
+        change = float(np.clip(self.cubic * self.at**2, -0.6, 3.0))
         if self.form == "tanh":
-            self._laws = [_law(Law.TANH if change < 0.0 else Law.SINH, joints, stiffness, _bend_of(change))]
+            self._laws = [_law(Law.TANH if change < 0.0 else Law.SINH, joints, stiffness, _bend_of(change) / self.at)]
         elif self.form == "steps":
-            beyond = stiffness * change * _SECANT_AT / (_SECANT_AT - _STEP_AT)
-            self._laws = [_law(Law.TWO_SLOPES, joints, beyond, _STEP_AT)]
+            self._laws = [_law(Law.TWO_SLOPES, joints, stiffness * change / (1.0 - _STEP), _STEP * self.at)]
         else:
             straight_from = np.sqrt(0.8 / (3.0 * -self.cubic)) if self.cubic < 0.0 else np.inf
             self._laws = [_law(Law.CUBIC, joints, stiffness * self.cubic, straight_from)]
@@ -139,15 +139,15 @@ class SpringNonlinearity(Disturbance):
         return self._laws
 
 
-_SECANT_AT, _STEP_AT = 0.05, 0.02  # [rad]
+_STEP = 0.4  # deflection at which `steps` changes its slope, over `at`
 
 
 def _bend_of(change: float) -> float:
-    """Of tanh(b d) / b or sinh(b d) / b, the b [1/rad] at which the secant stiffness changes by that share."""
+    """Of tanh(b) / b or sinh(b) / b, the b at which the secant stiffness changes by that share."""
     if abs(change) < 1e-9:
         return 0.0
     law = np.tanh if change < 0.0 else np.sinh
-    return float(brentq(lambda b: law(b * _SECANT_AT) / (b * _SECANT_AT) - 1.0 - change, 1e-3, 200.0))
+    return float(brentq(lambda b: law(b) / b - 1.0 - change, 5e-5, 10.0))
 
 
 @dataclass

@@ -7,6 +7,7 @@ engine moves it.
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 
 import mujoco
@@ -17,6 +18,16 @@ from .base import Engine
 from .mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco", "drake")
+
+
+def check_engine(name: str) -> None:
+    """Say that an engine is missing, before the work begins.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    if name == "drake" and importlib.util.find_spec("pydrake") is None:
+        raise ConfigError("engine: drake is not installed (pip install drake)")
 
 
 def make_engine(
@@ -38,11 +49,10 @@ def make_engine(
         return MujocoEngine(feet)
     if name != "drake":
         raise ConfigError(f"engine: {name!r}: allowed: {', '.join(ENGINES)}")
-    try:
-        from .drake_engine import DrakeEngine
-    except ImportError:
-        raise ConfigError("engine: drake is not installed (pip install drake)") from None
+    check_engine(name)
+    from .drake_engine import DrakeEngine
+
     return DrakeEngine(model, data, feet, contact)
 
 
-__all__ = ["ENGINES", "Engine", "make_engine"]
+__all__ = ["ENGINES", "Engine", "check_engine", "make_engine"]

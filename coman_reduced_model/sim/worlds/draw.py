@@ -23,14 +23,12 @@ def draw_world(seed: int, fixed: Mapping[str, str] | None = None) -> World:
 
     Args:
         seed: not negative; the same seed gives the same world.
-        fixed: by axis, a kind that is given instead of drawn.
+        fixed: by axis, a kind that is given instead of drawn; where only one engine has it, the engine is that one.
 
     Raises:
-        ConfigError: there is no such axis or kind.
+        ConfigError: there is no such axis or kind, or two given kinds need different engines.
     """
-    for axis, kind in (fixed or {}).items():
-        if kind not in AXES.get(axis, {}):
-            raise ConfigError(f"world: {axis}: {kind!r}: unknown (allowed: {', '.join(AXES.get(axis, AXES))})")
+    fixed = _with_engine(fixed or {})
     rng = np.random.default_rng([21, seed])
     world = World(seed=seed, robot=str(rng.choice(ROBOT_CHOICES)))
     chosen: dict[str, str] = {}
@@ -39,10 +37,28 @@ def draw_world(seed: int, fixed: Mapping[str, str] | None = None) -> World:
         able = [kind for kind in kinds.values() if kind.only_engine in ("", world.engine)]
         weights = np.array([kind.weight for kind in able])
         drawn = str(own.choice([kind.name for kind in able], p=weights / weights.sum()))
-        name = (fixed or {}).get(axis, drawn)
+        name = fixed.get(axis, drawn)
         chosen[axis] = name
         world = replace(world, **kinds[name].draw(own, world))
     return replace(world, kinds=chosen)
+
+
+def _with_engine(fixed: Mapping[str, str]) -> dict[str, str]:
+    """Kinds that are given, by axis, and the engine that they need.
+
+    Raises:
+        ConfigError: see draw_world.
+    """
+    needed: dict[str, str] = {}  # by engine, the first kind that needs it
+    for axis, kind in fixed.items():
+        if kind not in AXES.get(axis, {}):
+            raise ConfigError(f"world: {axis}: {kind!r}: unknown (allowed: {', '.join(AXES.get(axis, AXES))})")
+        if engine := kind if axis == "engine" else AXES[axis][kind].only_engine:
+            needed.setdefault(engine, kind)
+    if len(needed) > 1:
+        kinds, engines = " and ".join(needed.values()), " and ".join(needed)
+        raise ConfigError(f"world: {kinds} exclude each other: they need the engines {engines}")
+    return {**fixed, "engine": next(iter(needed))} if needed else dict(fixed)
 
 
 def plain_kinds() -> dict[str, str]:

@@ -135,7 +135,7 @@ _KINDS: dict[str, tuple[Kind, ...]] = {
         Kind("drake", "Drake: rigid soles on a compliant floor; soles hold", lambda rng, world: {"engine": "drake"}),
     ),
     "contact": (
-        Kind("firm", "a hard floor; soles creep by tenths of a millimetre a step", _nothing),
+        Kind("firm", "a hard floor; soles creep by tenths of a millimetre a step at most", _nothing),
         Kind(
             "creeping",
             "soles creep by millimetres while the load passes: regularised friction, pyramidal cones",
