@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..core.base.types import Foot
 from ..errors import ConfigError
 
 CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
@@ -65,7 +66,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Floor:
-    """Shape of the floor. A slope and a kerb are known to those who plan the walk; hidden ones are disturbances.
+    """Shape of the floor. Slope, kerb and platform are known to those who plan the walk; hidden ones are disturbances.
 
     Raises:
         ConfigError: a value is not possible.
@@ -77,6 +78,10 @@ class Floor:
     roll: float = 0.0  # [rad] of the floor about x: it goes down to the right
     pitch: float = 0.0  # [rad] about y: it goes down ahead
     kerb: float = 0.0  # [m] by which the floor under the left foot is higher
+    platform: float = 0.0  # [m] by which it is higher between edges: the robot steps up and down
+    # [m] x of the edges, first and last under the left foot, first and last under the right foot: between the soles of
+    # steps of 12 cm. A sole that stands on an edge would turn.
+    edges: tuple[float, float, float, float] = (0.28, 0.79, 0.405, 0.92)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tile_height <= 0.02:
@@ -85,14 +90,22 @@ class Floor:
             raise ConfigError(f"floor: tile_size = {self.tile_size:g}: allowed: 0.05 to 1 m")
         if not (abs(self.roll) <= 0.3 and abs(self.pitch) <= 0.3 and 0.0 <= self.kerb <= 0.1):
             raise ConfigError("floor: allowed: roll and pitch -0.3 to 0.3 rad, kerb 0 to 0.1 m")
-        if self.kerb and self.tile_height:
-            raise ConfigError("floor: allowed: kerb or tile_height")
+        left, left_end, right, right_end = self.edges
+        if not (0.0 <= self.platform <= 0.1 and left < left_end and right < right_end):
+            raise ConfigError("floor: allowed: platform 0 to 0.1 m, edges that begin before they end")
+        if (self.kerb > 0.0) + (self.tile_height > 0.0) + (self.platform > 0.0) > 1:
+            raise ConfigError("floor: allowed: kerb, platform or tile_height")
 
     @property
     def down(self) -> Any:
         """(3,) direction of gravity in the axes of the floor."""
         turn = Rotation.from_euler("xyz", [self.roll, self.pitch, 0.0])
         return turn.inv().apply([0.0, 0.0, -1.0])
+
+    def height(self, foot: Foot, x: float) -> float:
+        """[m] under a foot that stands at x [m], as planned."""
+        first, last = self.edges[:2] if foot == Foot.LEFT else self.edges[2:]
+        return (self.kerb if foot == Foot.LEFT else 0.0) + (self.platform if first < x < last else 0.0)
 
     def heights(self) -> Any:
         """Tops of the tiles (n, n) [m], about zero."""
@@ -106,6 +119,11 @@ class Floor:
         if self.kerb:
             size = [5.0, 5.0, 0.5 * self.kerb]
             world.add_geom(name="kerb", type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0.0, size[1], size[2]], size=size, **geom)
+        if self.platform:
+            for name, y, first, last in (("left", 5.0, *self.edges[:2]), ("right", -5.0, *self.edges[2:])):
+                size = [0.5 * (last - first), 5.0, 0.5 * self.platform]
+                at = [0.5 * (first + last), y, size[2]]
+                world.add_geom(name=f"platform_{name}", type=mujoco.mjtGeom.mjGEOM_BOX, pos=at, size=size, **geom)
         if self.tile_height == 0.0:
             return
         heights, thick = self.heights(), 0.05

@@ -170,10 +170,10 @@ def plan_recording(
     upper: UpperMotion | None = None,
     floor: Floor | None = None,
 ) -> tuple[MotorMotion, WalkPlan]:
-    """Motion of the motors and plan of a gait, for the slope and the kerb of a floor; the arguments of `record`."""
+    """Motion of the motors and plan of a gait, for the slope and the heights of a floor; the arguments of `record`."""
     plan = plan_walk(walk)
-    if floor is not None and floor.kerb:
-        plan = plan.with_feet_at(floor.kerb, 0.0)
+    if floor is not None and (floor.kerb or floor.platform):
+        plan = plan.on_floor(floor.height)
     if walk.steps:
         return plan_motion(robot, plan, sag, upper=upper, floor=floor)
     return plan_motion(robot, sway(plan), sag, passes=0, upper=upper, floor=floor)

@@ -88,7 +88,7 @@ class ModelConfig:
         "slope of the ground: that of IMU or plan, from 1.5 degrees on, or level",
         choices=("measured", "level"),
     )
-    friction: float = par(0.7, "1", "between soles and ground, with trunk_rotation", 0.05, 2.0)
+    friction: float = par(0.8, "1", "between soles and ground, with trunk_rotation", 0.05, 2.0)
     stiffness: str = par(
         "full", "", "linear block of K_c (full) or trunk free to turn (condensed)", choices=("full", "condensed")
     )

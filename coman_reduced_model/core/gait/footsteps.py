@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -122,12 +123,19 @@ class FootMotion:
         self._pose = PPoly(c, [*knots, knots[-1] + 1.0])  # still intervals extend to any time
         self._rate = self._pose.derivative()
 
-    def raised(self, left: float, right: float) -> FootMotion:
-        """The same with each foot higher by so much [m]."""
+    def on_floor(self, height: Callable[[Foot, float], float]) -> FootMotion:
+        """The same on a floor of that height [m] under a foot whose sole stands at x [m] of odom."""
         feet = copy.copy(self)
-        c = self._pose.c.copy()
-        c[-1, :, :, 2] += left, right
-        feet._pose = PPoly(c, self._pose.x)
+        c, knots = self._pose.c.copy(), self._pose.x
+        for foot in (0, 1):
+            under = np.array([height(Foot(foot + 1), x) for x in c[-1, ::2, foot, 0]])  # while the feet stand
+            rise = np.diff(under)
+            c[-1, ::2, foot, 2] += under
+            c[-1, 1::2, foot, 2] += under[:-1]
+            scale = np.diff(knots)[1::2] ** -np.arange(6.0, -1.0, -1.0)[:, None]
+            c[:, 1::2, foot, 2] += _ALONG[:, None] * scale * rise
+        feet._pose = PPoly(c, knots)
+        feet._rate = feet._pose.derivative()
         return feet
 
     def __call__(self, t: Array) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -106,10 +106,10 @@ class WalkPlan:
         plan._corrected = PPoly(np.stack(derivatives, axis=2), spline.x)  # one evaluation gives all three
         return plan
 
-    def with_feet_at(self, left: float, right: float) -> WalkPlan:
-        """The same walk with its feet on floors that are higher by these [m]."""
+    def on_floor(self, height: Callable[[Foot, float], float]) -> WalkPlan:
+        """The same walk with its feet on a floor of that height [m] under a foot that stands at x [m] of odom."""
         plan = copy.copy(self)
-        plan._feet = self._feet.raised(left, right)
+        plan._feet = self._feet.on_floor(height)
         return plan
 
     def _com(self, t: Array) -> Array:

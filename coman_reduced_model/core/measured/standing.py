@@ -46,6 +46,7 @@ class StandingSoles:
         self._forget()
 
     def _forget(self) -> None:
+        self._step: dict[Foot, float] = {}  # heights where the last landing met a step
         for plane in self._planes.values():
             plane[:] = 0.0
 
@@ -68,25 +69,33 @@ class StandingSoles:
             dt = min(max(dt, 0.0), LONGEST)
             self.seconds += dt
             share = -expm1(-dt / min(self.seconds, MEMORY)) if known else 1.0
+            for foot, height in self._step.items():
+                self._planes[foot][0] = height
+            self._step = {}
         for foot, plane in self._planes.items():
             plane += share * (link.sole_pose(foot, foot.other)[2, _PLANE] - plane)
 
-    def land(self, link: Posture) -> None:
-        """Take a landing, link side: where it shows a step, the ground is as high as the soles stand.
+    def land(self, link: Posture, foot: Foot) -> None:
+        """Take a landing, link side, beside the support foot: where it shows a step, the ground is as high as that.
 
         On a step one sole sees the other as far up as it is seen down. A foot that only brushes the ground is aslant.
-        A second look at the same landing does not count as another one.
+        The lowest corner of the landing sole is on the ground. A second look at the same landing does not count as
+        another one.
         """
-        heights = {foot: link.sole_pose(foot, foot.other)[2, 3] for foot in self._planes}
-        self.aslant = bool(abs(sum(heights.values())) > STEP)
+        T = link.sole_pose(foot, foot.other)
+        self.aslant = bool(abs(T[2, 3] + link.sole_pose(foot.other, foot)[2, 3]) > STEP)
         self.aslant_landings += self.aslant and self._stepped
         self._stepped = False
         if self.aslant:
             return
-        for foot, plane in self._planes.items():
-            if abs(heights[foot] - plane[0]) > STEP:
-                plane[0] = heights[foot]
+        edges = link.robot.soles[foot.other]
+        height = float(T[2, 3] + min(T[2, 0] * edges[:2]) + min(T[2, 1] * edges[2:]))
+        met = abs(height - self._planes[foot][0]) > STEP
+        self._step = {foot: height, foot.other: -height} if met else {}
 
     def planes(self) -> dict[Foot, Array]:
         """By support foot, the ground under the other sole (3,): height at its origin [m], by its x and y [1]."""
-        return {foot: plane.copy() for foot, plane in self._planes.items()}
+        out = {foot: plane.copy() for foot, plane in self._planes.items()}
+        for foot, height in self._step.items():
+            out[foot][0] = height
+        return out

@@ -116,7 +116,7 @@ def _walk(world: World) -> GaitParameters:
 
 def planned(world: World) -> tuple[MotorMotion, WalkPlan]:
     """Motion of the motors, and the plan with the COM that it was made for; those of the last worlds are kept."""
-    shape = Floor(roll=world.floor.roll, pitch=world.floor.pitch, kerb=world.floor.kerb)
+    shape = replace(world.floor, tile_height=0.0)
     body = world.upper_joints if world.upper_body else None
     return _plan(world.robot, body, world.upper, _walk(world), shape)
 

@@ -133,7 +133,7 @@ def test_a_landing_shows_a_step_and_odom_goes_up_with_the_foot():
     height = link.sole_pose(Foot.RIGHT, Foot.LEFT)[2, 3]
     assert height > 0.03
     soles = StandingSoles()
-    soles.land(link)
+    soles.land(link, Foot.RIGHT)
     assert soles.planes()[Foot.RIGHT][0] == pytest.approx(height)
     assert soles.planes()[Foot.LEFT][0] == pytest.approx(-height)
     odometry, (R, p) = FootOdometry(), (link.R, link.p)
@@ -143,22 +143,37 @@ def test_a_landing_shows_a_step_and_odom_goes_up_with_the_foot():
     assert odometry.update(Foot.RIGHT, *both)[2, 3] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_foot_that_lands_on_its_heel_shows_the_ground_under_the_heel_and_a_level_landing_ends_the_step():
+    q = BENT.copy()
+    q[[0, 3, 4]] = -0.6, 1.2, -0.65  # toes up
+    link = posture(q)
+    R, p = link.sole_pose(Foot.RIGHT, Foot.LEFT)[:3, :3], link.sole_pose(Foot.RIGHT, Foot.LEFT)[:3, 3]
+    back, _, right, _ = link.robot.soles[Foot.LEFT]
+    heel = (R @ [back, right, 0.0] + p)[2]
+    assert 0.03 < heel < p[2] - 0.003
+    soles = StandingSoles()
+    soles.land(link, Foot.RIGHT)
+    assert soles.planes()[Foot.RIGHT][0] == pytest.approx(heel) == -soles.planes()[Foot.LEFT][0]
+    soles.land(posture(), Foot.LEFT)
+    assert not any(plane.any() for plane in soles.planes().values())
+
+
 def test_a_foot_that_brushes_the_ground_aslant_shows_no_step():
     q = BENT.copy()
     q[[0, 3, 4]] = -0.6, 1.2, -0.6
     q[5] += 0.3  # ankle roll
     soles, stepping = StandingSoles(), SupportState(Phase.LEFT, Foot.LEFT, 1.0, 0.3, 170.0, 0.3)
-    soles.land(posture(q))
+    soles.land(posture(q), Foot.RIGHT)
     assert soles.aslant and soles.aslant_landings == 0, "it begins like that"
     soles.update(posture(), stepping, 0.005)
-    soles.land(posture(q))
+    soles.land(posture(q), Foot.RIGHT)
     assert not any(plane.any() for plane in soles.planes().values())
     assert soles.aslant and soles.aslant_landings == 1
     soles.reset()
-    soles.land(posture(q))  # the same landing
+    soles.land(posture(q), Foot.RIGHT)  # the same landing
     assert soles.aslant_landings == 1
     soles.update(posture(), stepping, 0.005)
-    soles.land(posture())
+    soles.land(posture(), Foot.RIGHT)
     assert not soles.aslant and soles.aslant_landings == 1
 
 
@@ -196,6 +211,21 @@ def test_a_short_walk(tmp_path, floor):
     assert (error < [5e-4, 6e-4, 2.5e-4]).all()
     if floor.pitch:
         assert rms(tmp_path / "walk", **{"model.slope": "level"})[0] > 5.0 * error[0]
+
+
+def test_a_robot_steps_up_and_down(tmp_path):
+    """By 2 cm, on strides that are longer than its soles; its feet come down where the plan has them."""
+    strides = {"step_length_m": 0.12, "step_height_m": 0.06}
+    floor = Floor(platform=0.02)
+    world = World(floor=floor, gait="test2", gait_changes=strides, duration_s=8.0, tolerances=False)
+    result = record_world(world, tmp_path / "walk", seed=1)
+    assert result.fallen_s is None
+    with np.load(result.truth) as truth:
+        for foot, name in ((Foot.LEFT, "left"), (Foot.RIGHT, "right")):
+            loaded = truth[f"{name}_wrench"][:, 2] > 150.0
+            x, z = truth[f"T_{name}"][loaded][:, [0, 2], 3].T
+            assert z.min() < 1e-3 and z.max() > 0.019
+            np.testing.assert_allclose(z, [floor.height(foot, each) for each in x], atol=2e-3)
 
 
 def test_kinds_that_are_named_alone_are_never_drawn():

@@ -21,8 +21,8 @@ from ...base.types import Array
 ROWS = 7  # constraints of a foot
 _ROUNDS = 50  # of the iteration for the impulses, at most
 _ENOUGH = 1e-3  # of the largest impulse: no corner's impulse changes by more in the last round
-_SOFT = 0.02  # of the ground beside the foot: four corners under one rigid sole share the load alike
-_RETURN = 0.02  # [s] in which a sole that is below the ground comes up
+_SINKS = 1e-4  # [m] by which a sole sinks in that bears the weight: a hard floor, whose edges give way twice as much
+_RETURN = 0.01  # [s] in which a sole that is below the ground comes up
 
 
 class Sole(NamedTuple):
@@ -59,7 +59,7 @@ class Solver(NamedTuple):
     rows: int  # 7 or 14
     inverse: Array  # (m + 6, m + 6) (M + h/2 D + h^2/4 K)^-1
     by_impulse: Array  # (rows, m + 6), or more rows, velocities of the coordinates by impulses, a row a constraint
-    contact: Array  # (rows, rows), or more, velocities of the constraints by their impulses
+    contact: Array  # (rows, rows), or more, velocities of the constraints by their impulses, and how corners sink in
 
 
 class State(NamedTuple):
@@ -181,7 +181,7 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
     by_v = np.empty(rows)  # impulse that changes the velocity of a constraint by one; 0: a corner that nothing moves
     for i in range(rows):
         corner = i % ROWS < 4
-        by_v[i] = 0.0 if corner and not W[i, i] > 0.0 else 1.0 / (W[i, i] * (1.0 + _SOFT if corner else 1.0))
+        by_v[i] = 0.0 if corner and not W[i, i] > 0.0 else 1.0 / W[i, i]
     for _ in range(_ROUNDS):
         largest = changed = 0.0
         for first in range(0, rows, ROWS):
@@ -229,6 +229,7 @@ def make_solver(M: Array, K: Array, D: Array, C: Array, h: float, rows: int) -> 
         for j in range(m):
             A[i, j] += 0.5 * h * D[i, j] + 0.25 * h * h * K[i, j]
     A = inverse_positive(A)
+    soft = 4.0 * _SINKS / (9.81 * M[m + 2, m + 2] * h * (h + _RETURN))  # of a corner; M has the mass of the robot there
     by_impulse, contact = np.zeros((rows, size)), np.zeros((rows, rows))
     for i in range(rows):
         first = _first(i, m)
@@ -239,6 +240,8 @@ def make_solver(M: Array, K: Array, D: Array, C: Array, h: float, rows: int) -> 
             for k in range(first, size):
                 contact[i, j] += C[i, k] * by_impulse[j, k]
             contact[j, i] = contact[i, j]
+        if i % ROWS < 4:
+            contact[i, i] += soft
     return Solver(h, rows, A, by_impulse, contact)
 
 
@@ -310,7 +313,7 @@ def _constraints(linear: Linear, y: Array, w: Array, h: float, up: Array, v: Arr
             height += linear.C[i, k] * (y[k] - linear.y[k])
             v[i] += linear.C[i, k] * w[k]
         if i % ROWS < 4:
-            up[i] = -height / (h if height > 0.0 else _RETURN)
+            up[i] = -height / (h if height > 0.0 else h + _RETURN)
 
 
 @compiled

@@ -13,7 +13,7 @@ from ...effects.hooks import Now, Push
 from ...measured.slope import LEVEL
 from ...robot.robot import Robot
 from ..cartesian import Model
-from .contact import State, support_share
+from .contact import ROWS, State, support_share
 from .kinematics import (
     Assembled,
     Pose,
@@ -24,6 +24,8 @@ from .kinematics import (
     terms_of,
     terms_size,
 )
+
+LIFTED = 0.001  # [m] of all corners above the ground, up to which a foot that lifts still touches it
 
 
 class Equations:
@@ -82,7 +84,7 @@ class Equations:
             now: motors, and the time since the posture before.
             foot: the support foot.
             state: of it.
-            double: whether the other foot may touch the ground.
+            double: whether both feet are on the ground. A foot that lifts may touch it until it is `LIFTED` above it.
             ground: (3,) under the other sole, as in `contact.Sole`.
             down: (3,) direction of gravity in odom.
             R_odom_sole: (3, 3) orientation of the support sole.
@@ -102,6 +104,8 @@ class Equations:
         last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
         pose = self._poses[foot]
         take_posture(block, last, pose, ground, state.y, state.w, dt, v, a)
+        if before is not None and before.double:
+            made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < LIFTED)
         if down is not LEVEL:
             self._tilt_gravity(made, state.y[-3:], R_odom_sole.T @ down)
         if len(self.above):

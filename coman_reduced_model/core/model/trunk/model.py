@@ -141,7 +141,7 @@ class TrunkModel(Dynamics):
     def restart(self, now: Now) -> None:
         """From the filtered measurement."""
         if now.support.phase == Phase.DOUBLE:
-            self._soles.land(now.link)
+            self._soles.land(now.link, now.foot)
             self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
         self._ground, self._down = self._soles.planes(), now.down
         assert self._filtered is not None
