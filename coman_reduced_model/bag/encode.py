@@ -111,12 +111,9 @@ def encode_external_wrench(prediction: Prediction) -> bytes:
     return LITTLE_ENDIAN + _wrench_format(frame).pack(
         *header_values(prediction.stamp_ns, frame),
         *prediction.estimate.force.tolist(),
-        *_NO_MOMENT,
+        *prediction.estimate.moment.tolist(),
         *external_covariance(prediction).tolist(),
     )
-
-
-_NO_MOMENT = [float("nan")] * 3
 
 
 @lru_cache(maxsize=64)

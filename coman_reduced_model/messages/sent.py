@@ -111,20 +111,22 @@ def planned_deflection_to(types: MessageTypes, planned: PlannedDeflection, joint
 
 
 def external_wrench_to(types: MessageTypes, prediction: Prediction) -> Any:
-    """An ExternalWrench; nothing estimates the moment."""
+    """An ExternalWrench."""
     return types.ExternalWrench(
         header=header_to(types, prediction.stamp_ns, prediction.frame_id),
         wrench=types.Wrench(
-            force=_vector(types.Vector3, prediction.estimate.force), torque=_vector(types.Vector3, np.full(3, np.nan))
+            force=_vector(types.Vector3, prediction.estimate.force),
+            torque=_vector(types.Vector3, prediction.estimate.moment),
         ),
         covariance=external_covariance(prediction),
     )
 
 
 def external_covariance(prediction: Prediction) -> Array:
-    """(36,) of an ExternalWrench [N^2]; NaN where the moment takes part."""
-    out = np.full((6, 6), np.nan)
-    out[:3, :3] = prediction.estimate.force_covariance
+    """(36,) of an ExternalWrench [N^2], [N Nm], [Nm^2], row by row."""
+    out, estimate = np.empty((6, 6)), prediction.estimate
+    out[:3, :3], out[3:, :3] = estimate.force_covariance, estimate.moment_covariance[:3].T
+    out[:, 3:] = estimate.moment_covariance
     return out.ravel()
 
 

@@ -60,7 +60,7 @@ def a_prediction(seed=0, horizons=3):
         predicted_covariance=rng.normal(size=(3, 3)),
         estimate=Estimate(
             *rng.normal(size=(2, 3)), rng.normal(size=(6, 6)), rng.normal(size=(3, 3)), rng.normal(size=3),
-            rng.normal(size=(3, 3)), 2.5,
+            rng.normal(size=(3, 3)), 2.5, rng.normal(size=3), rng.normal(size=(6, 3)),
         ),
     )  # fmt: skip
 
@@ -115,6 +115,17 @@ def test_predictions_of_the_version_before_are_read_and_reported(tmp_path):
     assert np.isnan(last.estimate.com).all() and np.isnan(last.estimate.covariance).all()
     assert run(["report", str(folder)]) == 0
     assert sentence(summary) in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_an_external_wrench_has_force_before_moment():
+    sent = a_prediction()
+    message, estimate = m.external_wrench_to(BAG, sent), sent.estimate
+    assert xyz(message.wrench.force) == estimate.force.tolist()
+    assert xyz(message.wrench.torque) == estimate.moment.tolist()
+    covariance = np.reshape(message.covariance, (6, 6))
+    np.testing.assert_array_equal(covariance[:3, :3], estimate.force_covariance)
+    np.testing.assert_array_equal(covariance[:, 3:], estimate.moment_covariance)
+    np.testing.assert_array_equal(covariance[3:, :3], estimate.moment_covariance[:3].T)
 
 
 @pytest.mark.parametrize("frame", ["", "l_sole", "r_sole_", "a", "left/sole"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from coman_reduced_model_msgs.msg import ComDeflection, SupportState
+from coman_reduced_model_msgs.msg import ComDeflection, ExternalWrench, SupportState
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -83,6 +83,8 @@ def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
             peer.node.create_subscription(kind, f"/robot1/com/{topic}", received.append, 10)
         got["odometry"] = []
         peer.node.create_subscription(Odometry, "/robot1/foot_odometry", got["odometry"].append, 10)
+        got["external"] = []
+        peer.node.create_subscription(ExternalWrench, "/robot1/com/external_wrench", got["external"].append, 10)
         node = start.node("predictor", "-r", "__ns:=/robot1")
         standing = Standing(peer)
         standing.wait_until_published("/robot1/com/markers")
@@ -105,6 +107,11 @@ def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
         root = got["odometry"][-1]
         assert (root.header.frame_id, root.child_frame_id) == ("odom", "base_link")
         assert 0.4 < root.pose.pose.position.z < 0.5 and root.twist.twist.linear.x == pytest.approx(0.0)
+        external = got["external"][-1]
+        assert external.header.frame_id == by_stamp[stamp_of(external)].header.frame_id
+        assert np.isfinite(
+            [*vector(external.wrench.force), *vector(external.wrench.torque), *external.covariance]
+        ).all()
         support = got["support"][-1]
         assert support.phase == SupportState.DOUBLE and support.left_share == pytest.approx(0.5)
         assert support.header.frame_id == by_stamp[stamp_of(support)].header.frame_id

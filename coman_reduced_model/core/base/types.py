@@ -223,6 +223,10 @@ class Estimate:
     force: Array = field(default_factory=lambda: _NAN3)  # (3,) external force on the robot [N]
     force_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [N^2]
     nis: float = float("nan")  # [1] normalised innovation squared of the measured COM; 3 is expected
+    moment: Array = field(default_factory=lambda: _NAN3)  # (3,) of what pushes the robot, about the COM [Nm]
+    moment_covariance: Array = field(
+        default_factory=lambda: _NAN63
+    )  # (6, 3) of force and moment with it [N Nm], [Nm^2]
 
 
 _NO_ESTIMATE = Estimate()

@@ -22,6 +22,7 @@ SHRUNK = 0.2  # share by which the errors of two predictors are taken to be less
 WORSE = 1.2  # times the error of a simpler prediction, from which on the model is said to be worse
 LONG = 0.3  # of the whole memory, before which that is not said: 3 s
 GIVEN = 0.02  # share of another model's experience that one without any begins with
+EXPECTED = 0.001, 0.01  # [m] that what is expected to be best, and all else, is taken to be off by
 LEAST = 1e-5  # [m] that any prediction is taken to be off by
 SWEEPS = 60  # of the search for the weights
 NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
@@ -41,11 +42,18 @@ class Experience(NamedTuple):
     known: Array  # (n,) [1] share of the memory in which the blend was judged
 
 
-def no_experience(n: int, k: int) -> Experience:
-    """Nothing has been judged yet: the model has all of the weight."""
+def no_experience(n: int, k: int, best: int = 0) -> Experience:
+    """Nothing has been judged yet: the model has all of the weight, or the one that is expected to be best.
+
+    The latter begins with a little (`GIVEN`) of an experience: by `EXPECTED` errors of it and of all others.
+    """
     weights = np.zeros((n, 3, k))
-    weights[:, :, 0] = 1.0
+    weights[:, :, best] = 1.0
     moments, times = np.zeros((2, n, 3, k, k))
+    if best:
+        expected = np.where(np.arange(k) == best, *EXPECTED)
+        moments[:] = GIVEN * np.diag(expected**2)
+        times[:] = GIVEN
     return Experience(moments, times, weights, np.zeros((n, 3), np.bool_), np.zeros((n, 3, 3)), np.zeros(n))
 
 

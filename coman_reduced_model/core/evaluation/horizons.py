@@ -82,9 +82,12 @@ class HorizonJudge:
             np.full((2, 3), np.nan),
         )
         k = 1 + len(BASELINES)
+        # A model without a reference makes nothing of a plan: what follows the plan is expected to be better.
+        best = 0 if rigid else 1 + BASELINES.index("deflected")
         # Through a stride that is repeated, or through planned steps, the model is another one than without, and so are
         # simpler predictions: each kind has its own errors.
-        self.experiences: Experiences = (no_experience(n, k), no_experience(n, k), no_experience(n, k))
+        held, repeated, stepping = (no_experience(n, k, best) for _ in range(3))
+        self.experiences: Experiences = (held, repeated, stepping)
         self._kind, self._repeated = 0, False
         self._simpler = [False] * len(self.experiences)  # whether a baseline has been better than the model
         self._last_ns = self._weighed_ns = 0

@@ -161,7 +161,7 @@ def _follow(
     scalars[1] += (1.0 - np.exp(-dt / JUDGED)) * (scalars[2] - scalars[1])
     memory.squares[:] += (1.0 - np.exp(-dt / LATELY)) * (squares - memory.squares)
     _learn_white(memory, com, dt)
-    _learn_walk(memory, walks, x[F:N] - before, noise.mass * noise.gravity, dt)
+    learn_walk(memory.wandered, walks, x[F:N] - before, noise.mass * noise.gravity, dt)
 
 
 @compiled
@@ -181,12 +181,15 @@ def _learn_white(memory: Memory, com: Array, dt: float) -> None:
 
 
 @compiled
-def _learn_walk(memory: Memory, walks: Array, correction: Array, weight: float, dt: float) -> None:
-    """How far the force wanders, by corrections (3,) [N]: where it is as assumed, their sum has its variance."""
+def learn_walk(wandered: Array, walks: Array, correction: Array, weight: float, dt: float) -> None:
+    """How far the force wanders, by corrections (3,) [N]: where it is as assumed, their sum has its variance.
+
+    wandered, walks (3,): that sum, fading [N], and the walks [N^2 / s]; changed in place.
+    """
     share, fade = 1.0 - np.exp(-dt / LEARNT), np.exp(-dt / WANDERED)
     for i in range(3):
-        memory.wandered[i] = memory.wandered[i] * fade + correction[i]
-        walk = walks[i] + share * (2.0 / WANDERED * memory.wandered[i] ** 2 - walks[i])
+        wandered[i] = wandered[i] * fade + correction[i]
+        walk = walks[i] + share * (2.0 / WANDERED * wandered[i] ** 2 - walks[i])
         walks[i] = min(max(walk, (WALKS[0] * weight) ** 2), (WALKS[1] * weight) ** 2)
 
 

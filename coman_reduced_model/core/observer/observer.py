@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Estimate of the COM and of what pushes the robot, with covariances, from encoders and foot wrenches.
 
-Beside the free run, which it does not touch. The filter is `kalman.py`; here is what its noise is:
+Beside the free run, which it does not touch. The filter is `kalman.py`, that of moments `moment.py`; here is what their
+noise is:
 
 - Steps of the encoders, found in their data, and how much of the rounding of the measured COM is white, by its third
   differences; the rest lasts.
@@ -19,12 +20,14 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
 from ..base.compiled import all_finite
 from ..base.types import Array, Estimate, Flags, Foot, Phase, Sample, SupportState
 from .kalman import com_covariance
 from .masses import masses_covariance
-from .memory import BEGINS, CHANGES, GOES_ON, LEAST, ROWS, SIZES, Noise, learn_steps, memory_of, take
+from .memory import BEGINS, CHANGES, GOES_ON, LEAST, ROWS, SIZES, Noise, learn_steps, memory_of
+from .moment import SIZE, follow, look, moment_of
 
 if TYPE_CHECKING:
     from ..base.nominal import Nominal
@@ -35,7 +38,7 @@ WALK = 0.1  # of the weight: how far an external force wanders in the root of a 
 FORCE = 0.001  # of the weight times the root of a second: force that neither sensors nor gains explain
 LOST = 4.0  # times what the NIS should be: consistency is lost
 FOUND = 2.0  # times: it is found again
-EVERY_NS = 20_000_000  # between new covariances of the measured COM
+EVERY_NS = 20_000_000  # between new covariances of the measured COM, and new moments
 
 
 class Observer:
@@ -62,13 +65,19 @@ class Observer:
         self._zero_variance = np.zeros(robot.model.nv)
         self._zero_variance[robot.idx_v] = widths["encoder_bias.bias.spread"] ** 2
         slope, mass = weight * widths["ground_slope.spread"], weight * widths["mass.spread"] / 3.0
-        zeros = [2.0 * widths[f"zero_f{axis}.spread"] ** 2 for axis in "xyz"]  # of two feet
+        self._zeros = np.array([[widths[f"zero_{kind}{axis}.spread"] ** 2 for axis in "xyz"] for kind in "ft"])
+        zeros = 2.0 * self._zeros[0]  # of two feet
         gains = (weight * widths["wrench_scale.together.spread"]) ** 2
         self._constant = zeros[0] + slope**2, zeros[1] + slope**2, zeros[2] + mass**2 + gains
         self._masses: Array | None = None  # (3, 3) [m^2] of the COM by those of the masses, base frame
         self._encoders = np.full((2, len(robot.joint_names)), np.inf)  # as in `learn_steps`
         self._block = np.zeros(sum(SIZES))
         self._memory = memory_of(self._block)
+        self._extra = np.zeros(SIZE)
+        self._moment = np.full((7, 3), np.nan)  # and its covariance, as `look` fills it in
+        data = robot.model.createData()
+        pin.computeCentroidalMap(robot.model, data, pin.neutral(robot.model))
+        self._radius = float(np.sqrt(np.trace(data.Ag[3:, 3:6]) / (3.0 * robot.mass)))  # of gyration [m]
         self.reset()
 
     def reset(self) -> None:
@@ -78,6 +87,9 @@ class Observer:
         self._memory.constant[:] = self._constant
         self._memory.scalars[1:] = 3.0, np.nan
         self._memory.squares[:] = 1.0
+        self._extra[:] = 0.0
+        moment = moment_of(self._extra)
+        moment.walks[:], moment.zeros[:] = (WALK * self._weight * self._radius) ** 2, self._zeros
         self._foot = Foot.NONE
         self._stamp_ns = self._looked_ns = 0
         self.nis, self.flags = 3.0, Flags.OK
@@ -99,17 +111,29 @@ class Observer:
             self._foot = Foot.NONE  # it begins again
             return Estimate()
         self._foot, other = foot, foot.other
-        if sample.stamp_ns - self._looked_ns >= EVERY_NS or foot != before:
+        what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
+        since_ns = sample.stamp_ns - self._looked_ns
+        due = since_ns >= EVERY_NS or what != GOES_ON
+        if due:
             self._look(link, foot)
             self._looked_ns = sample.stamp_ns
         wrenches = sample.left_wrench, sample.right_wrench
         own, others = wrenches if foot == Foot.LEFT else wrenches[::-1]
-        what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
         out = np.empty((ROWS, 3))  # one array: what compiled code gets is what takes the time here
-        step = what, dt, int(support.phase != Phase.DOUBLE)
-        take(self._block, self._noise, step, own, others, link.R[foot], link.R[other], com, com_vel, out)
-        nis = self._judge()
-        return Estimate(out[0], out[1], out[9:].reshape(6, 6), out[3:6], out[2], out[6:9], nis)
+        R, R_other, alone = link.R[foot], link.R[other], int(support.phase != Phase.DOUBLE)
+        follow(
+            self._block, self._extra, self._noise, (what, dt, alone), own, others, R, R_other, link.p[foot],
+            link.p[other], com, com_vel, out,
+        )  # fmt: skip
+        if due:
+            pin.computeCentroidalMap(self._robot.model, link.data, link.configuration)
+            self._moment, step = np.empty((7, 3)), (what, 1e-9 * since_ns, alone)
+            look(
+                self._block, self._extra, self._noise, step, self._radius, link.data.Ag, self._robot.idx_v, sample.qd,
+                link.base_in_sole, R, R_other, self._moment,
+            )  # fmt: skip
+        nis, moment = self._judge(), self._moment
+        return Estimate(out[0], out[1], out[9:].reshape(6, 6), out[3:6], out[2], out[6:9], nis, moment[0], moment[1:])
 
     def _look(self, link: Posture, foot: Foot) -> None:
         """How far off the measured COM is by its encoders, at this posture."""

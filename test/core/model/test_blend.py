@@ -45,8 +45,8 @@ def test_the_weights_are_those_of_least_expected_error(seed, usable):
 class Walk:
     """A COM that swings; predictors are off by what `errors` (6, 3) [m] says, and by noise of their own."""
 
-    def __init__(self, blended: bool = True) -> None:
-        self.judge = HorizonJudge((H,), blended=blended)
+    def __init__(self, blended: bool = True, rigid: bool = True) -> None:
+        self.judge = HorizonJudge((H,), rigid, blended)
         self.rng = np.random.default_rng(1)
         self.t = 0.0
 
@@ -94,6 +94,32 @@ def test_what_is_right_takes_over_and_gives_way_again():
     assert walk.judge.model_share(0).max() < 0.2 and walk.judge.simpler_is_better
     walk.go(40.0, np.concatenate((good, *[bad] * 5)))
     assert walk.judge.model_share(0).min() > 0.9 and not walk.judge.simpler_is_better
+
+
+def test_without_a_reference_what_follows_the_plan_is_published_until_it_is_known_to_be_worse():
+    errors = np.array([[5e-2], [np.nan], [5e-4], [5e-2], [2e-2], [5e-2]]) * np.ones(3)  # planned needs a reference
+    assert np.sqrt(np.mean(Walk(rigid=False).go(1.0, errors) ** 2)) < 6e-4
+    errors[[0, 2]] = errors[[2, 0]]
+    assert np.sqrt(np.mean(Walk(rigid=False).go(3.0, errors)[200:] ** 2)) < 1e-3
+
+
+def test_without_a_reference_and_a_plan_the_model_is_published_first():
+    errors = np.array([[5e-4], [np.nan], [np.nan], [5e-2], [2e-2], [5e-2]]) * np.ones(3)
+    walk = Walk(rigid=False)
+    assert np.sqrt(np.mean(walk.go(H, errors) ** 2)) < 6e-4
+    assert np.sqrt(np.mean(walk.go(3.0, errors)[200:] ** 2)) < 1e-3
+
+
+def test_without_motors_what_is_published_is_never_much_worse_than_the_best_baseline():
+    """From the first step on: the pendulum's model does not know where the plan goes."""
+    settings = Config().replaced({"prediction.reference": "none"})
+    with Session(bag_path("test1"), settings) as session:
+        for prediction in session.predictions():
+            if prediction.stamp_ns - session.bag.start_ns > 6 * 10**9:
+                break
+        for horizon, by in session.pipeline.judge.rmse().items():
+            best = [best_baseline({name: each[axis] for name, each in by.items()})[0] for axis in range(3)]
+            assert (by["published"] <= 1.1 * np.array(best)).all(), (horizon, by)
 
 
 def test_several_that_err_apart_are_better_together():
