@@ -15,8 +15,9 @@ from math import exp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.compiled import compiled
 from ...base.pose import matrix
-from ...base.types import Array, Booleans, Foot, Phase, PlannedDeflection, PlannedSteps, Reference
+from ...base.types import Array, Booleans, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
 from ...effects.hooks import STANDS, Now
 from ...feedforward.feedforward import Feedforward
@@ -74,6 +75,7 @@ class PlannedWalk:
         start = Start(0, int(Foot.LEFT), np.zeros(terms_size(m)), zero, np.eye(4))
         course = simulate(start, np.eye(4), 0, 2, self._memory, 2, self._soles, self._friction, True)
         along(course, 0.0, np.zeros(1), np.eye(4))
+        _learn_lead(np.zeros(2), self._memory.stamp, 1, self._joints, 0, np.zeros(len(robot.idx_v)), self._legs, 1.0)
 
     def reset(self) -> None:
         """Forget the past, but for the share of the lead."""
@@ -110,7 +112,6 @@ class PlannedWalk:
             self._last_ns = steps.stamp_ns
         if not self._feedforward.started:
             self._feedforward.start(now.sample.q)
-        self._feedforward.set_surroundings(now.sample.motor_q, down)
         self._learn(now)
         for _ in range(_AT_ONCE):
             k = max(0, -((steps.stamp_ns - self._last_ns - _SPACING_NS) // dt) - 1)
@@ -119,6 +120,7 @@ class PlannedWalk:
             if self._last_ns - now.sample.stamp_ns > self._far_ns:
                 return
             self._last_ns = steps.stamp_ns + (k + 1) * dt
+            self._feedforward.set_surroundings(now.sample.motor_q, down)
             planned = self._feedforward.update(_point(steps, k, self._last_ns))
             if planned is not None:
                 if self._n and planned.stamp_ns - int(self._memory.stamp[self._n - 1]) > max(_GAP_NS, 2 * dt):
@@ -141,14 +143,11 @@ class PlannedWalk:
         """By how much the motors lead."""
         if not self._n or now.sample.motor_q is None:
             return
-        stamps = self._memory.stamp[: self._n]
-        i = min(int(np.searchsorted(stamps, now.sample.stamp_ns)), self._n - 1)
-        if abs(int(stamps[i]) - now.sample.stamp_ns) > _NEAR_NS:
-            return
-        joints, deflection = self._joints[i]
-        lead, dt = now.sample.motor_q[self._legs] - joints, min(max(now.dt, 0.0), _LONGEST)
-        self._lead *= exp(-dt / _MEMORY)
-        self._lead += lead @ deflection, deflection @ deflection
+        keep = exp(-min(max(now.dt, 0.0), _LONGEST) / _MEMORY)
+        _learn_lead(
+            self._lead, self._memory.stamp, self._n, self._joints, now.sample.stamp_ns, now.sample.motor_q, self._legs,
+            keep,
+        )  # fmt: skip
 
     def _keep(self, now: Now, planned: PlannedDeflection, ground: dict[Foot, Array], down: Array) -> None:
         """Keep motors and equations of the point of a planned deflection."""
@@ -245,3 +244,20 @@ def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
         stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, matrix(*left), matrix(*right),
         Phase(int(steps.phase[k])), 0,
     )  # fmt: skip
+
+
+@compiled
+def _learn_lead(
+    lead: Array, stamps: Integers, n: int, joints: Array, stamp: int, motor_q: Array, legs: Array, keep: float
+) -> None:
+    """`PlannedWalk._learn`: sums `lead` (2,), of which a share is kept, by the first of n points that is not before."""
+    i = n - 1
+    while i > 0 and stamps[i - 1] >= stamp:
+        i -= 1
+    if abs(stamps[i] - stamp) > _NEAR_NS:
+        return
+    lead *= keep
+    for j in range(legs.shape[0]):
+        deflection = joints[i, 1, j]
+        lead[0] += (motor_q[legs[j]] - joints[i, 0, j]) * deflection
+        lead[1] += deflection * deflection
