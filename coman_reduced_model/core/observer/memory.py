@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.compiled import all_finite, apply, compiled, mul
-from ..base.types import Array
-from .kalman import SIZE, C, F, N, V, advance, correct, net_force, turned
+from ..base.compiled import Held, all_finite, apply, compiled, mul
+from ..base.types import Array, Integers
+from .kalman import SIZE, C, F, N, V, advance, com_covariance, correct, net_force, turned
 
 WALKS = (0.01, 1.0)  # of the weight: how far an external force wanders in the root of a second, least and most
 WANDERED, LEARNT = 0.05, 0.3  # [s] over which corrections of the force add up, and memory of what they add up to
@@ -68,14 +68,13 @@ def memory_of(block: Array) -> Memory:
 
 @compiled
 def take(
-    block: Array, noise: Noise, step: tuple[int, float, int], own: Array, other: Array, R: Array, R_other: Array,
+    held: Held, step: tuple[int, float, int], own: Array, other: Array, R: Array, R_other: Array,
     com: Array, com_vel: Array, out: Array,
 ) -> None:  # fmt: skip
     """Bring the filter to a sample.
 
     Args:
-        block: of `Memory`.
-        noise: constants.
+        held: `Memory` and `Noise`.
         step: BEGINS, GOES_ON or CHANGES, the time since the last sample [s], and 1 if one foot stands alone, else 0.
         own, other: wrenches (6,) on the support foot and on the other one, in the axes of their soles.
         R, R_other: (3, 3) orientations of these soles in the base frame.
@@ -83,7 +82,7 @@ def take(
         out: (ROWS, 3), filled in: COM [m], velocity [m/s], external force [N]; covariances (3, 3) of the measured COM
             and of the force, (6, 6) of COM and velocity.
     """
-    memory, (what, dt, alone) = memory_of(block), step
+    (memory, noise), (what, dt, alone) = held.value, step
     white, lasting = _measured(memory)
     force = net_force(R, R_other, own, other)
     if what == BEGINS:
@@ -210,6 +209,30 @@ def _write(memory: Memory, white: Array, lasting: Array, out: Array) -> None:
         for j in range(6):
             constants = memory.constants[i, j] if i < 3 and j < 3 else 0.0
             covariance[i, j] = scale[i] * scale[j] * P[i, j] + constants
+
+
+@compiled
+def look(
+    held: Held, geometry: tuple[Array, Array, Array, Array, Array], steps: Array, idx_v: Integers, zeros: Array,
+    masses: Array,
+) -> None:  # fmt: skip
+    """How far off the measured COM is by its encoders, at a posture: `rounding` and `constants` of the memory.
+
+    Args:
+        held: as in `take`.
+        geometry: the first five arguments of `com_covariance`.
+        steps: (nj,) of the encoders [rad]; infinite: not known.
+        idx_v: (nj,) columns of the joints.
+        zeros: (nv,) variance of the zeros of encoders, by columns [rad^2].
+        masses: (3, 3) covariance of the COM by those of the masses, base frame [m^2].
+    """
+    memory, R, variance = held.value[0], geometry[4], np.zeros(zeros.shape[0])
+    for j in range(steps.shape[0]):
+        variance[idx_v[j]] = steps[j] ** 2 / 12.0 if np.isfinite(steps[j]) else 0.0
+    memory.rounding[:] = com_covariance(*geometry, variance)
+    for i in range(3):
+        memory.rounding[i, i] += LEAST**2
+    memory.constants[:] = com_covariance(*geometry, zeros) + mul(R.T, mul(masses, R))
 
 
 @compiled

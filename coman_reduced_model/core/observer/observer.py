@@ -20,11 +20,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..base.compiled import all_finite
+from ..base.compiled import all_finite, hold
 from ..base.types import Array, Estimate, Flags, Foot, Phase, Sample, SupportState
-from .kalman import com_covariance
 from .masses import masses_covariance
-from .memory import BEGINS, CHANGES, GOES_ON, LEAST, ROWS, SIZES, Noise, learn_steps, memory_of, take
+from .memory import BEGINS, CHANGES, GOES_ON, ROWS, SIZES, Noise, learn_steps, look, memory_of, take
 
 if TYPE_CHECKING:
     from ..base.nominal import Nominal
@@ -69,6 +68,7 @@ class Observer:
         self._encoders = np.full((2, len(robot.joint_names)), np.inf)  # as in `learn_steps`
         self._block = np.zeros(sum(SIZES))
         self._memory = memory_of(self._block)
+        self._held = hold((self._memory, self._noise))
         self.reset()
 
     def reset(self) -> None:
@@ -107,21 +107,19 @@ class Observer:
         what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
         out = np.empty((ROWS, 3))  # one array: what compiled code gets is what takes the time here
         step = what, dt, int(support.phase != Phase.DOUBLE)
-        take(self._block, self._noise, step, own, others, link.R[foot], link.R[other], com, com_vel, out)
+        take(self._held, step, own, others, link.R[foot], link.R[other], com, com_vel, out)
         nis = self._judge()
         return Estimate(out[0], out[1], out[9:].reshape(6, 6), out[3:6], out[2], out[6:9], nis)
 
     def _look(self, link: Posture, foot: Foot) -> None:
         """How far off the measured COM is by its encoders, at this posture."""
-        robot, memory, step = self._robot, self._memory, self._encoders[0]
-        steps = np.zeros(robot.model.nv)
-        steps[robot.idx_v] = np.where(np.isfinite(step), step, 0.0) ** 2 / 12.0
-        geometry = link.com, link.J_com, link.J, robot.sole_columns[foot], link.R[foot]
-        memory.rounding[:] = com_covariance(*geometry, steps) + LEAST**2 * np.eye(3)
         if self._masses is None:
             self._masses = masses_covariance(link, self._nominal)
-        axes = link.R[foot]
-        memory.constants[:] = com_covariance(*geometry, self._zero_variance) + axes.T @ self._masses @ axes
+        robot = self._robot
+        look(
+            self._held, (link.com, link.J_com, link.J, robot.sole_columns[foot], link.R[foot]), self._encoders[0],
+            robot.idx_v, self._zero_variance, self._masses,
+        )  # fmt: skip
 
     def _judge(self) -> float:
         """Say how consistent the innovations are; that of the last sample."""

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from ...errors import RobotError
-from ..base.compiled import compiled
+from ..base.compiled import Held, compiled, hold
 from ..base.types import Array, Foot
 from .configuration import LegConfig, RobotConfig
 from .force_sensor import sensor_origin
@@ -242,6 +243,19 @@ class Robot:
         return q
 
 
+class Views(NamedTuple):
+    """A posture for compiled functions: arrays of `Posture` by the same names."""
+
+    com: Array
+    J: Array
+    J_com: Array
+    v: Array  # (nv,) velocities of the model
+    R_left: Array
+    p_left: Array
+    R_right: Array
+    p_right: Array
+
+
 class Posture:
     """The robot at one set of joint positions and velocities; `update` refreshes all quantities in place.
 
@@ -252,6 +266,7 @@ class Posture:
         up: (3,) z of the trunk (`robot.base_frame`).
         J: (6, nv) velocity [linear; angular] of the point at the base origin that moves with what a joint carries.
         J_com: (3, nv) velocity of the COM.
+        views: of these, held for compiled functions.
         base_in_sole: (6, 3) the root link, from the last `com_in_sole`: rotation and position [m] in the sole frame,
             linear [m/s] and angular velocity [rad/s] in its own axes.
     """
@@ -269,6 +284,9 @@ class Posture:
         self.R = {foot: placement.rotation for foot, placement in self._soles.items()}
         self.p = {foot: placement.translation for foot, placement in self._soles.items()}
         self.up = self.orientation(robot.base_id)[:, 2]
+        left, right = self._soles[Foot.LEFT], self._soles[Foot.RIGHT]
+        soles = left.rotation, left.translation, right.rotation, right.translation
+        self.views = hold(Views(self.com, self.J, self.J_com, self._v, *soles))
 
     def update(self, q: Array, qd: Array) -> None:
         """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
@@ -298,8 +316,7 @@ class Posture:
     def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
         """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
         out = np.empty((8, 3))  # what compiled code fills costs less than what it returns
-        columns = self.robot.sole_columns[foot]
-        _com_in_sole(self.com, self.J_com, self.J, columns, self._v, self.R[foot], self.p[foot], out)
+        _com_in_sole(self.views, self.robot.sole_columns[foot], foot is Foot.LEFT, out)
         self.base_in_sole = out[2:]
         return out[0], out[1]
 
@@ -316,7 +333,10 @@ class Posture:
 
 
 @compiled
-def _com_in_sole(com: Array, J_com: Array, J: Array, columns: Array, v: Array, R: Array, p: Array, out: Array) -> None:
+def _com_in_sole(held: Held, columns: Array, left: bool, out: Array) -> None:
+    at = held.value
+    com, J, J_com, v = at.com, at.J, at.J_com, at.v
+    R, p = (at.R_left, at.p_left) if left else (at.R_right, at.p_right)
     t0 = t1 = t2 = w0 = w1 = w2 = 0.0  # twist of the sole, by J
     for c in columns:
         t0, t1, t2 = t0 + J[0, c] * v[c], t1 + J[1, c] * v[c], t2 + J[2, c] * v[c]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from coman_reduced_model.core.base.compiled import hold
 from coman_reduced_model.core.observer.memory import BEGINS, GOES_ON, ROWS, SIZES, Noise, memory_of, take
 
 DT, MASS, GRAVITY = 0.005, 30.0, 9.81  # [s], [kg], [m/s^2]
@@ -39,13 +40,11 @@ def run(chatter: float, n: int = 4000) -> Run:
     memory.walks[:], memory.constant[:] = (0.1 * WEIGHT) ** 2, 1.0
     memory.scalars[1], memory.squares[:] = 3.0, 1.0
     memory.rounding[:] = STEP**2 / 12.0 * np.eye(3)
-    noise = Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0)
+    held = hold((memory, Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0)))
     out, found = np.empty((ROWS, 3)), []
     for k in range(n):
         wrench = np.concatenate([MASS * (felt[k] + [0.0, 0.0, GRAVITY]), np.zeros(3)])
-        take(
-            block, noise, (GOES_ON if k else BEGINS, DT, 1), wrench, WRENCH, LEVEL, LEVEL, rounded[k], velocity[k], out
-        )
+        take(held, (GOES_ON if k else BEGINS, DT, 1), wrench, WRENCH, LEVEL, LEVEL, rounded[k], velocity[k], out)
         P = out[9:].reshape(6, 6)[3:, 3:].copy()
         found.append((out[1] - velocity[k], np.sqrt(np.diag(P)), P, out[3:6].copy()))
     return Run(*(np.array(part) for part in zip(*found, strict=True)))
