@@ -85,6 +85,15 @@ def remember(errors: Array, known: float, off: Array, fresh: float) -> float:
 
 
 @compiled
+def follow(known: Array, measured: Array, predicted: Array, fresh: float) -> Array:
+    """`remember` a residual and return the `covariance` (3, 3) [m^2] then; known (10,): the sums and the share."""
+    errors = known[:9].reshape(3, 3)
+    if fresh > 0.0:
+        known[9] = remember(errors, known[9], measured - predicted, fresh)
+    return covariance(errors, known[9])
+
+
+@compiled
 def weigh(experience: Experience) -> None:
     """New weights of the blend, at all horizons and axes."""
     n, k = experience.weights.shape[0], experience.weights.shape[2]

@@ -59,6 +59,17 @@ class DeflectionJudge:
 
 
 @compiled
+def measured_deflections(com: Array, reference: Array, q: Array, motor_q: Array, legs: Array) -> Array:
+    """Of the COM against the reference (3,) [m] and of the joints `legs` (m,) against their motors [rad]: (3 + m,)."""
+    out = np.empty(3 + legs.shape[0])
+    for i in range(3):
+        out[i] = com[i] - reference[i]
+    for j in range(legs.shape[0]):
+        out[3 + j] = q[legs[j]] - motor_q[legs[j]]
+    return out
+
+
+@compiled
 def _update(held: Held, stamp: int, fresh: float, measured: Array, predicted: Array, kind: int) -> Array:
     """`DeflectionJudge.update`; of several predictions whose time has come, the last one counts."""
     judged = held.value

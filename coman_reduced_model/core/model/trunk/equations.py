@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from ...base.compiled import hold
 from ...base.types import Array, Foot, Integers
 from ...config.schema import Config
 from ...effects.catalogue import Effect
@@ -53,8 +54,10 @@ class Equations:
         )
         m = len(left) + len(right)
         blocks = np.zeros((2, terms_size(m)))
-        self._spare = [Assembled(block, terms_of(block, m)) for block in blocks]  # those of a posture, in turn
-        self._poses = {foot: self._pose(foot) for foot in (Foot.LEFT, Foot.RIGHT)}
+        # Those of a posture, in turn.
+        self._spare = [Assembled(block, terms := terms_of(block, m), hold(terms)) for block in blocks]
+        self._poses = {foot: hold(self._pose(foot)) for foot in (Foot.LEFT, Foot.RIGHT)}
+        self._columns = {foot: robot.idx_v[order] for foot, order in self.order.items()}
         self._no_spring_torque = np.zeros(m)
         self._pin = robot.model.copy()
         self._pin.gravity.linear = np.zeros(3)
@@ -93,15 +96,14 @@ class Equations:
         order, posture, robot = self.order[foot], self.posture, self.robot
         made = self._spare[self._spare[0] is before]
         made.foot, made.double = foot, double
-        block, v, a = made.block, self._v, self._a
+        held, v, a = made.held, self._v, self._a
         pose_legs(
-            block, state.y, state.w, order, sample.motor_q, sample.motor_qd, robot.idx_v, self._q, self._rates, v
+            held, state.y, state.w, order, sample.motor_q, sample.motor_qd, robot.idx_v, self._q, self._rates, v
         )  # fmt: skip
         posture.update(self._q, self._rates)
         known = before is not None and before.foot == foot
-        last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
-        pose = self._poses[foot]
-        take_posture(block, last, pose, ground, state.y, state.w, dt, v, a)
+        last, dt = (before.held, now.dt) if before is not None and known else (held, 0.0)
+        take_posture(held, last, self._poses[foot], ground, state.y, state.w, dt, v, a)
         if down is not LEVEL:
             self._tilt_gravity(made, state.y[-3:], R_odom_sole.T @ down)
         if len(self.above):
@@ -114,7 +116,7 @@ class Equations:
         loads = share * weight, (1.0 - share) * weight
         K, D, torque = self._springs(made, loads, state, sample.motor_qd)
         assemble(
-            block, inertia, tau, self.model.gravity, pose.columns, K, D, torque, loads,
+            held, inertia, tau, self.model.gravity, self._columns[foot], K, D, torque, loads,
             self.model.springs.gravity_stiffness,
         )  # fmt: skip
         if not self._swing:  # the legs move without reaction

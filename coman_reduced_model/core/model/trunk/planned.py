@@ -13,9 +13,8 @@ from dataclasses import replace
 from math import exp
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ...base.compiled import compiled
+from ...base.compiled import Held, compiled, hold
 from ...base.pose import matrix
 from ...base.types import Array, Booleans, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
@@ -64,6 +63,7 @@ class PlannedWalk:
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         m = len(self._legs)
         self._memory = empty_memory(m, _CAPACITY)
+        self._held = hold(self._memory)
         self._feet = np.zeros((_CAPACITY, 2, 4, 4))  # planned poses of both soles at the same points
         self._joints = np.zeros((_CAPACITY, 2, m))  # and joints and deflection, the left leg's first
         self._lead = np.zeros(2)  # fading sums: lead times deflection, deflection squared
@@ -113,7 +113,7 @@ class PlannedWalk:
         if not self._feedforward.started:
             self._feedforward.start(now.sample.q)
         self._learn(now)
-        for _ in range(_AT_ONCE):
+        for _ in range(self._points_now(now)):
             k = max(0, -((steps.stamp_ns - self._last_ns - _SPACING_NS) // dt) - 1)
             if k >= len(steps.com) or (self._n and not self._lead[1] > 0.0):
                 return
@@ -129,6 +129,12 @@ class PlannedWalk:
                 self._keep(now, planned, ground, down)
                 if not self._lead[1] > 0.0:
                     self._learn(now)
+
+    def _points_now(self, now: Now) -> int:
+        """How many points to add: where samples come often, and none is waited for, none beside a simulation."""
+        if self._course is None or now.dt > 0.5e-9 * _SPACING_NS:
+            return _AT_ONCE
+        return 0 if EVERY <= (now.sample.stamp_ns - self._course_ns) * 1e-9 < 2.0 * EVERY else 1
 
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """As in `Stride`; None: the plan does not say it, or it says that the robot stands."""
@@ -182,7 +188,7 @@ class PlannedWalk:
         self._motors.update(theta, theta_rate)
         axes = np.ascontiguousarray(sole[:3, :3])
         com = motor_com(self._motors, foot)[0]
-        keep(memory, n, planned.stamp_ns, made.block, int(foot), double, sole, plan.com, axes, com)
+        keep(self._held, n, planned.stamp_ns, made.block, int(foot), double, sole, plan.com, axes, com)
         self._feet[n] = plan.T_odom_left, plan.T_odom_right
         self._joints[n] = links[self._legs], planned.deflection
         self._n, self._before = n + 1, made
@@ -217,24 +223,11 @@ class PlannedWalk:
 
     def _changed(self, steps: PlannedSteps, both: Booleans) -> Array | None:
         """By how much (k, 3) [m] a plan has moved the COM at points that it has too; None: too much, or its feet."""
-        n, memory = self._n, self._memory
-        t = steps.stamp_ns + 1e9 * steps.dt * np.arange(1, len(steps.com) + 1)
-        at, feet = memory.stamp[:n][both], self._feet[:n][both]
-        if len(at) == 0:
-            return None
-        points = np.rint((at - t[0]) / (1e9 * steps.dt)).astype(np.int64).clip(0, len(t) - 1)
-        phase = np.where(memory.double[:n][both], int(Phase.DOUBLE), memory.foot[:n][both])
-        if np.count_nonzero(steps.phase[points] != phase) > _OTHER:
-            return None
-        turns = Rotation.from_quat(steps.soles.reshape(-1, 2, 7)[points, :, 3:].reshape(-1, 4)).as_matrix()
-        if not np.abs(turns.reshape(-1, 2, 3, 3) - feet[:, :, :3, :3]).max() < _TURNED:
-            return None
-        was = np.hstack((memory.plan[:n][both], feet[:, :, :3, 3].reshape(-1, 6)))
-        own = np.hstack((steps.com, steps.soles[:, [0, 1, 2, 7, 8, 9]]))
-        change = np.column_stack([np.interp(at, t, each) for each in own.T]) - was
-        if not np.abs(change - change[0]).max() < _CHANGED:
-            return None
-        return change[:, :3] - change[0, :3]
+        first, n = (int(i) for i in np.flatnonzero(both)[[0, -1]]) if both.any() else (0, -1)
+        change = np.empty((n + 1 - first, 3))
+        at = first, steps.stamp_ns, steps.dt
+        alike = len(change) > 0 and _replanned(change, self._held, self._feet, at, steps.com, steps.soles, steps.phase)
+        return change if alike else None
 
 
 def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
@@ -261,3 +254,57 @@ def _learn_lead(
         deflection = joints[i, 1, j]
         lead[0] += (motor_q[legs[j]] - joints[i, 0, j]) * deflection
         lead[1] += deflection * deflection
+
+
+@compiled
+def _replanned(
+    change: Array, memory: Held, feet: Array, at: tuple[int, int, float], com: Array, soles: Array, phase: Integers
+) -> bool:
+    """Fill in by how much (k, 3) [m] a plan moves the COM at k points of the memory; whether all else is as it was.
+
+    Args:
+        change: filled in, against the first of these points.
+        memory: `Memory` of points.
+        feet: (n, 2, 4, 4) poses of the soles there.
+        at: the first of these points; stamp [ns] and spacing [s] of the plan.
+        com, soles, phase: of `PlannedSteps`.
+    """
+    (first, stamp, dt), past, last = at, memory.value, com.shape[0] - 1
+    others, moved, begin = 0, np.empty(9), np.empty(9)
+    for k in range(change.shape[0]):
+        q = first + k
+        place = min(max((past.stamp[q] - stamp) / (1e9 * dt) - 1.0, 0.0), float(last))
+        i, near = min(int(place), max(last - 1, 0)), int(np.rint(place))
+        w, j = place - i, min(i + 1, last)
+        others += phase[near] != (3 if past.double[q] else past.foot[q])
+        for foot in range(2):
+            if not _as_before(soles[near, 7 * foot + 3 : 7 * foot + 7], feet[q, foot]):
+                return False
+            for axis in range(3):
+                a = 7 * foot + axis
+                moved[3 + 3 * foot + axis] = (1.0 - w) * soles[i, a] + w * soles[j, a] - feet[q, foot, axis, 3]
+        for axis in range(3):
+            moved[axis] = (1.0 - w) * com[i, axis] + w * com[j, axis] - past.plan[q, axis]
+        if k == 0:
+            begin[:] = moved
+        for axis in range(9):
+            if not abs(moved[axis] - begin[axis]) < _CHANGED:
+                return False
+        for axis in range(3):
+            change[k, axis] = moved[axis] - begin[axis]
+    return others <= _OTHER
+
+
+@compiled
+def _as_before(quaternion: Array, T: Array) -> bool:
+    """Whether no element of a rotation x y z w differs by much from that of a pose (4, 4)."""
+    R = np.empty((3, 3))
+    x, y, z, w = quaternion / np.sqrt((quaternion * quaternion).sum())
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
+    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
+    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+    for i in range(3):
+        for j in range(3):
+            if not abs(R[i, j] - T[i, j]) < _TURNED:
+                return False
+    return True
