@@ -222,7 +222,7 @@ class Predictor:
             found.append(Flags.UNKNOWN_GROUND)
         for flag in found:
             if flag:  # joining flags takes longer than this
-                flags |= flag
+                flags = flags | flag if flags else flag
         prediction = self._finish(
             sample, support, T_odom_sole, flags, com, com_vel,
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
@@ -261,26 +261,25 @@ class Predictor:
     def _ahead(self, now: Now, ready: bool, estimate: Estimate) -> tuple[list[HorizonPrediction], Flags]:
         """What is published for the horizons; nothing if the model has no input."""
         dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
-        ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
+        ahead, flags = np.empty((1 + len(BASELINES), len(self._horizons), 3)), Flags.OK
         com, com_vel = now.com, now.com_vel
         if isfinite(estimate.com[0]) and not self.observer.flags:
             com, com_vel = estimate.com, estimate.com_vel
         plan = plan_ahead(now.sample, now.foot)
-        if ready:
-            ahead[0] = dynamics.ahead(now, com, com_vel, plan, self._horizons)
+        ahead[0] = dynamics.ahead(now, com, com_vel, plan, self._horizons) if ready else np.nan
         ahead[1:] = predict_baselines(
             com, com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
             dynamics.reference, dynamics.reference_vel, *plan,
         )  # fmt: skip
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
-            flags |= Flags.REJECTED_STATE
+            flags = Flags.REJECTED_STATE
         kind = HELD if not ready else REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
         published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind)
         if not ready:
             return [], flags
         if self.judge.simpler_is_better:
-            flags |= Flags.SIMPLER_AHEAD
+            flags = flags | Flags.SIMPLER_AHEAD if flags else Flags.SIMPLER_AHEAD
         made = zip(self.judge.horizons, published[:, 0], published[:, 1:4], published[:, 4], strict=True)
         return [HorizonPrediction(*each) for each in made], flags
 

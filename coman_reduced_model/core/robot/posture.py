@@ -50,6 +50,7 @@ class Posture:
         self.configuration = pin.neutral(robot.model)
         self._v = np.zeros(robot.model.nv)
         self.base_in_sole = np.full((6, 3), np.nan)
+        self._orientations: dict[int, Array] = {}
         self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
         # Pinocchio's containers keep their addresses, so that the views stay valid and cost nothing to read.
         self.com, self.J, self.J_com = self.data.com[0], self.data.J, self.data.Jcom
@@ -79,8 +80,9 @@ class Posture:
 
     def orientation(self, frame: int) -> Array:
         """Rotation (3, 3) of any frame of the model; a view."""
-        rotation: Array = self.data.oMf[frame].rotation
-        return rotation
+        if frame not in self._orientations:
+            self._orientations[frame] = self.data.oMf[frame].rotation
+        return self._orientations[frame]
 
     def leg_jacobian(self, foot: Foot) -> Array:
         """The Jacobian of (8), (6, n): see `stiffness.leg_jacobian`."""

@@ -224,7 +224,9 @@ class TrunkModel(Dynamics):
         assert state is not None
         R = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
         double = now.support.phase == Phase.DOUBLE
-        return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before)
+        assert now.sample.motor_q is not None and now.sample.motor_qd is not None
+        motors = now.sample.motor_q, now.sample.motor_qd, now.dt
+        return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before, motors)
 
 
 def copied(state: State) -> State:

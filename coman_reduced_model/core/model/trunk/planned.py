@@ -9,7 +9,6 @@ before is (`memory.py`), and simulated in the same way. By how much the motors d
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import exp
 
 import numpy as np
@@ -181,12 +180,10 @@ class PlannedWalk:
         plane, height = ground[foot].copy(), float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
         if double and abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
             plane[0] = height
-        sample = replace(sample, motor_q=theta, motor_qd=theta_rate)
         dt = 1e-9 * (planned.stamp_ns - int(memory.stamp[n - 1])) if n else 0.0
-        at = replace(now, sample=sample, dt=dt)
-        made = self._equations.assemble(at, foot, state, double, plane, down, sole[:3, :3], self._before)
+        axes, motors = np.ascontiguousarray(sole[:3, :3]), (theta, theta_rate, dt)
+        made = self._equations.assemble(now, foot, state, double, plane, down, axes, self._before, motors)
         self._motors.update(theta, theta_rate)
-        axes = np.ascontiguousarray(sole[:3, :3])
         com = motor_com(self._motors, foot)[0]
         keep(self._held, n, planned.stamp_ns, made.block, int(foot), double, sole, plan.com, axes, com)
         self._feet[n] = plan.T_odom_left, plan.T_odom_right
