@@ -49,22 +49,14 @@ def _change(preview: Array, now: Array, preview_vel: Array, now_vel: Array, R: A
 
 
 @compiled
-def look_ahead(plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float) -> tuple[Array, Array]:
-    """How far the reference has moved t [s] from now: displacement (3,) [m] and change of velocity (3,) [m/s].
+def look(
+    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float, moved: Array, faster: Array
+) -> None:
+    """How far the reference moves in t [s] from now: displacement (3,) [m] and change of velocity (3,) [m/s], filled in.
 
     With a plan (n, 3) from `plan_ahead` linearly between its points; beyond its end, or without one (n = 0), at the
     last velocity; `reference_vel` (3,) is the present one.
     """
-    moved, faster = np.empty(3), np.empty(3)
-    look(plan, plan_vel, plan_dt, reference_vel, t, moved, faster)
-    return moved, faster
-
-
-@compiled
-def look(
-    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float, moved: Array, faster: Array
-) -> None:
-    """`look_ahead` into arrays that there are already."""
     end = plan.shape[0] - 1
     position = t / plan_dt if end > 0 else 0.0
     i = min(int(position), end - 1)

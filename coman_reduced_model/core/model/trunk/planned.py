@@ -84,6 +84,7 @@ class PlannedWalk:
         self._before: Assembled | None = None
         self._course_ns = 0
         self._course: Array | None = None  # as in `Stride`
+        self._added = False  # a point, at this sample
         self.stands = False
 
     @property
@@ -99,6 +100,7 @@ class PlannedWalk:
             ground: by support foot, (3,) under the other sole, as in `contact.Sole`, as far as it is known.
             down: (3,) direction of gravity in odom.
         """
+        self._added = False
         plan, paused = now.sample.reference, 0 < self._paused_ns - now.sample.stamp_ns < _PAUSE_NS
         steps = None if plan is None or paused else plan.steps
         if steps is None or now.sample.motor_q is None or not _INTERVALS[0] <= steps.dt <= _INTERVALS[1]:
@@ -112,13 +114,14 @@ class PlannedWalk:
         if not self._feedforward.started:
             self._feedforward.start(now.sample.q)
         self._learn(now)
-        for _ in range(self._points_now(now)):
+        often = now.dt < 0.5e-9 * _SPACING_NS
+        for _ in range(1 if often and self._course is not None else _AT_ONCE):
             k = max(0, -((steps.stamp_ns - self._last_ns - _SPACING_NS) // dt) - 1)
             if k >= len(steps.com) or (self._n and not self._lead[1] > 0.0):
                 return
             if self._last_ns - now.sample.stamp_ns > self._far_ns:
                 return
-            self._last_ns = steps.stamp_ns + (k + 1) * dt
+            self._last_ns, self._added = steps.stamp_ns + (k + 1) * dt, often
             self._feedforward.set_surroundings(now.sample.motor_q, down)
             planned = self._feedforward.update(_point(steps, k, self._last_ns))
             if planned is not None:
@@ -129,16 +132,12 @@ class PlannedWalk:
                 if not self._lead[1] > 0.0:
                     self._learn(now)
 
-    def _points_now(self, now: Now) -> int:
-        """How many points to add: where samples come often, and none is waited for, none beside a simulation."""
-        if self._course is None or now.dt > 0.5e-9 * _SPACING_NS:
-            return _AT_ONCE
-        return 0 if EVERY <= (now.sample.stamp_ns - self._course_ns) * 1e-9 < 2.0 * EVERY else 1
-
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """As in `Stride`; None: the plan does not say it, or it says that the robot stands."""
         stamp = now.sample.stamp_ns
-        if not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY:
+        # Beside a point that has just been added there is no time to simulate: where samples come often, the next will.
+        late = STEP if self._added and self._course is not None else 0.0
+        if not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY + late:
             self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + EVERY)
         if self._course is None:
             return None
