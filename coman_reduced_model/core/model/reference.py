@@ -52,7 +52,7 @@ def _change(preview: Array, now: Array, preview_vel: Array, now_vel: Array, R: A
 def look(
     plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float, moved: Array, faster: Array
 ) -> None:
-    """How far the reference moves in t [s] from now: displacement (3,) [m] and change of velocity (3,) [m/s], filled in.
+    """Fill in how far the reference moves in t [s] from now, (3,) [m], and how much faster it gets, (3,) [m/s].
 
     With a plan (n, 3) from `plan_ahead` linearly between its points; beyond its end, or without one (n = 0), at the
     last velocity; `reference_vel` (3,) is the present one.
