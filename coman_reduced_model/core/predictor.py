@@ -26,8 +26,8 @@ from .config.schema import Config
 from .effects.catalogue import Effect, build_effects
 from .effects.hooks import Now
 from .evaluation.baselines import BASELINES, predict_baselines
-from .evaluation.blend import MEMORY, NOW, covariance, remember
-from .evaluation.deflections import DeflectionJudge
+from .evaluation.blend import MEMORY, NOW, follow
+from .evaluation.deflections import DeflectionJudge, measured_deflections
 from .evaluation.horizons import HELD, REPEATED, STEPPING, HorizonJudge
 from .measured.computed_wrenches import ComputedWrenches
 from .measured.odometry import FootOdometry
@@ -122,8 +122,8 @@ class Predictor:
         self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
         self.deflections = DeflectionJudge(self._horizons, 3 + len(self._legs))
         self._after = self.deflections.after.tolist()
-        self._residuals = np.zeros((3, 3))  # [m^2] fading sums of products, and the share of the memory that is known
-        self._residuals_known = 0.0
+        self._residuals = np.zeros(10)  # as in `follow`
+        self._no_motors = np.full(len(robot.joint_names), np.nan)
         self._frames = ("", config.robot.left.sole_frame, config.robot.right.sole_frame)  # by Foot
         self._sliding = [e for e in effects if type(e).slide is not Effect.slide]
         self._needs_zmp = config.prediction.reference == "none" or len(self._horizons) > 0
@@ -199,7 +199,7 @@ class Predictor:
             measured = (com, com_vel) if possible else (_NAN3, _NAN3)
             return self._finish(sample, support, T_odom_sole, flags, *measured)
         down = self._down(sample, foot, T_odom_sole)
-        zmp = self._zmp(sample, foot, T_odom_sole[:3, :3].T @ down, com[2]) if self._needs_zmp else None
+        zmp = self._zmp(sample, foot, T_odom_sole, down, com[2]) if self._needs_zmp else None
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
@@ -222,18 +222,16 @@ class Predictor:
             found.append(Flags.UNKNOWN_GROUND)
         for flag in found:
             if flag:  # joining flags takes longer than this
-                flags |= flag
+                flags = flags | flag if flags else flag
         prediction = self._finish(
             sample, support, T_odom_sole, flags, com, com_vel,
             dynamics.reference, dynamics.reference_vel, dynamics.state, horizons,
         )  # fmt: skip
         if ready and self.model.turning:
             prediction.measured_tilt, prediction.predicted_tilt = now.tilt, dynamics.tilt
-        if not (flags and flags.diverged):
-            fresh = -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
-            self._residuals_known = remember(self._residuals, self._residuals_known, prediction.residual, fresh)
+        fresh = 0.0 if flags and flags.diverged else -expm1(-min(max(dt, 0.0), NOW) / MEMORY)
         prediction.estimate, prediction.base_in_sole = estimate, self.link.base_in_sole
-        prediction.predicted_covariance = covariance(self._residuals, self._residuals_known)
+        prediction.predicted_covariance = follow(self._residuals, com, prediction.predicted_com, fresh)
         prediction.deflections = self._deflections(now, ready)
         prediction.repeating, prediction.stepping = ready and dynamics.repeating, ready and dynamics.stepping
         return prediction
@@ -263,26 +261,25 @@ class Predictor:
     def _ahead(self, now: Now, ready: bool, estimate: Estimate) -> tuple[list[HorizonPrediction], Flags]:
         """What is published for the horizons; nothing if the model has no input."""
         dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
-        ahead, flags = np.full((1 + len(BASELINES), len(self._horizons), 3), np.nan), Flags.OK
+        ahead, flags = np.empty((1 + len(BASELINES), len(self._horizons), 3)), Flags.OK
         com, com_vel = now.com, now.com_vel
         if isfinite(estimate.com[0]) and not self.observer.flags:
             com, com_vel = estimate.com, estimate.com_vel
         plan = plan_ahead(now.sample, now.foot)
-        if ready:
-            ahead[0] = dynamics.ahead(now, com, com_vel, plan, self._horizons)
+        ahead[0] = dynamics.ahead(now, com, com_vel, plan, self._horizons) if ready else np.nan
         ahead[1:] = predict_baselines(
             com, com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
             dynamics.reference, dynamics.reference_vel, *plan,
         )  # fmt: skip
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
-            flags |= Flags.REJECTED_STATE
+            flags = Flags.REJECTED_STATE
         kind = HELD if not ready else REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
         published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind)
         if not ready:
             return [], flags
         if self.judge.simpler_is_better:
-            flags |= Flags.SIMPLER_AHEAD
+            flags = flags | Flags.SIMPLER_AHEAD if flags else Flags.SIMPLER_AHEAD
         made = zip(self.judge.horizons, published[:, 0], published[:, 1:4], published[:, 4], strict=True)
         return [HorizonPrediction(*each) for each in made], flags
 
@@ -291,9 +288,8 @@ class Predictor:
         sample, judge = now.sample, self.deflections
         if not ready:
             return []
-        measured = np.empty(3 + len(self._legs))
-        measured[:3] = now.com - self.dynamics.reference
-        measured[3:] = np.nan if sample.motor_q is None else (sample.q - sample.motor_q)[self._legs]
+        motors = self._no_motors if sample.motor_q is None else sample.motor_q
+        measured = measured_deflections(now.com, self.dynamics.reference, sample.q, motors, self._legs)
         values = self.dynamics.deflections(now, len(self._horizons))
         sigma = judge.update(sample.stamp_ns, measured, values, self.dynamics.repeating or self.dynamics.stepping)
         return [
@@ -382,18 +378,20 @@ class Predictor:
         self.slope.update(sample, self.link, foot, T_odom_sole)
         return self.slope.down
 
-    def _zmp(self, sample: Sample, foot: Foot, down: Array, height: float) -> Array | None:
+    def _zmp(self, sample: Sample, foot: Foot, T_odom_sole: Array, down: Array, height: float) -> Array | None:
         """The ZMP (3,) [m] in the support sole; on a slope, where it would be on level ground for the same motion.
 
         Args:
             sample: with wrenches.
             foot: the support foot.
-            down: (3,) direction of gravity in its sole frame.
+            T_odom_sole: (4, 4) pose of its sole.
+            down: (3,) direction of gravity in odom.
             height: of the COM [m].
         """
         other = self.link.sole_pose(foot, foot.other)
         poses = (_IDENTITY, other) if foot == Foot.LEFT else (other, _IDENTITY)
         zmp = zmp_from_wrenches(sample.left_wrench, sample.right_wrench, *poses)
-        if zmp is not None and (down[0] or down[1]):
-            zmp[:2] += height * down[:2] / down[2]
+        if zmp is not None and down is not LEVEL:
+            x, y, z = T_odom_sole[:3, :3].T @ down
+            zmp[:2] += height * np.array((x, y)) / z
         return zmp

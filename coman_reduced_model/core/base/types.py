@@ -181,10 +181,10 @@ class Flags(IntFlag):
     @property
     def diverged(self) -> bool:
         """Whether the free run diverged: at this sample it begins from the measurement again and predicts nothing."""
-        return self & _DIVERGED == _DIVERGED
+        return int.__and__(self, _DIVERGED) == _DIVERGED
 
 
-_DIVERGED = Flags.RESET | Flags.REJECTED_STATE
+_DIVERGED = int(Flags.RESET | Flags.REJECTED_STATE)
 
 
 @dataclass(slots=True)

@@ -24,7 +24,8 @@ LONG = 0.3  # of the whole memory, before which that is not said: 3 s
 GIVEN = 0.02  # share of another model's experience that one without any begins with
 EXPECTED = 0.001, 0.01  # [m] that what is expected to be best, and all else, is taken to be off by
 LEAST = 1e-5  # [m] that any prediction is taken to be off by
-SWEEPS = 60  # of the search for the weights
+SWEEPS = 60  # of the search for the weights, at most
+STAYS = 1e-13  # of the weights: a sweep that changes less is the last one
 NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
 
 
@@ -92,6 +93,15 @@ def remember(errors: Array, known: float, off: Array, fresh: float) -> float:
 
 
 @compiled
+def follow(known: Array, measured: Array, predicted: Array, fresh: float) -> Array:
+    """`remember` a residual and return the `covariance` (3, 3) [m^2] then; known (10,): the sums and the share."""
+    errors = known[:9].reshape(3, 3)
+    if fresh > 0.0:
+        known[9] = remember(errors, known[9], measured - predicted, fresh)
+    return covariance(errors, known[9])
+
+
+@compiled
 def weigh(experience: Experience) -> None:
     """New weights of the blend, at all horizons and axes."""
     n, k = experience.weights.shape[0], experience.weights.shape[2]
@@ -121,17 +131,24 @@ def least_squares(C: Array, usable: Booleans, weights: Array) -> None:
     error. What comes out is continuous in C: the same input, but for rounding, gives the same blend.
     """
     k = weights.shape[0]
-    unit, z = np.zeros(k), np.zeros(k)
+    unit, z, alike = np.zeros(k), np.zeros(k), np.zeros((k, k))
     for i in range(k):
         if usable[i]:
             unit[i] = 1.0 / np.sqrt(C[i, i] + LEAST**2)
+    for i in range(k):
+        for j in range(k):
+            alike[i, j] = unit[i] * C[i, j] * unit[j] if j != i else 0.0
     for _ in range(SWEEPS):
+        changed = 0.0
         for i in range(k):
             rest = unit[i]
             for j in range(k):
-                if j != i:
-                    rest -= unit[i] * C[i, j] * unit[j] * z[j]
-            z[i] = max(rest, 0.0)
+                rest -= alike[i, j] * z[j]
+            rest = max(rest, 0.0)
+            changed = max(changed, abs(rest - z[i]))
+            z[i] = rest
+        if changed <= STAYS * z.sum():
+            break
     total = (unit * z).sum()
     for i in range(k):
         weights[i] = unit[i] * z[i] / total

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.compiled import compiled
+from ..base.compiled import Held, compiled, hold
 from ..base.types import Array, Integers
 from .blend import KNOWN, MEMORY, NOW
 
@@ -37,12 +37,14 @@ class DeflectionJudge:
         dues, kinds = np.zeros((2, k, _WAITING), dtype=np.int64)
         square, known = np.zeros((2, 2, k, size))
         after_ns, ends = np.rint(self.after * 1e9).astype(np.int64), np.zeros((k, 2), dtype=np.int64)
-        self._judged = Judged(after_ns, np.zeros((k, _WAITING, size)), dues, kinds, ends, square, known)
+        self._ends = ends
+        judged = Judged(after_ns, np.zeros((k, _WAITING, size)), dues, kinds, ends, square, known)
+        self._judged = hold(judged)
         self._last_ns = 0
 
     def restart(self) -> None:
         """Time has jumped: predictions that wait are dropped, what was learnt is kept."""
-        self._judged.ends[:] = 0
+        self._ends[:] = 0
         self._last_ns = 0
 
     def update(self, stamp_ns: int, measured: Array, predicted: Array, known: bool) -> Array:
@@ -57,8 +59,20 @@ class DeflectionJudge:
 
 
 @compiled
-def _update(judged: Judged, stamp: int, fresh: float, measured: Array, predicted: Array, kind: int) -> Array:
+def measured_deflections(com: Array, reference: Array, q: Array, motor_q: Array, legs: Array) -> Array:
+    """Of the COM against the reference (3,) [m] and of the joints `legs` (m,) against their motors [rad]: (3 + m,)."""
+    out = np.empty(3 + legs.shape[0])
+    for i in range(3):
+        out[i] = com[i] - reference[i]
+    for j in range(legs.shape[0]):
+        out[3 + j] = q[legs[j]] - motor_q[legs[j]]
+    return out
+
+
+@compiled
+def _update(held: Held, stamp: int, fresh: float, measured: Array, predicted: Array, kind: int) -> Array:
     """`DeflectionJudge.update`; of several predictions whose time has come, the last one counts."""
+    judged = held.value
     out, ends, room = np.empty(predicted.shape), judged.ends, judged.rows.shape[1]
     for k in range(predicted.shape[0]):
         place = ends[k, 1] % room

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.compiled import compiled
+from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
 from .blend import Experience, begin_with, blend, covariance, learn, no_experience, weigh
@@ -88,6 +88,7 @@ class HorizonJudge:
         # simpler predictions: each kind has its own errors.
         held, repeated, stepping = (no_experience(n, k, best) for _ in range(3))
         self.experiences: Experiences = (held, repeated, stepping)
+        self._known = hold((self._pending, self._errors, *self.experiences))
         self._kind, self._repeated = 0, False
         self._simpler = [False] * len(self.experiences)  # whether a baseline has been better than the model
         self._last_ns = self._weighed_ns = 0
@@ -126,8 +127,8 @@ class HorizonJudge:
         self._kind = kind
         made = np.empty((ahead.shape[1], 5, 3))
         _update(
-            (self._pending, self._errors, *self.experiences), stamp_ns, self._last_ns, T_odom_sole, measured, reference,
-            ahead, made, (self._blended, reweigh), self._kind,
+            self._known, stamp_ns, self._last_ns, T_odom_sole, measured, reference, ahead, made,
+            (self._blended, reweigh), self._kind,
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
@@ -189,11 +190,11 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 
 @compiled
 def _update(
-    known: tuple[Pending, Errors, Experience, Experience, Experience], stamp_ns: int, last_ns: int, pose: Array,
-    measured: Array, reference: Array, ahead: Array, made: Array, options: tuple[bool, bool], kind: int,
+    held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
+    options: tuple[bool, bool], kind: int,
 ) -> None:  # fmt: skip
     """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights."""
-    blended, reweigh = options
+    (blended, reweigh), known = options, held.value
     pending, errors, experiences = known[0], known[1], known[2:]
     experience = experiences[kind]
     published = made[:, 0]

@@ -14,10 +14,11 @@ from collections import deque
 import numpy as np
 import pinocchio as pin
 
+from ..base.compiled import compiled
 from ..base.types import Array, Foot, Phase, PlannedDeflection, Reference
 from ..config.schema import Config
 from ..effects.catalogue import build_effects
-from ..gait.load_share import share_load
+from ..gait.load_share import share_one
 from ..model.springs import Springs
 from ..robot.leg import leg_jacobian
 from ..robot.robot import Robot
@@ -70,8 +71,14 @@ class Feedforward:
         self._robot, self._springs, self._gravity = robot, springs, gravity
         self._posture = PlannedPosture(robot, self._gravity)
         self._columns = np.concatenate((robot.leg_columns[Foot.LEFT], robot.leg_columns[Foot.RIGHT]))
+        self._stiffness, self._damping = (
+            np.concatenate((of[Foot.LEFT], of[Foot.RIGHT])) for of in (springs.stiffness, springs.damping)
+        )
         self.started = False
         self.loads = np.zeros(2)
+        zero = np.zeros(3)
+        at_rest = Reference(0, zero, zero, zero, zero, np.eye(4), np.eye(4), Phase.DOUBLE, 0)
+        self._torques(at_rest, self._posture.q, *np.zeros((2, robot.model.nv)))  # compiled or loaded now, not in a walk
         self.reset()
 
     def reset(self) -> None:
@@ -136,24 +143,26 @@ class Feedforward:
 
     def _torques(self, plan: Reference, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Torques (m,) [Nm] of the legs' joints in the planned motion, and the vertical loads (2,) of the feet [N]."""
-        posture = self._posture
-        model, data = posture.model, posture.data
+        model, data = self._posture.model, self._posture.data
         needed = pin.rnea(model, data, q, v, a)
-        ground = pin.XYZQUATToSE3(q[:7]).act(pin.Force(needed[:6])).vector
-        soles = plan.T_odom_left[None], plan.T_odom_right[None]
-        shares = share_load(ground[None], *soles, np.array([int(plan.phase)]))
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
-        for foot, share in zip((Foot.LEFT, Foot.RIGHT), shares, strict=True):
-            J = pin.getFrameJacobian(model, data, self._robot.sole_ids[foot], pin.WORLD)
-            needed -= J.T @ share[0]
-        return needed[self._columns], np.array([share[0, 2] for share in shares])
+        pin.jacobianCenterOfMass(model, data, q, False)
+        torque, loads, root = np.empty(len(self._columns)), np.empty(2), data.oMi[1]
+        _bear(
+            needed, data.J, root.rotation, root.translation, plan.T_odom_left, plan.T_odom_right, int(plan.phase),
+            self._columns, torque, loads,
+        )  # fmt: skip
+        return torque, loads
 
     def _deflections(self, torque: Array, loads: Array, dt: float) -> Array:
         """(m,) [rad] of springs that transmit torques (m,), dt [s] after the last ones, by their law at these."""
         data, last = self._posture.data, self._last
-        com = pin.centerOfMass(self._posture.model, data, False)
         before = np.zeros(len(torque)) if last is None else last.deflection
+        if self._springs.nominal:
+            damping = self._damping / dt if last is not None else 0.0
+            nominal: Array = (damping * before - torque) / (self._stiffness + damping)
+            return nominal
+        pin.updateFramePlacements(self._posture.model, data)
+        com = data.com[0]
         out, n = np.empty(len(torque)), len(self._robot.legs[Foot.LEFT])
         still = np.zeros(len(torque))
         for foot, part, load in zip((Foot.LEFT, Foot.RIGHT), (slice(0, n), slice(n, None)), loads, strict=True):
@@ -165,3 +174,36 @@ class Feedforward:
             damping = leg.D_q / dt if last is not None else 0.0 * leg.D_q
             out[part] = np.linalg.solve(leg.K_q + damping, damping @ before[part] - torque[part] - leg.torque)
         return out
+
+
+@compiled
+def _bear(
+    needed: Array, J: Array, R: Array, p: Array, T_left: Array, T_right: Array, phase: int, columns: Array,
+    torque: Array, loads: Array,
+) -> None:  # fmt: skip
+    """Fill in torques (m,) [Nm] of the legs' joints, and the vertical loads (2,) of the feet [N].
+
+    Args:
+        needed: (nv,) forces of the motion without ground, of which the first six act on the root link.
+        J: (6, nv) of `PlannedPosture`.
+        R, p: pose (3, 3), (3,) of the root link [m].
+        T_left, T_right: (4, 4) of both soles.
+        phase: of the plan.
+        columns: (m,) of the legs' joints, the left leg's first.
+        torque, loads: filled in.
+    """
+    ground, shares, n = np.zeros(6), np.empty((2, 6)), columns.shape[0] // 2
+    for i in range(3):
+        for j in range(3):
+            ground[i] += R[i, j] * needed[j]
+            ground[3 + i] += R[i, j] * needed[3 + j]
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        ground[3 + i] += p[a] * ground[b] - p[b] * ground[a]
+    height = T_left[2, 3] if phase == 1 else T_right[2, 3] if phase == 2 else 0.5 * (T_left[2, 3] + T_right[2, 3])
+    share_one(ground, T_left, T_right, phase, height, shares)
+    for i in range(columns.shape[0]):
+        torque[i] = needed[columns[i]]
+        for j in range(6):
+            torque[i] -= J[j, columns[i]] * shares[i // n, j]
+    loads[0], loads[1] = shares[0, 2], shares[1, 2]

@@ -3,23 +3,42 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
-from ..base.types import Array, Foot, Reference
+from ..base.compiled import all_finite, apply, compiled, inverse_positive, mul
+from ..base.types import Array, Booleans, Foot, Integers, Reference
 from ..robot.robot import Robot
 
 _ITERATIONS = 30
 _LONGEST = 0.3  # [rad], [m] of one iteration: the first ones may come from far
 _DAMPING = 1e-9  # [m^2], [rad^2], where legs are stretched
 _REACHED = 1e-8  # [m], [rad]: accelerations are second differences over some milliseconds
+_NEAR = 1e-6  # [m], [rad]: from here one step more gets there, as what it leaves is of second order
+
+
+class _Task(NamedTuple):
+    """Where COM and frames are, in odom, and how they move; views of Pinocchio's data."""
+
+    com: Array  # (3,) [m]
+    J_com: Array  # (3, nv)
+    J: Array  # (6, nv) velocity of the point at the origin of odom that moves with what a joint carries
+    R_left: Array  # (3, 3)
+    p_left: Array  # (3,) [m]
+    R_right: Array
+    p_right: Array
+    R_trunk: Array
+    free: Integers  # (k,) columns of root link and legs
+    carried: Booleans  # (3, k) whether they move left sole, right sole and trunk
 
 
 class PlannedPosture:
     """Solves for root link and legs; joints outside the legs are given.
 
     Attributes:
-        model, data: Pinocchio's model of the robot and its state at the last solution: placements, COM, Jacobians.
+        model, data: Pinocchio's model of the robot and its state.
         q: configuration of the last solution, from which the next one starts.
     """
 
@@ -31,10 +50,23 @@ class PlannedPosture:
         self.data = self.model.createData()
         self.q = pin.neutral(self.model)
         legs = np.concatenate((robot.leg_columns[Foot.LEFT], robot.leg_columns[Foot.RIGHT]))
-        self._free = np.concatenate((np.arange(6), legs))
         places = {joint.idx_v: range(joint.idx_q, joint.idx_q + joint.nq) for joint in self.model.joints}
         self._leg_places = np.array([place for column in legs for place in places[column]])
-        self._frames = (robot.sole_ids[Foot.LEFT], robot.sole_ids[Foot.RIGHT])
+        self._step = np.zeros(self.model.nv)
+        self._task = self._views(np.concatenate((np.arange(6), legs)))
+        _newton(self._step, self._task, np.zeros(3), np.eye(4), np.eye(4))  # compiled or loaded now, not in a walk
+
+    def _views(self, free: Integers) -> _Task:
+        robot, model, data = self.robot, self.model, self.data
+        pin.jacobianCenterOfMass(model, data, self.q, False)  # its containers keep their addresses from now on
+        frames = robot.sole_ids[Foot.LEFT], robot.sole_ids[Foot.RIGHT], robot.base_id
+        above = [list(model.supports[model.frames[frame].parentJoint])[1:] for frame in frames]
+        moving = [[model.joints[j].idx_v + i for j in joints for i in range(model.joints[j].nv)] for joints in above]
+        left, right, trunk = (data.oMf[frame] for frame in frames)
+        return _Task(
+            data.com[0], data.Jcom, data.J, left.rotation, left.translation, right.rotation, right.translation,
+            trunk.rotation, free, np.array([np.isin(free, columns) for columns in moving]),
+        )  # fmt: skip
 
     def start(self, joints: Array) -> None:
         """Begin at joint positions (nj,) [rad]: knees bend as there, and joints outside the legs stay there."""
@@ -53,27 +85,85 @@ class PlannedPosture:
             Whether the legs reach it; if not, `q` is as before.
         """
         model, data, before = self.model, self.data, self.q
-        soles = (plan.T_odom_left, plan.T_odom_right)
-        if not np.isfinite(np.concatenate((plan.com, soles[0].ravel(), soles[1].ravel()))).all():
+        left, right = plan.T_odom_left, plan.T_odom_right
+        if not (all_finite(plan.com) and all_finite(left.ravel()) and all_finite(right.ravel())):
             return False
-        forward = soles[0][:2, 0] + soles[1][:2, 0]
-        trunk = pin.utils.rotate("z", float(np.arctan2(forward[1], forward[0])))
         for _ in range(_ITERATIONS):
             pin.jacobianCenterOfMass(model, data, self.q, False)
             pin.updateFramePlacements(model, data)
-            error, J = [plan.com - data.com[0]], [data.Jcom]
-            for frame, wanted in zip(self._frames, soles, strict=True):
-                at = data.oMf[frame]
-                error += [wanted[:3, 3] - at.translation, at.rotation @ pin.log3(at.rotation.T @ wanted[:3, :3])]
-                J.append(pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED))
-            at = data.oMf[self.robot.base_id].rotation
-            error.append(at @ pin.log3(at.T @ trunk))
-            J.append(pin.getFrameJacobian(model, data, self.robot.base_id, pin.LOCAL_WORLD_ALIGNED)[3:])
-            off = np.concatenate(error)
-            if np.abs(off).max() < _REACHED:
+            off = _newton(self._step, self._task, plan.com, left, right)
+            if off < _REACHED:
                 return True
-            step, A = np.zeros(model.nv), np.vstack(J)[:, self._free]
-            step[self._free] = A.T @ np.linalg.solve(A @ A.T + _DAMPING * np.eye(len(off)), off)  # the shortest one
-            self.q = pin.integrate(model, self.q, step * min(1.0, _LONGEST / np.abs(step).max()))
+            self.q = pin.integrate(model, self.q, self._step)
+            if off < _NEAR:
+                return True
         self.q = before
         return False
+
+
+@compiled
+def _newton(step: Array, task: _Task, com: Array, left: Array, right: Array) -> float:
+    """The step (nv,) towards a COM (3,), poses of both soles (4, 4), and a trunk that is level between them.
+
+    Fills in `step`, the shortest one that leads there, and returns the largest error [m], [rad].
+    """
+    k, free = task.free.shape[0], task.free
+    off, A, trunk, at = np.empty(18), np.zeros((18, k)), np.zeros((3, 3)), np.zeros(3)
+    x, y = left[0, 0] + right[0, 0], left[1, 0] + right[1, 0]
+    yaw = np.arctan2(y, x)
+    trunk[0, 0] = trunk[1, 1] = np.cos(yaw)
+    trunk[1, 0], trunk[0, 1], trunk[2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
+    _turn(off[6:9], left, task.R_left)
+    _turn(off[12:15], right, task.R_right)
+    _turn(off[15:], trunk, task.R_trunk)
+    for i in range(3):
+        off[i], off[3 + i] = com[i] - task.com[i], left[i, 3] - task.p_left[i]
+        off[9 + i] = right[i, 3] - task.p_right[i]
+        for j in range(k):
+            A[i, j] = task.J_com[i, free[j]]
+    for frame in range(3):
+        if frame < 2:
+            at = task.p_left if frame == 0 else task.p_right
+        for j in range(k):
+            if not task.carried[frame, j]:
+                continue
+            c = free[j]
+            for i in range(3):
+                a, b, row = (i + 1) % 3, (i + 2) % 3, 3 + 6 * frame + i
+                if frame == 2:
+                    A[row, j] = task.J[3 + i, c]
+                else:
+                    A[row, j] = task.J[i, c] + task.J[3 + a, c] * at[b] - task.J[3 + b, c] * at[a]
+                    A[row + 3, j] = task.J[3 + i, c]
+    square = mul(A, A.T)
+    for i in range(18):
+        square[i, i] += _DAMPING
+    shortest, most = apply(A.T, apply(inverse_positive(square), off)), 0.0
+    for j in range(k):
+        most = max(most, abs(shortest[j]))
+    for j in range(k):
+        step[free[j]] = shortest[j] * min(1.0, _LONGEST / most)
+    return np.abs(off).max()
+
+
+@compiled
+def _turn(out: Array, wanted: Array, R: Array) -> None:
+    """Fill in the rotation vector (3,) [rad] that turns R (3, 3) to `wanted` (3, 3) or more, both in the same axes."""
+    T = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                T[i, j] += wanted[i, k] * R[j, k]
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        out[i] = 0.5 * (T[b, a] - T[a, b])
+    sine, cosine = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2), 0.5 * (T[0, 0] + T[1, 1] + T[2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    if sine > 1e-6:
+        out *= angle / sine
+    elif cosine < 0.0:  # half a turn, about the longest row of (T + 1) / 2
+        i = 0
+        for row in range(1, 3):
+            i = row if T[row, row] > T[i, i] else i
+        T[i, i] += 1.0
+        out[:] = angle / np.sqrt(T[i, 0] ** 2 + T[i, 1] ** 2 + T[i, 2] ** 2) * T[i]

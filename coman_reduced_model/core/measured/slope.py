@@ -16,8 +16,8 @@ from math import expm1, hypot
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from ..base.compiled import apply, compiled
 from ..base.types import Array, Foot, Sample
 
 if TYPE_CHECKING:
@@ -128,9 +128,17 @@ class Slope:
             self._frame = imu.frame_id, self._robot.sensor_frame(imu.frame_id.lstrip("/"))
         if self._frame[1] is None:
             return None
-        up_imu = pin.Quaternion(imu.orientation).toRotationMatrix()[2]
-        up: Array = link.R[foot].T @ (link.orientation(self._frame[1]) @ up_imu)
+        up = np.empty(3)
+        _upwards(imu.orientation, link.orientation(self._frame[1]), link.R[foot], up)
         return up
+
+
+@compiled
+def _upwards(quaternion: Array, R_imu: Array, R_sole: Array, up: Array) -> None:
+    """Fill in up (3,) in a sole frame by the orientation x y z w of an IMU; both frames (3, 3) in the base frame."""
+    x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    by_imu = np.array((2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)))
+    up[:] = apply(R_sole.T, apply(R_imu, by_imu))
 
 
 def _by_plan(sample: Sample, foot: Foot) -> Array | None:

@@ -72,7 +72,8 @@ class PointMass(Dynamics):
         deflections = {} if self.model.springs.nominal else self._deflections(now, posture, references)
         self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
         self._push(terms, now, posture)
-        terms.force += self.model.mass * self.model.gravity * (now.T_odom_sole[:3, :3].T @ (now.down - LEVEL))
+        if now.down is not LEVEL:
+            terms.force += self.model.mass * self.model.gravity * (now.T_odom_sole[:3, :3].T @ (now.down - LEVEL))
         self._references = references
         self._pull = self.reference, self.reference_vel = references[foot]
         self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK

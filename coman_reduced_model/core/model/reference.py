@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.compiled import compiled
-from ..base.types import Array, Foot, Reference, Sample
+from ..base.types import Array, Booleans, Foot, Reference, Sample
 from ..robot.robot import Posture
 
 Plan = tuple[Array, Array, float]  # what `plan_ahead` returns
@@ -49,22 +49,14 @@ def _change(preview: Array, now: Array, preview_vel: Array, now_vel: Array, R: A
 
 
 @compiled
-def look_ahead(plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float) -> tuple[Array, Array]:
-    """How far the reference has moved t [s] from now: displacement (3,) [m] and change of velocity (3,) [m/s].
+def look(
+    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float, moved: Array, faster: Array
+) -> None:
+    """Fill in how far the reference moves in t [s] from now, (3,) [m], and how much faster it gets, (3,) [m/s].
 
     With a plan (n, 3) from `plan_ahead` linearly between its points; beyond its end, or without one (n = 0), at the
     last velocity; `reference_vel` (3,) is the present one.
     """
-    moved, faster = np.empty(3), np.empty(3)
-    look(plan, plan_vel, plan_dt, reference_vel, t, moved, faster)
-    return moved, faster
-
-
-@compiled
-def look(
-    plan: Array, plan_vel: Array, plan_dt: float, reference_vel: Array, t: float, moved: Array, faster: Array
-) -> None:
-    """`look_ahead` into arrays that there are already."""
     end = plan.shape[0] - 1
     position = t / plan_dt if end > 0 else 0.0
     i = min(int(position), end - 1)
@@ -79,6 +71,29 @@ def look(
         else:
             faster[axis] = plan_vel[end, axis]
             moved[axis] = plan[end, axis] + (t - end * plan_dt) * (reference_vel[axis] + faster[axis])
+
+
+@compiled
+def faded(
+    com: Array, reference: Array, reference_vel: Array, plan: Plan, horizons: Array, fading: float, felt: Booleans
+) -> Array:
+    """COM (k, 3) [m] at horizons (k,) [s] as planned, while its horizontal deflection fades; the sag stays.
+
+    Args:
+        com: (3,) now [m].
+        reference, reference_vel: (3,) [m], [m/s].
+        plan: from `plan_ahead`.
+        horizons: (k,) [s].
+        fading: rate [1/s].
+        felt: (3,) axes that deflect; the others follow the reference.
+    """
+    out, moved, faster = np.empty((horizons.shape[0], 3)), np.empty(3), np.empty(3)
+    for k in range(horizons.shape[0]):
+        look(*plan, reference_vel, horizons[k], moved, faster)
+        for i in range(3):
+            left = 0.0 if not felt[i] else 1.0 if i == 2 else np.exp(-fading * horizons[k])
+            out[k, i] = reference[i] + moved[i] + left * (com[i] - reference[i])
+    return out
 
 
 def motor_com(motor: Posture, foot: Foot) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.compiled import Records
+from ..base.compiled import Records, hold
 from ..base.nominal import load_nominal
 from ..base.types import Array, Foot, Prediction, Sample
 from ..config.schema import Config
@@ -31,8 +31,8 @@ from .channels import (
     row_of,
     shown,
 )
-from .forces import WINDOW_NS, Feet, ForceBalance
-from .residuals import JOINT, JOINT_SUMS, RESIDUAL, Look, Sums, take_look
+from .forces import WINDOW_NS, ForceBalance
+from .residuals import JOINT, JOINT_SUMS, RESIDUAL, Sums, take_look
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot
@@ -96,7 +96,7 @@ class Laws:
         self._set_nominal(robot, config)
         self._sums = np.zeros(len(self._joints), dtype=JOINT_SUMS)
         self._residuals = np.zeros(len(self.names), dtype=RESIDUAL)
-        self._memory = Sums(self._joints, self._sums, self._residuals)
+        self._held = hold((self.forces.memory, Sums(self._joints, self._sums, self._residuals)))
         self._no_joints = np.full(len(robot.joint_names), np.nan)
         self._imu_frame: tuple[str, int | None] = ("", robot.base_id)  # name and index
         self._first_ns = self._last_ns = 0  # first look of the phase, last look
@@ -162,7 +162,6 @@ class Laws:
         """Take a sample with both wrenches, the posture and the prediction made of it."""
         left, right, foot = sample.left_wrench, sample.right_wrench, prediction.support.support_foot
         assert left is not None and right is not None
-        R, p, on_left = link.R, link.p, foot == Foot.LEFT
         plan, T_odom_sole = _NAN3, _IDENTITY
         if self._has_motor_plan and sample.reference is not None and sample.motor_q is not None:
             plan = sample.reference.com
@@ -171,27 +170,16 @@ class Laws:
         if not self.looks:
             self._first_ns = sample.stamp_ns
         self._dt = dt if 0.0 < dt < _GAP_S else 0.0
-        self._edge_looks += take_look(
-            self.forces.memory,
-            self._memory,
-            Feet(R[Foot.LEFT], p[Foot.LEFT], R[Foot.RIGHT], p[Foot.RIGHT], link.com, left, right),
-            Look(
-                on_left,
-                sample.q,
-                self._no_joints if sample.motor_q is None else sample.motor_q,
-                self._no_joints if sample.tau is None else sample.tau,
-                link.J,
-                link.J_com,
-                prediction.reference_com,
-                plan,
-                T_odom_sole,
-            ),
-            *self._imu(sample, link),
-            sample.stamp_ns,
-            self.looks,
-            self._dt,
-            dt_before,
+        nothing = self._no_joints
+        motor, tau = (
+            nothing if sample.motor_q is None else sample.motor_q,
+            nothing if sample.tau is None else sample.tau,
         )
+        self._edge_looks += take_look(
+            self._held, link.views, foot is Foot.LEFT, (left, right), (sample.q, motor, tau),
+            (prediction.reference_com, plan, T_odom_sole), self._imu(sample, link), sample.stamp_ns, self.looks,
+            (self._dt, dt_before),
+        )  # fmt: skip
         self.looks += 1
 
     def _imu(self, sample: Sample, link: Posture) -> tuple[Array, Array]:

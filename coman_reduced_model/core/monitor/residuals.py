@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.compiled import Record, Records, apply, compiled
+from ..base.compiled import Held, Record, Records, apply, compiled
 from ..base.types import Array
 from .channels import COMMON
-from .forces import BalanceMemory, Feet, take_forces
+from .forces import Feet, take_forces
 
 _EDGE = 0.004  # [m] from the edge of a sole: nearer, the sole stands on its edge
 _MOMENT, _FEET, _SLIDE, _TILT, _UNLOADED_LEFT, _UNLOADED_RIGHT, _PLAN = (
@@ -94,33 +94,40 @@ class Sums(NamedTuple):
 
 @compiled
 def take_look(
-    memory: BalanceMemory,
-    sums: Sums,
-    feet: Feet,
-    look: Look,
-    orientation: Array,
-    R_imu: Array,
+    held: Held,
+    posture: Held,
+    on_left: bool,
+    wrenches: tuple[Array, Array],
+    joints: tuple[Array, Array, Array],
+    planned: tuple[Array, Array, Array],
+    imu: tuple[Array, Array],
     stamp: int,
     looks: int,
-    dt: float,
-    dt_before: float,
+    interval: tuple[float, float],
 ) -> bool:
     """Add one look to the balance of forces and to the sums of the phase: one call, for calls cost as much as the work.
 
     Args:
-        memory, sums: updated.
-        feet, look: what is known.
-        orientation: (4,) of the IMU against the ground, quaternion x y z w; NaN: not known.
-        R_imu: (3, 3) of the IMU in the base frame.
+        held: balance of forces and `Sums`, updated.
+        posture: `Posture.views`.
+        on_left: the left foot is the support foot.
+        wrenches: on the left and the right sole, as in `Feet`.
+        joints: q, motor and torque, as in `Look`.
+        planned: com, plan and T_odom_sole, as in `Look`.
+        imu: orientation (4,) of the IMU against the ground, quaternion x y z w, NaN: not known; and its rotation (3, 3)
+            in the base frame.
         stamp: [ns].
         looks: before this one in the phase.
-        dt, dt_before: time since the last look, and of that one since the one before it; 0: not known [s].
+        interval: time since the last look, and of that one since the one before it; 0: not known [s].
 
     Returns:
         Whether the support foot stands on its edge.
     """
-    R_ground_base = _mul_transposed(_rotation(orientation), R_imu)
-    take_forces(memory, stamp, look.on_left, feet, R_ground_base)
+    (memory, sums), at, (dt, dt_before) = held.value, posture.value, interval
+    feet = Feet(at.R_left, at.p_left, at.R_right, at.p_right, at.com, *wrenches)
+    look = Look(on_left, *joints, at.J, at.J_com, *planned)
+    R_ground_base = _mul_transposed(_rotation(imu[0]), imu[1])
+    take_forces(memory, stamp, on_left, feet, R_ground_base)
     return _add_look(sums, memory.soles, memory.weight, feet, look, R_ground_base[2], looks, dt, dt_before)
 
 

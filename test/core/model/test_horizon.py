@@ -13,7 +13,7 @@ from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.evaluation.baselines import predict_baselines
 from coman_reduced_model.core.evaluation.horizons import PREDICTORS, WITH_REFERENCE, HorizonJudge
 from coman_reduced_model.core.model.horizon import drop_impossible, predict_horizons
-from coman_reduced_model.core.model.reference import look_ahead
+from coman_reduced_model.core.model.reference import look
 
 MASS = 17.3
 M = MASS * np.eye(3)
@@ -91,12 +91,15 @@ def test_a_plan_is_followed_and_continued_beyond_its_end(axes, points):
 def test_look_ahead_goes_through_the_points_of_the_plan():
     plan, plan_vel = np.array([[0.0, 0, 0], [1, 2, 3], [3, 3, 3]]), np.array([[0.0, 0, 0], [10, 0, 0], [20, 0, 0]])
     velocity = np.array([1.0, 0.0, 0.0])
+    position, speed = np.empty((2, 3))
     for t, moved, faster in ((0.0, [0, 0, 0], 0), (0.05, [0.5, 1, 1.5], 5), (0.1, [1, 2, 3], 10), (0.2, [3, 3, 3], 20)):
-        position, speed = look_ahead(plan, plan_vel, 0.1, velocity, t)
+        look(plan, plan_vel, 0.1, velocity, t, position, speed)
         np.testing.assert_allclose(position, moved, atol=1e-12)
         np.testing.assert_allclose(speed, [faster, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(look_ahead(plan, plan_vel, 0.1, velocity, 0.3)[0], [3 + 0.1 * 21, 3, 3])
-    np.testing.assert_allclose(look_ahead(*NO_PLAN, velocity, 0.3)[0], [0.3, 0, 0])
+    look(plan, plan_vel, 0.1, velocity, 0.3, position, speed)
+    np.testing.assert_allclose(position, [3 + 0.1 * 21, 3, 3])
+    look(*NO_PLAN, velocity, 0.3, position, speed)
+    np.testing.assert_allclose(position, [0.3, 0, 0])
 
 
 def closed_form_lipm(zmp, h):

@@ -82,7 +82,7 @@ def simulate(
             p = p - apply(R, stepped(linear, state, past.T_odom_sole[q]))
         else:
             linear = remembered(past, q, linear.reach)[0]
-    last = q
+    last, taken = q, -1
     for k in range(points):
         t = then + int(k * STEP * 1e9)
         if k > 0:
@@ -94,7 +94,9 @@ def simulate(
                 state = switch_support(state, linear, soles[foot - 1])
                 off = swapped(off)
             last = q
-            linear, solver = remembered(past, q, terms.linear.reach)
+            if q != taken:
+                linear, solver = remembered(past, q, terms.linear.reach)
+                taken = q
             for at, motors in ((t - int(STEP * 1e9), before), (t, after)):
                 motors_at(motors, at, past, n, q, foot)
                 motors += off

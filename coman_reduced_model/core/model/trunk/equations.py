@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from ...base.compiled import hold
 from ...base.types import Array, Foot, Integers
 from ...config.schema import Config
 from ...effects.catalogue import Effect
@@ -55,8 +56,10 @@ class Equations:
         )
         m = len(left) + len(right)
         blocks = np.zeros((2, terms_size(m)))
-        self._spare = [Assembled(block, terms_of(block, m)) for block in blocks]  # those of a posture, in turn
-        self._poses = {foot: self._pose(foot) for foot in (Foot.LEFT, Foot.RIGHT)}
+        # Those of a posture, in turn.
+        self._spare = [Assembled(block, terms := terms_of(block, m), hold(terms)) for block in blocks]
+        self._poses = {foot: hold(self._pose(foot)) for foot in (Foot.LEFT, Foot.RIGHT)}
+        self._columns = {foot: robot.idx_v[order] for foot, order in self.order.items()}
         self._no_spring_torque = np.zeros(m)
         self._pin = robot.model.copy()
         self._pin.gravity.linear = np.zeros(3)
@@ -76,12 +79,12 @@ class Equations:
 
     def assemble(
         self, now: Now, foot: Foot, state: State, double: bool, ground: Array, down: Array, R_odom_sole: Array,
-        before: Assembled | None,
+        before: Assembled | None, motors: tuple[Array, Array, float],
     ) -> Assembled:  # fmt: skip
         """The equations at a state.
 
         Args:
-            now: motors, and the time since the posture before.
+            now: this sample, for what pushes the robot.
             foot: the support foot.
             state: of it.
             double: whether both feet are on the ground. A foot that lifts may touch it until it is `LIFTED` above it.
@@ -89,36 +92,35 @@ class Equations:
             down: (3,) direction of gravity in odom.
             R_odom_sole: (3, 3) orientation of the support sole.
             before: those of the posture before; None: there are none.
+            motors: positions and speeds (nj,) of all [rad], [rad/s], and the time since the posture before [s].
         """
-        sample = now.sample
-        assert sample.motor_q is not None and sample.motor_qd is not None
+        motor_q, motor_qd, elapsed = motors
         order, posture, robot = self.order[foot], self.posture, self.robot
         made = self._spare[self._spare[0] is before]
         made.foot, made.double = foot, double
-        block, v, a = made.block, self._v, self._a
+        held, v, a = made.held, self._v, self._a
         pose_legs(
-            block, state.y, state.w, order, sample.motor_q, sample.motor_qd, robot.idx_v, self._q, self._rates, v
+            held, state.y, state.w, order, motor_q, motor_qd, robot.idx_v, self._q, self._rates, v
         )  # fmt: skip
         posture.update(self._q, self._rates)
         known = before is not None and before.foot == foot
-        last, dt = (before.block, now.dt) if before is not None and known else (block, 0.0)
-        pose = self._poses[foot]
-        take_posture(block, last, pose, ground, state.y, state.w, dt, v, a)
+        last, dt = (before.held, elapsed) if before is not None and known else (held, 0.0)
+        take_posture(held, last, self._poses[foot], ground, state.y, state.w, dt, v, a)
         if before is not None and before.double:
             made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < LIFTED)
         if down is not LEVEL:
             self._tilt_gravity(made, state.y[-3:], R_odom_sole.T @ down)
         if len(self.above):
-            self._move_above(now.dt)
+            self._move_above(elapsed)
         inertia, tau = pin.crba(self._pin, self._data, posture.configuration), self._no_torque
         if self._swing:  # how the moving masses resist, the joints of the legs not accelerating
             tau = pin.rnea(self._pin, self._data, posture.configuration, v, a)
         weight = self.model.mass * self.model.gravity
         share = support_share(state.P) if made.double else 1.0
         loads = share * weight, (1.0 - share) * weight
-        K, D, torque = self._springs(made, loads, state, sample.motor_qd)
+        K, D, torque = self._springs(made, loads, state, motor_qd)
         assemble(
-            block, inertia, tau, self.model.gravity, pose.columns, K, D, torque, loads,
+            held, inertia, tau, self.model.gravity, self._columns[foot], K, D, torque, loads,
             self.model.springs.gravity_stiffness,
         )  # fmt: skip
         if not self._swing:  # the legs move without reaction

@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.compiled import compiled
+from ...base.compiled import Held, compiled
 from ...base.types import Array, Foot, Integers
 from ...robot.leg import add_gravity_stiffness
-from ...robot.robot import tilt
-from .contact import Linear, Options, Sole, State, contacts, track
+from ...robot.posture import tilt
+from .contact import Linear, Sole, contacts, track
 
 
 @compiled
@@ -89,13 +89,11 @@ class TrunkTerms(NamedTuple):
 
 @dataclass(slots=True)
 class Assembled:
-    """`TrunkTerms` at one sample; all arrays are views of one, which is what compiled functions get.
-
-    Each array more would cost them a tenth of a microsecond.
-    """
+    """`TrunkTerms` at one sample; all arrays are views of one, by which samples are remembered."""
 
     block: Array  # of `terms_size`
     terms: TrunkTerms  # views of it by `terms_of`
+    held: Any  # these terms for compiled functions
     foot: Foot = Foot.NONE  # the support foot
     double: bool = False  # whether the other foot may touch the ground
 
@@ -127,13 +125,13 @@ def terms_of(block: Array, m: int) -> TrunkTerms:
 
 @compiled
 def pose_legs(
-    block: Array, y: Array, w: Array, order: Integers, motor_q: Array, motor_qd: Array, idx_v: Integers, q: Array,
+    held: Held, y: Array, w: Array, order: Integers, motor_q: Array, motor_qd: Array, idx_v: Integers, q: Array,
     rates: Array, v: Array,
 ) -> None:  # fmt: skip
     """Set the joints of the model: those of the legs by a state, the others by their motors.
 
     Args:
-        block: the terms, whose theta is filled in.
+        held: the terms, whose theta is filled in.
         y, w: (m + 6,) coordinates and their rates.
         order: (m,) indices of the legs' joints, the support leg's first.
         motor_q, motor_qd: (nj,) [rad], [rad/s].
@@ -143,7 +141,7 @@ def pose_legs(
         v: (nv,) velocities of the model, filled in but for the base.
     """
     m = order.shape[0]
-    theta = terms_of(block, m).theta
+    theta = held.value.theta
     for j in range(q.shape[0]):
         q[j], rates[j], v[idx_v[j]] = motor_q[j], motor_qd[j], motor_qd[j]
     for i in range(m):
@@ -152,23 +150,23 @@ def pose_legs(
 
 
 @compiled
-def take_posture(block: Array, before: Array, pose: Pose, ground: Array, y: Array, w: Array, dt: float, v: Array,
+def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Array, w: Array, dt: float, v: Array,
                  a: Array) -> None:  # fmt: skip
     """Fill in geometry and contact of terms, and the motion of the base, the joints not accelerating.
 
     Args:
-        block: the terms, filled in.
+        held: the terms, filled in.
         before: those of the sample before.
-        pose: the posture.
+        posture: `Pose`.
         ground: (3,) under the other sole, as in `contact.Sole`.
         y: (m + 6,) coordinates, of which the last six displace the support sole from level ground.
         w: (m + 6,) their rates.
         dt: since the sample before [s]; 0: there is none.
         v, a: (nv,) of the model, of which the first six are filled in, in base axes.
     """
+    terms, pose = held.value, posture.value
     m = pose.columns.shape[0]
     n, s = m // 2, y[m:]
-    terms = terms_of(block, m)
     g, linear, R, p, columns, others = terms.geometry, terms.linear, pose.R, pose.p, pose.columns[:n], pose.columns[n:]
     linear.y[:] = y
     edges = pose.edges[1]
@@ -189,7 +187,7 @@ def take_posture(block: Array, before: Array, pose: Pose, ground: Array, y: Arra
             g.J[i, n + c] = g.J[3 + i, n + c] = 0.0
             for j in range(3):
                 g.J[i, n + c] += R[j, i] * pose.J_com[j, others[c]]
-    _move_base(g, terms_of(before, m).geometry, w, dt, v, a)
+    _move_base(g, before.value.geometry, w, dt, v, a)
 
 
 @compiled
@@ -290,20 +288,19 @@ def add_gravity(g: Geometry, loads: tuple[float, float], at: Array, K: Array, f:
 
 @compiled
 def assemble(
-    block: Array, inertia: Array, tau: Array, gravity: float, columns: Integers, K: Array, D: Array, torque: Array,
+    held: Held, inertia: Array, tau: Array, gravity: float, columns: Integers, K: Array, D: Array, torque: Array,
     loads: tuple[float, float], stiffness: bool,
 ) -> None:  # fmt: skip
     """Fill in inertia, springs and forces of terms whose geometry there is.
 
     Args:
-        block: the terms.
+        held: the terms.
         inertia, tau, gravity, columns: as in `project_dynamics`.
         K, D, torque: (m, m), (m, m), (m,) of the springs, without gravity.
         loads: weight on the support leg and on the other one [N].
         stiffness: whether gravity changes it (`gravity_stiffness`).
     """
-    m = columns.shape[0]
-    terms = terms_of(block, m)
+    m, terms = columns.shape[0], held.value
     linear = terms.linear
     project_dynamics(terms, inertia, tau, gravity, columns)
     linear.D[:] = D
@@ -320,43 +317,42 @@ def assemble(
 
 @compiled
 def advance(
-    block: Array, before: Array, same: bool, states: tuple[State, State], q: Array, order: Integers, double: bool,
-    dt: float, options: Options,
+    held: Held, before: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float,
+    options: Held,
 ) -> bool:  # fmt: skip
     """`contact.track` of both states, the filter's first, by terms and those of the sample before.
 
     Args:
-        block, before: the terms.
+        held, before: the terms.
         same: they are of the same support foot.
-        states: in place.
+        states: both, in place.
         q: (nj,) measured link positions [rad].
         order: (m,) as in `pose_legs`.
         double: whether the other foot may touch the ground.
         dt: since the sample before [s].
-        options: of the model.
+        options: `Options` of the model.
 
     Returns:
         Whether the filter is finite.
     """
-    m = order.shape[0]
-    terms, last = terms_of(block, m), terms_of(before, m).theta
+    m, terms, last = order.shape[0], held.value, before.value.theta
     theta, measured = np.empty(m), np.empty(m)
     for i in range(m):
         theta[i], measured[i] = last[i if same else (i + m // 2) % m], q[order[i]]
-    return track(states, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options)
+    return track(states.value, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options.value)
 
 
 @compiled
-def com_and_tilt(out: Array, block: Array, R: Array, up: Array, y: Array, w: Array) -> None:
+def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array) -> None:
     """Fill in COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
 
     Args:
         out: filled in.
-        block: the terms.
+        held: the terms.
         R, up: orientation (3, 3) of the support sole and z (3,) of the trunk in the base frame.
         y, w: (m + 6,) coordinates and their rates.
     """
-    terms = terms_of(block, y.shape[0] - 6)
+    terms = held.value
     J, com, at = terms.geometry.J, terms.geometry.com, terms.linear.y
     out[6], out[7] = tilt(R, up)
     for i in range(3):
@@ -371,21 +367,20 @@ def com_and_tilt(out: Array, block: Array, R: Array, up: Array, y: Array, w: Arr
 
 @compiled
 def deflections(
-    out: Array, block: Array, y: Array, q: Array, order: Integers, com: Array, reference: Array, left: bool
+    out: Array, held: Held, y: Array, q: Array, order: Integers, com: Array, reference: Array, left: bool
 ) -> None:  # fmt: skip
     """Fill in deflections (3 + m,) of the COM [m] and of the joints, the left leg's first [rad], by a state.
 
     Args:
         out: filled in.
-        block: the terms.
+        held: the terms.
         y: (m + 6,) coordinates.
         q, com: measured joints (nj,) [rad] and COM (3,) [m]: the COM is corrected by what y differs from q.
         order: (m,) as in `pose_legs`.
         reference: (3,) [m].
         left: the support foot is the left one.
     """
-    m = order.shape[0]
-    terms = terms_of(block, m)
+    m, terms = order.shape[0], held.value
     for i in range(3):
         out[i] = com[i] - reference[i]
     for j in range(m):

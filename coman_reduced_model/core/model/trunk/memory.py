@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.compiled import compiled
+from ...base.compiled import Held, compiled
 from ...base.types import Array
 from .contact import ROWS, make_solver
 from .kinematics import terms_of, terms_size
@@ -53,10 +53,11 @@ def empty_memory(m: int, capacity: int) -> Memory:
 
 @compiled
 def keep(
-    past: Memory, n: int, stamp: int, block: Array, foot: int, double: bool, T_odom_sole: Array, plan: Array,
+    memory: Held, n: int, stamp: int, block: Array, foot: int, double: bool, T_odom_sole: Array, plan: Array,
     planned_sole: Array, reference: Array,
 ) -> None:  # fmt: skip
     """Remember a sample as number n."""
+    past = memory.value
     terms, rows = terms_of(block, past.theta.shape[1]), 2 * ROWS if double else ROWS
     linear = terms.linear
     solver = make_solver(terms.M, linear.K, linear.D, linear.C, STEP, rows)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...base.compiled import hold
 from ...base.types import Array, Flags, Foot, Phase, Sample
 from ...config.schema import Config
 from ...effects.hooks import Now
@@ -32,7 +33,7 @@ from ...measured.standing import StandingSoles
 from ...robot.robot import Robot
 from ..cartesian import Model
 from ..dynamics import Dynamics
-from ..reference import Plan, look_ahead, motor_com
+from ..reference import Plan, faded, motor_com
 from .contact import ROWS, Options, State, switch_support
 from .equations import Equations
 from .kinematics import (
@@ -63,8 +64,9 @@ class TrunkModel(Dynamics):
         self.motor = robot.posture()
         self._equations = Equations(robot, config, model)
         friction = config.model.friction
-        self._options = Options(friction, _LONGEST, _FILTER)
+        self._options = hold(Options(friction, _LONGEST, _FILTER))
         self._following = [axis for axis in range(3) if axis not in model.axes]
+        self._felt = np.isin(range(3), model.axes)
         self._order, self._posture = self._equations.order, self._equations.posture
         self._above = len(self._equations.above) > 0
         self._soles = StandingSoles()
@@ -86,6 +88,7 @@ class TrunkModel(Dynamics):
         self._foot = Foot.NONE
         self._free: State | None = None  # the free run
         self._filtered: State | None = None  # the measurement
+        self._states: tuple[State, State] | None = None  # both, as they are held for compiled functions
         self._terms: Assembled | None = None
         self._ahead: Array | None = None  # deflections ahead, if stride or plan say them
         self._equations.reset()
@@ -118,9 +121,11 @@ class TrunkModel(Dynamics):
         filtered, order = self._filtered, self._order[self._foot]
         assert filtered is not None
         states = filtered, copied(filtered) if self._free is None else self._free
+        if self._states is None or states[0] is not self._states[0] or states[1] is not self._states[1]:
+            self._states, self._held = states, hold(states)
         same, dt = before.foot == terms.foot, now.dt
         finite: bool = advance(
-            terms.block, before.block, same, states, now.sample.q, order, terms.double, dt, self._options
+            terms.held, before.held, same, self._held, now.sample.q, order, terms.double, dt, self._options
         )
         return finite
 
@@ -178,18 +183,14 @@ class TrunkModel(Dynamics):
         if course is not None:
             return course[:, :3]
         fading = 0.0 if now.standing or self._planned.stands else 1.0 / _FADES
-        left = np.outer(np.exp(-fading * horizons), np.ones(3))  # of the deflection
-        left[:, 2] = 1.0  # the sag stays
-        left[:, self._following] = 0.0
-        moved = np.array([look_ahead(*plan, self.reference_vel, h)[0] for h in horizons])
-        return self.reference + moved + left * (com - self.reference)
+        return faded(com, self.reference, self.reference_vel, plan, horizons, fading, self._felt)
 
     def deflections(self, now: Now, horizons: int) -> Array:
         """As in `Dynamics`: now by the filter; ahead by the stride before or the plan, else as they are now."""
         assert self._terms is not None and self._filtered is not None
         out, foot = np.empty((1 + horizons, 3 + len(self._order[Foot.LEFT]))), self._foot
         deflections(
-            out[0], self._terms.block, self._filtered.y, now.sample.q, self._order[foot], now.com, self.reference,
+            out[0], self._terms.held, self._filtered.y, now.sample.q, self._order[foot], now.com, self.reference,
             foot == Foot.LEFT,
         )  # fmt: skip
         out[1:] = out[0] if self._ahead is None else self._ahead
@@ -199,7 +200,7 @@ class TrunkModel(Dynamics):
         """The free run as COM and tilt."""
         t, free, values = self._terms, self._free, np.empty(8)
         assert t is not None and free is not None
-        com_and_tilt(values, t.block, self._posture.R[t.foot], self._posture.up, free.y, free.w)
+        com_and_tilt(values, t.held, self._posture.R[t.foot], self._posture.up, free.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
         if self._above:
             self.state[3:] += self._posture.com_in_sole(t.foot)[1]
@@ -223,7 +224,9 @@ class TrunkModel(Dynamics):
         assert state is not None
         R = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
         double = now.support.phase == Phase.DOUBLE
-        return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before)
+        assert now.sample.motor_q is not None and now.sample.motor_qd is not None
+        motors = now.sample.motor_q, now.sample.motor_qd, now.dt
+        return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before, motors)
 
 
 def copied(state: State) -> State:

@@ -9,14 +9,13 @@ before is (`memory.py`), and simulated in the same way. By how much the motors d
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import exp
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ...base.compiled import Held, compiled, hold
 from ...base.pose import matrix
-from ...base.types import Array, Booleans, Foot, Phase, PlannedDeflection, PlannedSteps, Reference
+from ...base.types import Array, Booleans, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
 from ...effects.hooks import STANDS, Now
 from ...feedforward.feedforward import Feedforward
@@ -63,6 +62,7 @@ class PlannedWalk:
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         m = len(self._legs)
         self._memory = empty_memory(m, _CAPACITY)
+        self._held = hold(self._memory)
         self._feet = np.zeros((_CAPACITY, 2, 4, 4))  # planned poses of both soles at the same points
         self._joints = np.zeros((_CAPACITY, 2, m))  # and joints and deflection, the left leg's first
         self._lead = np.zeros(2)  # fading sums: lead times deflection, deflection squared
@@ -74,6 +74,7 @@ class PlannedWalk:
         start = Start(0, int(Foot.LEFT), np.zeros(terms_size(m)), zero, np.eye(4))
         course = simulate(start, np.eye(4), 0, 2, self._memory, 2, self._soles, self._friction, True)
         along(course, 0.0, np.zeros(1), np.eye(4))
+        _learn_lead(np.zeros(2), self._memory.stamp, 1, self._joints, 0, np.zeros(len(robot.idx_v)), self._legs, 1.0)
 
     def reset(self) -> None:
         """Forget the past, but for the share of the lead."""
@@ -83,6 +84,7 @@ class PlannedWalk:
         self._before: Assembled | None = None
         self._course_ns = 0
         self._course: Array | None = None  # as in `Stride`
+        self._added = False  # a point, at this sample
         self.stands = False
 
     @property
@@ -98,6 +100,7 @@ class PlannedWalk:
             ground: by support foot, (3,) under the other sole, as in `contact.Sole`, as far as it is known.
             down: (3,) direction of gravity in odom.
         """
+        self._added = False
         plan, paused = now.sample.reference, 0 < self._paused_ns - now.sample.stamp_ns < _PAUSE_NS
         steps = None if plan is None or paused else plan.steps
         if steps is None or now.sample.motor_q is None or not _INTERVALS[0] <= steps.dt <= _INTERVALS[1]:
@@ -110,15 +113,16 @@ class PlannedWalk:
             self._last_ns = steps.stamp_ns
         if not self._feedforward.started:
             self._feedforward.start(now.sample.q)
-        self._feedforward.set_surroundings(now.sample.motor_q, down)
         self._learn(now)
-        for _ in range(_AT_ONCE):
+        often = now.dt < 0.5e-9 * _SPACING_NS
+        for _ in range(1 if often and self._course is not None else _AT_ONCE):
             k = max(0, -((steps.stamp_ns - self._last_ns - _SPACING_NS) // dt) - 1)
             if k >= len(steps.com) or (self._n and not self._lead[1] > 0.0):
                 return
             if self._last_ns - now.sample.stamp_ns > self._far_ns:
                 return
-            self._last_ns = steps.stamp_ns + (k + 1) * dt
+            self._last_ns, self._added = steps.stamp_ns + (k + 1) * dt, often
+            self._feedforward.set_surroundings(now.sample.motor_q, down)
             planned = self._feedforward.update(_point(steps, k, self._last_ns))
             if planned is not None:
                 if self._n and planned.stamp_ns - int(self._memory.stamp[self._n - 1]) > max(_GAP_NS, 2 * dt):
@@ -131,7 +135,9 @@ class PlannedWalk:
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """As in `Stride`; None: the plan does not say it, or it says that the robot stands."""
         stamp = now.sample.stamp_ns
-        if not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY:
+        # Beside a point that has just been added there is no time to simulate: where samples come often, the next will.
+        late = STEP if self._added and self._course is not None else 0.0
+        if not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY + late:
             self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + EVERY)
         if self._course is None:
             return None
@@ -141,14 +147,11 @@ class PlannedWalk:
         """By how much the motors lead."""
         if not self._n or now.sample.motor_q is None:
             return
-        stamps = self._memory.stamp[: self._n]
-        i = min(int(np.searchsorted(stamps, now.sample.stamp_ns)), self._n - 1)
-        if abs(int(stamps[i]) - now.sample.stamp_ns) > _NEAR_NS:
-            return
-        joints, deflection = self._joints[i]
-        lead, dt = now.sample.motor_q[self._legs] - joints, min(max(now.dt, 0.0), _LONGEST)
-        self._lead *= exp(-dt / _MEMORY)
-        self._lead += lead @ deflection, deflection @ deflection
+        keep = exp(-min(max(now.dt, 0.0), _LONGEST) / _MEMORY)
+        _learn_lead(
+            self._lead, self._memory.stamp, self._n, self._joints, now.sample.stamp_ns, now.sample.motor_q, self._legs,
+            keep,
+        )  # fmt: skip
 
     def _keep(self, now: Now, planned: PlannedDeflection, ground: dict[Foot, Array], down: Array) -> None:
         """Keep motors and equations of the point of a planned deflection."""
@@ -176,14 +179,12 @@ class PlannedWalk:
         plane, height = ground[foot].copy(), float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
         if double and abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
             plane[0] = height
-        sample = replace(sample, motor_q=theta, motor_qd=theta_rate)
         dt = 1e-9 * (planned.stamp_ns - int(memory.stamp[n - 1])) if n else 0.0
-        at = replace(now, sample=sample, dt=dt)
-        made = self._equations.assemble(at, foot, state, double, plane, down, sole[:3, :3], self._before)
+        axes, motors = np.ascontiguousarray(sole[:3, :3]), (theta, theta_rate, dt)
+        made = self._equations.assemble(now, foot, state, double, plane, down, axes, self._before, motors)
         self._motors.update(theta, theta_rate)
-        axes = np.ascontiguousarray(sole[:3, :3])
         com = motor_com(self._motors, foot)[0]
-        keep(memory, n, planned.stamp_ns, made.block, int(foot), double, sole, plan.com, axes, com)
+        keep(self._held, n, planned.stamp_ns, made.block, int(foot), double, sole, plan.com, axes, com)
         self._feet[n] = plan.T_odom_left, plan.T_odom_right
         self._joints[n] = links[self._legs], planned.deflection
         self._n, self._before = n + 1, made
@@ -218,24 +219,11 @@ class PlannedWalk:
 
     def _changed(self, steps: PlannedSteps, both: Booleans) -> Array | None:
         """By how much (k, 3) [m] a plan has moved the COM at points that it has too; None: too much, or its feet."""
-        n, memory = self._n, self._memory
-        t = steps.stamp_ns + 1e9 * steps.dt * np.arange(1, len(steps.com) + 1)
-        at, feet = memory.stamp[:n][both], self._feet[:n][both]
-        if len(at) == 0:
-            return None
-        points = np.rint((at - t[0]) / (1e9 * steps.dt)).astype(np.int64).clip(0, len(t) - 1)
-        phase = np.where(memory.double[:n][both], int(Phase.DOUBLE), memory.foot[:n][both])
-        if np.count_nonzero(steps.phase[points] != phase) > _OTHER:
-            return None
-        turns = Rotation.from_quat(steps.soles.reshape(-1, 2, 7)[points, :, 3:].reshape(-1, 4)).as_matrix()
-        if not np.abs(turns.reshape(-1, 2, 3, 3) - feet[:, :, :3, :3]).max() < _TURNED:
-            return None
-        was = np.hstack((memory.plan[:n][both], feet[:, :, :3, 3].reshape(-1, 6)))
-        own = np.hstack((steps.com, steps.soles[:, [0, 1, 2, 7, 8, 9]]))
-        change = np.column_stack([np.interp(at, t, each) for each in own.T]) - was
-        if not np.abs(change - change[0]).max() < _CHANGED:
-            return None
-        return change[:, :3] - change[0, :3]
+        first, n = (int(i) for i in np.flatnonzero(both)[[0, -1]]) if both.any() else (0, -1)
+        change = np.empty((n + 1 - first, 3))
+        at = first, steps.stamp_ns, steps.dt
+        alike = len(change) > 0 and _replanned(change, self._held, self._feet, at, steps.com, steps.soles, steps.phase)
+        return change if alike else None
 
 
 def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
@@ -245,3 +233,74 @@ def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
         stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, matrix(*left), matrix(*right),
         Phase(int(steps.phase[k])), 0,
     )  # fmt: skip
+
+
+@compiled
+def _learn_lead(
+    lead: Array, stamps: Integers, n: int, joints: Array, stamp: int, motor_q: Array, legs: Array, keep: float
+) -> None:
+    """`PlannedWalk._learn`: sums `lead` (2,), of which a share is kept, by the first of n points that is not before."""
+    i = n - 1
+    while i > 0 and stamps[i - 1] >= stamp:
+        i -= 1
+    if abs(stamps[i] - stamp) > _NEAR_NS:
+        return
+    lead *= keep
+    for j in range(legs.shape[0]):
+        deflection = joints[i, 1, j]
+        lead[0] += (motor_q[legs[j]] - joints[i, 0, j]) * deflection
+        lead[1] += deflection * deflection
+
+
+@compiled
+def _replanned(
+    change: Array, memory: Held, feet: Array, at: tuple[int, int, float], com: Array, soles: Array, phase: Integers
+) -> bool:
+    """Fill in by how much (k, 3) [m] a plan moves the COM at k points of the memory; whether all else is as it was.
+
+    Args:
+        change: filled in, against the first of these points.
+        memory: `Memory` of points.
+        feet: (n, 2, 4, 4) poses of the soles there.
+        at: the first of these points; stamp [ns] and spacing [s] of the plan.
+        com, soles, phase: of `PlannedSteps`.
+    """
+    (first, stamp, dt), past, last = at, memory.value, com.shape[0] - 1
+    others, moved, begin = 0, np.empty(9), np.empty(9)
+    for k in range(change.shape[0]):
+        q = first + k
+        place = min(max((past.stamp[q] - stamp) / (1e9 * dt) - 1.0, 0.0), float(last))
+        i, near = min(int(place), max(last - 1, 0)), int(np.rint(place))
+        w, j = place - i, min(i + 1, last)
+        others += phase[near] != (3 if past.double[q] else past.foot[q])
+        for foot in range(2):
+            if not _as_before(soles[near, 7 * foot + 3 : 7 * foot + 7], feet[q, foot]):
+                return False
+            for axis in range(3):
+                a = 7 * foot + axis
+                moved[3 + 3 * foot + axis] = (1.0 - w) * soles[i, a] + w * soles[j, a] - feet[q, foot, axis, 3]
+        for axis in range(3):
+            moved[axis] = (1.0 - w) * com[i, axis] + w * com[j, axis] - past.plan[q, axis]
+        if k == 0:
+            begin[:] = moved
+        for axis in range(9):
+            if not abs(moved[axis] - begin[axis]) < _CHANGED:
+                return False
+        for axis in range(3):
+            change[k, axis] = moved[axis] - begin[axis]
+    return others <= _OTHER
+
+
+@compiled
+def _as_before(quaternion: Array, T: Array) -> bool:
+    """Whether no element of a rotation x y z w differs by much from that of a pose (4, 4)."""
+    R = np.empty((3, 3))
+    x, y, z, w = quaternion / np.sqrt((quaternion * quaternion).sum())
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
+    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
+    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+    for i in range(3):
+        for j in range(3):
+            if not abs(R[i, j] - T[i, j]) < _TURNED:
+                return False
+    return True

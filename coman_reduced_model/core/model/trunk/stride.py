@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...base.compiled import all_finite, compiled
+from ...base.compiled import Held, all_finite, compiled, hold
 from ...base.types import Array, Phase, Reference
 from ...effects.hooks import Now
 from .contact import ROWS, State
@@ -55,8 +55,8 @@ class Stride:
         if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
             planned, sole = _NO_PLAN if plan is None else (plan.com, _axes(plan, now.foot))
             foot, double = int(terms.foot), terms.double
-            memory = self._room(terms)
-            keep(memory, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, sole, reference)
+            self._room(terms)
+            keep(self._held, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, sole, reference)
             self._n += 1
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
@@ -95,10 +95,12 @@ class Stride:
         assert self._memory is not None
         return self._memory
 
-    def _room(self, terms: Assembled) -> Memory:
+    def _room(self, terms: Assembled) -> None:
+        """Make room for a sample."""
         if self._memory is None:
             m, r = len(terms.terms.theta), 2 * ROWS
             self._memory = empty_memory(m, _CAPACITY)
+            self._held = hold(self._memory)
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, np.zeros(1, dtype=np.int64), self._memory, 0)
             replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, np.eye(3), 1, 0, self._memory, 2)
@@ -108,7 +110,6 @@ class Stride:
             for column in self._memory:
                 column[:_KEPT] = column[-_KEPT:]
             self._n = _KEPT
-        return self._memory
 
     def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
         past, n, stamp = self._past, self._n, now.sample.stamp_ns
@@ -131,7 +132,7 @@ class Stride:
 
     def _follow(self, stamp: int, then: int, points: int, terms: Assembled, state: State, T_odom_sole: Array) -> Array:
         start = Start(stamp, int(terms.foot), terms.block, state, T_odom_sole)
-        return follow(start, then, points, self._past, self._n, self._soles, self._friction)
+        return follow(start, then, points, self._held, self._n, self._soles, self._friction)
 
 
 def _axes(plan: Reference, foot: int) -> Array:
@@ -186,16 +187,18 @@ def replanned(
 
 
 @compiled
-def follow(start: Start, then: int, points: int, past: Memory, n: int, soles: Array, friction: float) -> Array:
+def follow(start: Start, then: int, points: int, memory: Held, n: int, soles: Array, friction: float) -> Array:
     """The model from a measured state through the stride before.
 
     Args:
-        start, points, past, n, soles, friction: as in `simulate`.
+        start, points, n, soles, friction: as in `simulate`.
+        memory: `Memory`.
         then: the same point of the stride before [ns].
 
     Returns:
         (points, 6 + m) as in `Stride`; empty where the last stride was another one.
     """
+    past = memory.value
     nothing = np.empty((0, 6 + past.theta.shape[1]))
     if n < 2:
         return nothing
