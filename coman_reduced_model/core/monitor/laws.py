@@ -176,7 +176,7 @@ class Laws:
             nothing if sample.tau is None else sample.tau,
         )
         self._edge_looks += take_look(
-            self._held, link.views, foot is Foot.LEFT, (left, right), (sample.q, motor, tau),
+            self._held, link.views, foot == Foot.LEFT, (left, right), (sample.q, motor, tau),
             (prediction.reference_com, plan, T_odom_sole), self._imu(sample, link), sample.stamp_ns, self.looks,
             (self._dt, dt_before),
         )  # fmt: skip

@@ -69,7 +69,7 @@ class Turned:
         turn = complex(R[0, 0], R[1, 0])
         asked = complex(com[0], com[1]) - share * complex(p[0], p[1])
         own, other = (complex(-wrenches[each][4], wrenches[each][3]) / total for each in (foot, foot.other))
-        feet = (own, turn * other) if foot is Foot.LEFT else (turn * other, own)
+        feet = (own, turn * other) if foot == Foot.LEFT else (turn * other, own)
         velocity = complex(com_vel[0], com_vel[1])
         if self._looks == 0:
             self._since, self._first = stamp_ns, velocity

@@ -91,7 +91,7 @@ class Posture:
     def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
         """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
         out = np.empty((8, 3))  # what compiled code fills costs less than what it returns
-        _com_in_sole(self.views, self.robot.sole_columns[foot], foot is Foot.LEFT, out)
+        _com_in_sole(self.views, self.robot.sole_columns[foot], foot == Foot.LEFT, out)
         self.base_in_sole = out[2:]
         return out[0], out[1]
 
