@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -48,6 +49,7 @@ class _Pool(ProcessPoolExecutor):
 
 
 _ended = _working = False
+_LONGEST_END_S = 5.0
 
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
@@ -68,6 +70,8 @@ def only_for_its_parent() -> None:
 def _follow(parent: BaseProcess | None) -> None:
     if parent is not None:
         parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)  # and with it what it waits for
+        time.sleep(_LONGEST_END_S)
         os._exit(1)
 
 
@@ -83,9 +87,14 @@ def _work(call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
 
 
 def _end(number: int, frame: object) -> None:
-    """By an exception, but not while a result is sent: half of one would block both processes for ever."""
+    """By an exception, but not while a result is sent: half of one would block both processes for ever.
+
+    What has not ended some seconds later is ended by the system.
+    """
     global _ended
     _ended = True
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, _LONGEST_END_S)
     if _working:
         sys.exit(128 + number)
 

@@ -147,7 +147,10 @@ def _say(sentence: str, code: int) -> int:
 def main() -> None:
     """Entry point."""
     listen()
-    code = run()
+    try:
+        code = run()
+    except KeyboardInterrupt:  # a second time, between its being handled and here
+        code = 130
     answered()  # all is done; while Python ends, a Ctrl-C would change the exit code
     sys.exit(code)
 

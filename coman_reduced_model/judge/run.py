@@ -234,7 +234,7 @@ def make_case(folder: RunFolder, seed: int, **fixed: Any) -> tuple[str, str]:
 
     Raises:
         ConfigError: its engine is not installed.
-        OSError, OutputError: `folder` cannot be written.
+        OSError, OutputError, MemoryError, ImportError: not of the case, but of this machine.
     """
     case = draw_case(seed, **fixed)
     known = stored(folder.answer(case.name))
@@ -242,7 +242,7 @@ def make_case(folder: RunFolder, seed: int, **fixed: Any) -> tuple[str, str]:
         check_engine(case.world.engine)
         try:
             _, known = write_seed(seed, folder.out / "bags", force=True, **fixed)
-        except (OSError, OutputError):
+        except (OSError, OutputError, MemoryError, ImportError):
             raise
         except Exception as error:  # whatever else ends a simulation is the failure of this case, not of the run
             shutil.rmtree(folder.bags(case.name), ignore_errors=True)

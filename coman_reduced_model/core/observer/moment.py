@@ -135,7 +135,10 @@ def look(
     if what == GOES_ON:
         _correct(moment, noise, (dt, alone), radius, measured)
     else:
-        moment.x[1] = apply(R.T, apply(R_other, moment.x[1]))  # nothing, or that in the axes of the sole before
+        if what == BEGINS:
+            moment.x[1], moment.P[2], moment.wandered[:] = 0.0, 0.0, 0.0
+        else:  # in the axes of the sole before
+            moment.x[1] = apply(R.T, apply(R_other, moment.x[1]))
         moment.x[0] = measured
         moment.P[0], moment.P[1], moment.past[1] = (noise.mass * radius * SLOW) ** 2, 0.0, np.nan
     moment.past[0], moment.ground[1], moment.power[:] = measured, 0.0, 0.0
