@@ -3,17 +3,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from ..base.compiled import Held, compiled, hold
-from ..base.types import Array, Foot
+from ..base.types import Array, Foot, Integers
 from .leg import leg_jacobian
 
-if TYPE_CHECKING:
-    from .robot import Robot
+
+class Jointed(Protocol):
+    """What a posture takes of its `Robot`, see there."""
+
+    model: pin.Model
+    joint_names: tuple[str, ...]
+    idx_v: Integers
+    base_id: int
+    sole_ids: dict[Foot, int]
+    legs: dict[Foot, Array]
+    soles: dict[Foot, Array]
+    leg_columns: dict[Foot, Array]
+    sole_columns: dict[Foot, Array]
+
+    @property
+    def mass(self) -> float: ...
+
+    def scatter(self, q: Array, out: Array, /) -> None: ...
 
 
 class Views(NamedTuple):
@@ -44,7 +60,7 @@ class Posture:
             linear [m/s] and angular velocity [rad/s] in its own axes.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Jointed) -> None:
         self.robot = robot
         self.data = robot.model.createData()
         self.configuration = pin.neutral(robot.model)
