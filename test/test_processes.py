@@ -77,7 +77,7 @@ def test_ctrl_c_while_a_process_is_started_is_not_lost(monkeypatch, method):
 
 
 class EndedWhileSent:
-    """A result whose process is told to end while it is sent."""
+    """A result whose process gets SIGTERM while it is sent."""
 
     def __reduce__(self):
         os.kill(os.getpid(), signal.SIGTERM)

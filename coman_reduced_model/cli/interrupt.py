@@ -15,8 +15,7 @@ _came = False
 def listen() -> None:
     """From now on Ctrl-C raises KeyboardInterrupt.
 
-    Compiled code and destructors can swallow it, as no program can tell them not to: as long as the program goes on
-    without handling it, it is raised again.
+    Compiled code and destructors can swallow it. As long as it is not handled, it is raised again.
     """
     signal.signal(signal.SIGINT, _on_interrupt)
     signal.signal(signal.SIGALRM, _again)

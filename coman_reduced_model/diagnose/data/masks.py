@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from ...core.base.types import Array, Booleans, Foot, Integers, Phase
 from .landings import CONTACT_S, Slide, blows, usual_slides
 from .recording import RATE, Recording
-from .signals import SMOOTHING, lagged, noise_share, smooth, white
+from .signals import SMOOTHING, encoder_noise, lagged, noise_share, smooth
 from .strides import in_stride
 from .world import World
 
@@ -137,15 +137,14 @@ def _taken_up(recording: Recording, world: World) -> Array:
     out = np.zeros_like(recording.q)
     if recording.motor_q is None or recording.tau is None:
         return out  # then the torque that the ground asks for decides, see balance.py
-    sure = sure_torque(world)
+    sure, noise = sure_torque(world), encoder_noise(recording)
     for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
         torque, stretch = recording.tau[:, j], recording.motor_q[:, j] - recording.q[:, j]
         law = stretch - lagged(torque, world.damping[j] / world.stiffness[j]) / world.stiffness[j]
         law = gaussian_filter1d(law, SMOOTHING * RATE)
         low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
         law -= 0.5 * (low + high)
-        noise = max(float(recording.count[j]) / np.sqrt(12.0), float(white(stretch[:: recording.stride])))
-        seen = np.clip(law / max(SEEN, 0.5 * (high - low)), -1.0, 1.0) * (1.0 - noise_share(law, noise))
+        seen = np.clip(law / max(SEEN, 0.5 * (high - low)), -1.0, 1.0) * (1.0 - noise_share(law, noise[j]))
         loaded = np.clip(np.abs(smooth(torque[:, None])[:, 0]) / sure - 1.0, 0.0, 1.0)
         out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen
     return smooth(out)

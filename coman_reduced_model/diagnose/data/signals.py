@@ -156,7 +156,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
     stride = recording.stride
     stretch = recording.motor_q - recording.q
     noise = white(recording.tau[::stride])
-    coarse = np.maximum(recording.count / np.sqrt(12.0), white(stretch[::stride])) * world.stiffness
+    coarse = encoder_noise(recording) * world.stiffness
     tau = recording.tau.copy()
     known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
     for j in np.flatnonzero(known):
@@ -192,6 +192,13 @@ def beyond_noise(gap: Array, noise: float) -> Array:
     slow = _slow(gap)
     fast = _twice_smooth(gap) - slow
     return np.asarray(slow + (1.0 - noise_share(fast, noise)) * fast)
+
+
+def encoder_noise(recording: Recording) -> Array:
+    """(nj,) [rad] standard deviation in what both encoders say of a spring's stretch: of rounding, or white if more."""
+    assert recording.motor_q is not None
+    stretch = recording.motor_q - recording.q
+    return np.asarray(np.maximum(recording.count / np.sqrt(12.0), white(stretch[:: recording.stride])))
 
 
 def noise_share(gap: Array, noise: float | Array) -> Array:
