@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
 import numpy as np
 from robots import bent, robot_of
 
-from coman_reduced_model.core.base.types import Sample
+from coman_reduced_model.bag.session import Session
+from coman_reduced_model.core.base.types import Phase, Prediction, Sample
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.robot.robot import Robot
 
 ROBOT = robot_of("coman")
 WEIGHT = 9.81 * ROBOT.mass
@@ -58,3 +63,21 @@ def column(predictions, name):
 def in_odom(prediction, name="predicted_com"):
     T = prediction.T_odom_sole
     return T[:3, :3] @ getattr(prediction, name) + T[:3, 3]
+
+
+def later_predictions(
+    bag: str | Path, change: Callable[[Sample], None] = lambda sample: None, seconds: float = 7.0
+) -> Iterator[tuple[Prediction, Robot]]:
+    """Without horizons, of a walk whose samples are changed, after its first two seconds with a foot on the ground."""
+    config = Config().replaced({"prediction.horizons": []})
+    with Session(bag, config) as session:
+        predictor, first = Predictor(session.robot, config), None
+        for sample in session.samples():
+            first = first or sample.stamp_ns
+            change(sample)
+            prediction = predictor.update(sample)
+            t = (sample.stamp_ns - first) * 1e-9
+            if t > seconds:
+                return
+            if t > 2.0 and prediction.support.phase != Phase.FLIGHT:
+                yield prediction, predictor.robot

@@ -6,36 +6,23 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 import pytest
+from predictor_tools import later_predictions
 
-from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.base.types import Array, Foot, Phase, Prediction, Sample
+from coman_reduced_model.core.base.types import Array, Foot, Prediction, Sample
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.observer.moment import angular_momentum
-from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import bag_path, config_path
 from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.record import record
 
-NO_HORIZONS = Config().replaced({"prediction.horizons": []})
 
-
-def walk(bag, change: Callable[[Sample], None] = lambda sample: None, seconds: float = 7.0) -> list:
+def walk(bag, change: Callable[[Sample], None] = lambda sample: None) -> list:
     """Predictions of a changed walk after its first two seconds, with the lever (3,) of the trunk's COM [m]."""
     found = []
-    with Session(bag, NO_HORIZONS) as session:
-        predictor, first = Predictor(session.robot, NO_HORIZONS), None
-        trunk = predictor.robot.model.inertias[1]  # of the root link
-        for sample in session.samples():
-            first = first or sample.stamp_ns
-            change(sample)
-            prediction = predictor.update(sample)
-            t = (sample.stamp_ns - first) * 1e-9
-            if t > seconds:
-                break
-            if t > 2.0 and prediction.support.phase != Phase.FLIGHT:
-                root = prediction.base_in_sole
-                found.append((prediction, root[3] + root[:3] @ trunk.lever - prediction.measured_com))
+    for prediction, robot in later_predictions(bag, change):
+        root, trunk = prediction.base_in_sole, robot.model.inertias[1]  # of the root link
+        found.append((prediction, root[3] + root[:3] @ trunk.lever - prediction.measured_com))
     return found
 
 

@@ -5,31 +5,18 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from predictor_tools import later_predictions
 
-from coman_reduced_model.bag.session import Session
-from coman_reduced_model.core.base.types import Flags, Phase, Prediction, Sample
-from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.predictor import Predictor
+from coman_reduced_model.core.base.types import Flags, Prediction, Sample
 from coman_reduced_model.resources import bag_path
 
 PULL = 12.0  # [N] forward
-NO_HORIZONS = Config().replaced({"prediction.horizons": []})
 
 
 def walk(change: Callable[[Sample], None] = lambda sample: None, seconds: float = 7.0) -> Iterator[Prediction]:
     """Predictions of a walk, its samples changed, after the first two seconds."""
-    with Session(bag_path("test1"), NO_HORIZONS) as session:
-        predictor = Predictor(session.robot, NO_HORIZONS)
-        first = None
-        for sample in session.samples():
-            first = first or sample.stamp_ns
-            change(sample)
-            prediction = predictor.update(sample)
-            t = (sample.stamp_ns - first) * 1e-9
-            if t > seconds:
-                return
-            if t > 2.0 and prediction.support.phase != Phase.FLIGHT:
-                yield prediction
+    for prediction, _ in later_predictions(bag_path("test1"), change, seconds):
+        yield prediction
 
 
 @pytest.fixture(scope="module")
