@@ -3,8 +3,9 @@
 
     python bench/observer.py BAG... --worlds SEED...
 
-NEES needs the truth: of worlds, which are recorded for it, 8 s each, and of bags with BAG.truth.npz beside them (coman
-record). Truth is the COM of all that the robot carries, in the frame of the true sole.
+NEES needs the truth: of worlds, which are recorded for it, 8 s each, of bags with BAG.truth.npz beside them (coman
+record), and of the shipped walks, in the data of the tests. Truth is the COM of all that the robot carries, in the
+frame of the true sole.
 
 NIS and NEES are 3 on average if all is as assumed. Errors are correlated in time, so one sample a step enters NEES, and
 the NIS of steps, whose mean has the same band: the middle of each single support. The error of the position is made by
@@ -24,9 +25,9 @@ from pathlib import Path
 import numpy as np
 from markdown import table
 from scipy.stats import chi2
+from truth import truth_of
 
 import coman_reduced_model as coman
-from coman_reduced_model.bag.truth import true_motion
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Array, Integers
 from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
@@ -70,7 +71,7 @@ def main() -> int:
 
 def judged(bag: str, config: str | None) -> Consistency:
     """A recording, predicted and judged."""
-    found = Consistency(true_motion(bag))
+    found = Consistency(truth_of(bag))
     settings = coman.load_config(config).replaced({"prediction.reference": "none", "prediction.horizons": []})
     with coman.Session(bag, settings) as session:
         for prediction in session.predictions():
