@@ -26,7 +26,7 @@ class JoinedBag:
     """One bag, one entry a joint state."""
 
     bag: Path
-    robot: Robot
+    robot: Robot  # as its URDF says: predictors give it the loads of their configurations
     samples: list[Sample]  # as joined: no effect has corrected them
     predictions: list[Prediction]  # by the configuration that it was read with
     warnings: tuple[str, ...]
@@ -63,7 +63,7 @@ def read_recording(
         for batch in session.batches(progress):
             samples += deepcopy(batch) if config.effects else batch  # effects correct samples in place
             predictions += session.pipeline.predict(batch)
-        return JoinedBag(Path(path), session.pipeline.robot, samples, predictions, session.warnings)
+        return JoinedBag(Path(path), session.robot, samples, predictions, session.warnings)
 
 
 def read_all(
