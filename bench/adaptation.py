@@ -4,8 +4,9 @@
     python bench/adaptation.py [BAG...] [--config FILE] [--worlds SEED...] [--made DIR]
 
 RMS errors from 8 s on, x, y, z [mm], with the constants of the data sheet: the free run, and what is published 0.2 s
-ahead. Most of all: the joint whose stiffness, and that whose zero, was changed most by the end. What the adaptation
-assumes was chosen on worlds 7000 to 7099. Worlds without motor states, and in which the robot falls, are left out.
+ahead. Most of all: the joint whose stiffness, and that whose zero, was changed most by the end, and the trunk's COM.
+What the adaptation assumes was chosen on worlds 7000 to 7099. Worlds without motor states, and in which the robot
+falls, are left out.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ def errors(bag: Path, config: Config) -> tuple[tuple[Array, Array], str]:
     residuals, first_ns, early = [], 0, None
     with coman.Session(bag, config) as session:
         predictor = session.pipeline.predictor
-        for prediction in session.predictions():
+        for sample in session.samples():  # one by one: errors are those until this prediction
+            prediction = session.pipeline.predict([sample])[0]
             first_ns = first_ns or prediction.stamp_ns
             if prediction.stamp_ns - first_ns <= SETTLED_NS:
                 continue
@@ -85,7 +87,9 @@ def in_words(predictor: coman.Predictor) -> str:
     known = predictor.adaptation.known()
     spring = max(known, key=lambda name: abs(known[name].stiffness - 1.0))
     zero = max(known, key=lambda name: abs(known[name].zero))
-    return f"{spring} x {known[spring].stiffness:.2f}, {zero} {1e3 * known[zero].zero:+.1f} mrad"
+    x, y = 1e3 * predictor.adaptation.shift
+    of_joints = f"{spring} x {known[spring].stiffness:.2f}, {zero} {1e3 * known[zero].zero:+.1f} mrad"
+    return f"{of_joints}, trunk {x:+.1f}, {y:+.1f} mm"
 
 
 if __name__ == "__main__":

@@ -231,6 +231,7 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         "wrench_source": config.streams.wrench_source,
         "ground": _ground(pipeline),
         "adapted": _adapted(pipeline),
+        "adapted_trunk_com": _adapted_trunk_com(pipeline),
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},
         "within_90": {h: by_axis(share) for h, share in judge.within().items()},
@@ -270,6 +271,12 @@ def _adapted(pipeline: Pipeline) -> dict[str, Any] | None:
     if adaptation is None:
         return None
     return {name: {"stiffness_ratio": k, "zero_rad": zero} for name, (k, zero) in adaptation.known().items()}
+
+
+def _adapted_trunk_com(pipeline: Pipeline) -> dict[str, float] | None:
+    """The same of the trunk's COM."""
+    adaptation = pipeline.predictor.adaptation
+    return None if adaptation is None else dict(zip(("x_m", "y_m"), adaptation.shift.tolist(), strict=True))
 
 
 _PUSHED = "the feet bear forces along their soles, as on a slope or by something that pushes"

@@ -99,7 +99,8 @@ class Predictor:
         if effects is None:
             effects, robot = build_effects(config.effects, robot)
         self.robot, self.config = robot, config
-        self.adaptation = Adaptation(robot, load_nominal()) if config.prediction.adapt and config.turning else None
+        adapts = config.prediction.adapt and config.turning
+        self.adaptation = Adaptation(robot, load_nominal(), config.robot.gravity) if adapts else None
         self.effects = effects = [*effects, self.adaptation] if self.adaptation else effects
         self.model = Model(robot, config, effects)
         self.dynamics = self._dynamics()

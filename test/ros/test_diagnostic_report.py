@@ -43,7 +43,7 @@ def test_numbers_come_back():
             **rejected_values(counts, last),
             **skill_values(skill),
             **restart_value(2),
-            **adapted_values(learnt),
+            **adapted_values(learnt, np.array((0.002, -0.001))),
         }
     )
     assert report.level is Level.WARN and report.message

@@ -143,7 +143,10 @@ class PredictionConfig:
         True, "", "blend the model's predictions ahead with simpler ones, by how wrong each has lately been"
     )
     adapt: bool = par(
-        False, "", "learn joint stiffness and zeros of encoders slowly, within nominal variability; with trunk_rotation"
+        False,
+        "",
+        "learn joint stiffness, zeros of encoders and the trunk's COM slowly, within nominal variability; "
+        "with trunk_rotation",
     )
 
 

@@ -18,6 +18,7 @@ _REJECTED, _LAST = "rejected: ", ": last"
 _SKILL = "skill at {} s, {}"
 _RESTARTS = "restarts"
 _ADAPTED, _STIFFNESS, _ZERO = "adapted ", "stiffness ratio", "zero [rad]"
+_SHIFT = "adapted trunk COM {} [m]"
 REAL_TIME = "real-time factor"  # of the virtual robot
 IN_TIME = "planned deflections in time"  # share of them, since the first one came to the virtual robot
 
@@ -96,9 +97,10 @@ def skill_values(skill: Mapping[str, Array]) -> dict[str, float]:
     return {_SKILL.format(h, axis): value for h, by in skill.items() for axis, value in by_axis(by).items()}
 
 
-def adapted_values(known: Mapping[str, Adapted]) -> dict[str, float]:
-    """The values that `Report.adapted` reads."""
-    return {
+def adapted_values(known: Mapping[str, Adapted], shift: Array) -> dict[str, float]:
+    """The values that `Report.adapted` reads, and the shift (2,) [m] of the trunk's COM."""
+    of_trunk = {_SHIFT.format(axis): float(value) for axis, value in zip("xy", shift, strict=True)}
+    return of_trunk | {
         f"{_ADAPTED}{joint}: {key}": value
         for joint, each in known.items()
         for key, value in zip((_STIFFNESS, _ZERO), each, strict=True)

@@ -192,7 +192,7 @@ class Diagnostics:
                 count = sum(number for bits, number in flags.items() if bits & flag)
                 values[f"share {str(flag.name).lower()}"] = count / samples if samples else math.nan
         values |= restart_value(status.restarts)
-        values |= {} if adaptation is None else adapted_values(adaptation.known())
+        values |= {} if adaptation is None else adapted_values(adaptation.known(), adaptation.shift)
         if not samples:
             return Level.STALE, "no predictions in the last reports", values
         if not predicted:
