@@ -90,7 +90,7 @@ class HorizonJudge:
         self.experiences: Experiences = (held, repeated, stepping)
         self._known = hold((self._pending, self._errors, *self.experiences))
         self._kind, self._repeated = 0, False
-        self._simpler = [False] * len(self.experiences)  # whether a baseline has been better than the model
+        self._simpler = False, False, False  # whether a baseline has been better than the model, by kind
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -126,13 +126,12 @@ class HorizonJudge:
             begin_with(self.experiences[kind], self.experiences[self._kind])
         self._kind = kind
         made = np.empty((ahead.shape[1], 5, 3))
-        _update(
+        self._simpler = _update(
             self._known, stamp_ns, self._last_ns, T_odom_sole, measured, reference, ahead, made,
             (self._blended, reweigh), self._kind,
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
-            self._simpler = [bool(each.worse.any()) for each in self.experiences]
         self._last_ns = stamp_ns
         return made
 
@@ -192,8 +191,11 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
     options: tuple[bool, bool], kind: int,
-) -> None:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights."""
+) -> tuple[bool, bool, bool]:  # fmt: skip
+    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights.
+
+    Returns whether a baseline has been better than the model, by kind.
+    """
     (blended, reweigh), known = options, held.value
     pending, errors, experiences = known[0], known[1], known[2:]
     experience = experiences[kind]
@@ -213,6 +215,8 @@ def _update(
         made[h, 4] = experience.weights[h, :, 0]
     _add(pending, made, kind, stamp_ns, pose, ahead)
     errors.last[:] = now
+    still, repeated, stepping = experiences
+    return still.worse.any(), repeated.worse.any(), stepping.worse.any()
 
 
 @compiled
