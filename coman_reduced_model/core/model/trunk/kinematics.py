@@ -107,20 +107,32 @@ def terms_size(m: int) -> int:
 @compiled
 def terms_of(block: Array, m: int) -> TrunkTerms:
     """The terms of m joints in an array of `terms_size`."""
-    d, n = m + 6, m // 2
-    theta, at = block[:m], m
-    M, at = block[at : at + d * d].reshape(d, d), at + d * d
+    d = m + 6
+    return TrunkTerms(block[:m], block[m : m + d * d].reshape(d, d), linear_of(block, m), geometry_of(block, m))
+
+
+@compiled
+def linear_of(block: Array, m: int) -> Linear:
+    """`linear` of these terms: all views at once would take longer than what is done with them."""
+    d = m + 6
+    at = m + d * d
     y, f, at = block[at : at + d], block[at + d : at + 2 * d], at + 2 * d
     K, at = block[at : at + m * m].reshape(m, m), at + m * m
     D, at = block[at : at + m * m].reshape(m, m), at + m * m
     C, at = block[at : at + 14 * d].reshape(14, d), at + 14 * d
-    height, reach, at = block[at : at + 14], block[at + 14 : at + 15], at + 15
+    return Linear(y, K, D, f, C, block[at : at + 14], block[at + 14 : at + 15])
+
+
+@compiled
+def geometry_of(block: Array, m: int) -> Geometry:
+    """`geometry` of these terms."""
+    n = m // 2
+    at = block.shape[0] - (12 * n + 36 + 6 * m + 6)
     V, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
     J_other, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
     A, at = block[at : at + 36].reshape(6, 6), at + 36
     J, at = block[at : at + 6 * m].reshape(6, m), at + 6 * m
-    linear = Linear(y, K, D, f, C, height, reach)
-    return TrunkTerms(theta, M, linear, Geometry(V, A, J, J_other, block[at : at + 3], block[at + 3 : at + 6]))
+    return Geometry(V, A, J, J_other, block[at : at + 3], block[at + 3 : at + 6])
 
 
 @compiled
