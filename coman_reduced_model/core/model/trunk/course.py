@@ -109,6 +109,15 @@ def simulate(
 
 
 @compiled
+def shift(course: Array, moved: Array, R: Array) -> None:
+    """Move the COM of a course (n, 6 + m), in place, by (n, 3) [m] in axes R (3, 3) of those of the course."""
+    for k in range(course.shape[0]):
+        for axis in range(3):
+            for j in range(3):
+                course[k, axis] += R[axis, j] * moved[k, j]
+
+
+@compiled
 def stepped(linear: Linear, state: State, T_odom_sole: Array) -> Array:
     """By how much (3,) the other sole stands beside where `linear` has it, in the odom of the support sole [m]."""
     beside = np.zeros(3)
@@ -119,9 +128,7 @@ def stepped(linear: Linear, state: State, T_odom_sole: Array) -> Array:
 
 
 @compiled
-def write_point(
-    point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int, R: Array, p: Array
-) -> None:
+def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int, R: Array, p: Array) -> None:
     """A point of a course (6 + m,), of zeros, at coordinates y and motors (m,), by the posture of sample q.
 
     The leg of `foot` comes first in y and motors. R, p: pose (3, 3), (3,) of the memory's odom in that of the course.

@@ -13,9 +13,9 @@ from math import exp
 
 import numpy as np
 
-from ...base.compiled import Held, compiled, hold
+from ...base.compiled import Held, compiled, hold, mul
 from ...base.pose import matrix
-from ...base.types import Array, Booleans, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
+from ...base.types import Array, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
 from ...effects.hooks import STANDS, Now
 from ...feedforward.feedforward import Feedforward
@@ -24,10 +24,10 @@ from ...robot.robot import Robot
 from ..cartesian import Model
 from ..reference import motor_com
 from .contact import ROWS, State
-from .course import EVERY, Start, along, simulate
+from .course import EVERY, Start, along, shift, simulate
 from .equations import Equations
 from .kinematics import Assembled, terms_size
-from .memory import STEP, empty_memory, keep
+from .memory import STEP, Memory, empty_memory, keep
 
 _SPACING_NS = 19_000_000  # between points that are used at least
 _AT_ONCE = 2  # points that a sample adds at most: inverse kinematics take long
@@ -41,6 +41,9 @@ _MOST = 1.2  # share of the planned deflection that motors lead by at most
 _CHANGED, _TURNED = 0.02, 0.05  # [m], [rad] by which a plan may differ from what it was
 _OTHER = 3  # points at most at which its phase may: a change of phase falls between two of them
 _PAUSE_NS = 200_000_000  # after a plan that differed more, until the next one is taken
+_UNKNOWN, _ANOTHER, _STANDS, _STEPS = range(4)  # what the plan says ahead
+Times = tuple[int, int, float]  # of `PlannedSteps`: stamps of the message and of the last point [ns], and dt
+Points = tuple[Array, Array, Integers]  # of it: com, soles, phase
 _NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
 
 
@@ -72,8 +75,9 @@ class PlannedWalk:
         # Compiled or loaded now, not in the middle of a walk.
         zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
         start = Start(0, int(Foot.LEFT), np.zeros(terms_size(m)), zero, np.eye(4))
-        course = simulate(start, np.eye(4), 0, 2, self._memory, 2, self._soles, self._friction, True)
-        along(course, 0.0, np.zeros(1), np.eye(4))
+        nothing = PlannedSteps(0, 0.0, np.zeros((0, 3)), np.zeros((0, 14)), np.zeros(0, dtype=np.int64))
+        self._through(start, 0.0, nothing)
+        along(np.zeros((2, 6 + m)), 0.0, np.zeros(1), np.eye(4))
         _learn_lead(np.zeros(2), self._memory.stamp, 1, self._joints, 0, np.zeros(len(robot.idx_v)), self._legs, 1.0)
 
     def reset(self) -> None:
@@ -190,40 +194,24 @@ class PlannedWalk:
         self._n, self._before = n + 1, made
 
     def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
-        memory, n, stamp, plan = self._memory, self._n, now.sample.stamp_ns, now.sample.reference
+        stamp, plan = now.sample.stamp_ns, now.sample.reference
         self.stands = False
-        if n < 2 or plan is None or plan.steps is None:
+        if self._n < 2 or plan is None or plan.steps is None:
             return None
-        if not memory.stamp[0] <= stamp <= stamp + 1e9 * span <= memory.stamp[n - 1] + _SPACING_NS:
-            return None
-        stamps = memory.stamp[:n]
-        both = (stamps >= plan.steps.stamp_ns + 1e9 * plan.steps.dt) & (stamps <= plan.steps.end_ns)
-        changed = self._changed(plan.steps, both)
-        if changed is None:
+        start = Start(stamp, int(terms.foot), terms.block, state, now.T_odom_sole)
+        found, course = self._through(start, span, plan.steps)
+        if found == _ANOTHER:
             self.reset()
             self._paused_ns = stamp + _PAUSE_NS
-            return None
-        first = max(0, int(np.searchsorted(stamps, stamp)) - 1)
-        since = int(np.searchsorted(stamps, stamp - 1e9 * STANDS))
-        self.stands = bool(memory.double[since:n].all())
-        if self.stands:
-            return None
-        points, sole = int(np.ceil(span / STEP)) + 1, self._feet[first, now.foot - 1]
-        start = Start(stamp, int(terms.foot), terms.block, state, now.T_odom_sole)
-        course: Array = simulate(start, sole, stamp, points, memory, n, self._soles, self._friction, True)
-        if changed.any():
-            t = stamp + 1e9 * STEP * np.arange(points)
-            moved = np.column_stack([np.interp(t, stamps[both], each) for each in changed.T])
-            course[:, :3] += moved @ sole[:3, :3] @ now.T_odom_sole[:3, :3].T
-        return course
+        self.stands = found == _STANDS
+        return course if found == _STEPS else None
 
-    def _changed(self, steps: PlannedSteps, both: Booleans) -> Array | None:
-        """By how much (k, 3) [m] a plan has moved the COM at points that it has too; None: too much, or its feet."""
-        first, n = (int(i) for i in np.flatnonzero(both)[[0, -1]]) if both.any() else (0, -1)
-        change = np.empty((n + 1 - first, 3))
-        at = first, steps.stamp_ns, steps.dt
-        alike = len(change) > 0 and _replanned(change, self._held, self._feet, at, steps.com, steps.soles, steps.phase)
-        return change if alike else None
+    def _through(self, start: Start, span: float, steps: PlannedSteps) -> tuple[int, Array]:
+        plan = (steps.stamp_ns, steps.end_ns, steps.dt), (steps.com, steps.soles, steps.phase)
+        made: tuple[int, Array] = _through(
+            start, span, *plan, self._held, self._n, self._feet, self._soles, self._friction
+        )
+        return made
 
 
 def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
@@ -253,19 +241,63 @@ def _learn_lead(
 
 
 @compiled
+def _through(
+    start: Start, span: float, times: Times, plan: Points, memory: Held, n: int, feet: Array, soles: Array,
+    friction: float,
+) -> tuple[int, Array]:  # fmt: skip
+    """The model simulated through the planned steps, as far as the plan is still what it was but for its COM.
+
+    Args:
+        start, n, soles, friction: as in `simulate`.
+        span: how far ahead [s].
+        times, plan: of the present plan.
+        memory: `Memory` of points.
+        feet: (n, 2, 4, 4) poses of the soles there.
+
+    Returns:
+        `_STEPS` with a course as in `Stride`; else without: `_UNKNOWN`, points of it are missing; `_ANOTHER`, the plan
+        is another one; `_STANDS`, it has no foot in the air.
+    """
+    past, stamp = memory.value, start.stamp
+    stamps, course = past.stamp[:n], np.empty((0, 6 + past.theta.shape[1]))
+    if not (n > 1 and stamps[0] <= stamp and stamp + 1e9 * span <= stamps[n - 1] + _SPACING_NS):
+        return _UNKNOWN, course
+    (begins, ends, dt), (com, poses, phase) = times, plan
+    first = np.searchsorted(stamps, begins + int(np.rint(1e9 * dt)))
+    change = np.empty((np.searchsorted(stamps, ends, "right") - first, 3))
+    if not change.shape[0] or not _replanned(change, past, feet, (first, begins, dt), com, poses, phase):
+        return _ANOTHER, course
+    if past.double[np.searchsorted(stamps, stamp - int(1e9 * STANDS)) : n].all():
+        return _STANDS, course
+    sole = feet[max(0, np.searchsorted(stamps, stamp) - 1), start.foot - 1]
+    course = simulate(start, sole, stamp, int(np.ceil(span / STEP)) + 1, past, n, soles, friction, True)
+    moved, k = np.empty((course.shape[0], 3)), 0
+    for i in range(moved.shape[0]):  # linear between points, as at the last one beyond it
+        t = stamp + 1e9 * STEP * i
+        while k + 2 < change.shape[0] and stamps[first + k + 1] <= t:
+            k += 1
+        j = min(k + 1, change.shape[0] - 1)
+        w = min(1.0, max(0.0, (t - stamps[first + k]) / (stamps[first + j] - stamps[first + k]))) if j > k else 0.0
+        for axis in range(3):
+            moved[i, axis] = (1.0 - w) * change[k, axis] + w * change[j, axis]
+    shift(course, moved, mul(start.T_odom_sole[:3, :3], sole[:3, :3].T))
+    return _STEPS, course
+
+
+@compiled
 def _replanned(
-    change: Array, memory: Held, feet: Array, at: tuple[int, int, float], com: Array, soles: Array, phase: Integers
+    change: Array, past: Memory, feet: Array, at: tuple[int, int, float], com: Array, soles: Array, phase: Integers
 ) -> bool:
     """Fill in by how much (k, 3) [m] a plan moves the COM at k points of the memory; whether all else is as it was.
 
     Args:
         change: filled in, against the first of these points.
-        memory: `Memory` of points.
+        past: the points.
         feet: (n, 2, 4, 4) poses of the soles there.
         at: the first of these points; stamp [ns] and spacing [s] of the plan.
         com, soles, phase: of `PlannedSteps`.
     """
-    (first, stamp, dt), past, last = at, memory.value, com.shape[0] - 1
+    (first, stamp, dt), last = at, com.shape[0] - 1
     others, moved, begin = 0, np.empty(9), np.empty(9)
     for k in range(change.shape[0]):
         q = first + k

@@ -18,7 +18,7 @@ from ...base.compiled import Held, all_finite, compiled, hold
 from ...base.types import Array, Phase, Reference
 from ...effects.hooks import Now
 from .contact import ROWS, State
-from .course import EVERY, Start, along, simulate
+from .course import EVERY, Start, along, shift, simulate
 from .kinematics import Assembled
 from .memory import SEARCH, STEP, WINDOW, Memory, empty_memory, find_lag, keep, mismatch, nearest
 
@@ -215,10 +215,7 @@ def follow(
     if preview[1].shape[0] and not replanned(moved, *preview, start.foot, then, past, n) < _PLAN:
         return nothing
     course = simulate(start, past.T_odom_sole[same], then, points, past, n, soles, friction, False)
-    for k in range(points):
-        for axis in range(3):
-            for j in range(3):
-                course[k, axis] += start.T_odom_sole[axis, j] * moved[k, j]
+    shift(course, moved, start.T_odom_sole)
     return course
 
 
