@@ -14,7 +14,6 @@ from math import exp
 import numpy as np
 
 from ...base.compiled import Held, compiled, hold, mul
-from ...base.pose import matrix
 from ...base.types import Array, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
 from ...effects.hooks import STANDS, Now
@@ -64,6 +63,7 @@ class PlannedWalk:
         self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         m = len(self._legs)
+        self._state = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))  # of a point
         self._memory = empty_memory(m, _CAPACITY)
         self._held = hold(self._memory)
         self._feet = np.zeros((_CAPACITY, 2, 4, 4))  # planned poses of both soles at the same points
@@ -170,19 +170,16 @@ class PlannedWalk:
         if plan.phase != Phase.DOUBLE:
             foot = Foot(int(plan.phase))
         double, order = plan.phase == Phase.DOUBLE, self._order[foot]
-        m = len(order)
-        links, rates = self._robot.gather(q), v[self._columns]
-        theta, theta_rate = sample.motor_q.copy(), sample.motor_qd.copy()
-        theta[self._legs] = links[self._legs] - self.share * planned.deflection
-        theta_rate[self._legs] = rates[self._legs]
-        state = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
-        state.y[:m], state.w[:m] = links[order], rates[order]
-        for part, of in ((slice(0, 4), foot), (slice(ROWS, ROWS + 4), foot.other)):
-            state.P[part] = self._feedforward.loads[of - 1]
-        sole, other = plan.sole_pose(foot), plan.sole_pose(foot.other)
-        plane, height = ground[foot].copy(), float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
-        if double and abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
-            plane[0] = height
+        links, rates, loads = self._robot.gather(q), v[self._columns], self._feedforward.loads
+        theta, theta_rate, state = sample.motor_q.copy(), sample.motor_qd.copy(), self._state
+        _set_joints(
+            theta, theta_rate, state, links, rates, self._legs, order, self.share * planned.deflection, loads, int(foot)
+        )
+        sole, other, plane = plan.sole_pose(foot), plan.sole_pose(foot.other), ground[foot]
+        if double:
+            height = float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
+            if abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
+                plane = np.array((height, *plane[1:]))
         dt = 1e-9 * (planned.stamp_ns - int(memory.stamp[n - 1])) if n else 0.0
         axes, motors = np.ascontiguousarray(sole[:3, :3]), (theta, theta_rate, dt)
         made = self._equations.assemble(now, foot, state, double, plane, down, axes, self._before, motors)
@@ -216,11 +213,51 @@ class PlannedWalk:
 
 def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
     """The k-th point of a preview."""
-    left, right = steps.soles[k].reshape(2, 7).tolist()
-    return Reference(
-        stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, matrix(*left), matrix(*right),
-        Phase(int(steps.phase[k])), 0,
-    )  # fmt: skip
+    left, right = np.empty((2, 4, 4))
+    _set_poses(left, right, steps.soles[k])
+    phase = Phase(int(steps.phase[k]))
+    return Reference(stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, left, right, phase, 0)
+
+
+@compiled
+def _set_poses(left: Array, right: Array, soles: Array) -> None:
+    """Fill in poses (4, 4) by one of the `soles` of `PlannedSteps` (14,)."""
+    _set_pose(left, soles[:7])
+    _set_pose(right, soles[7:])
+
+
+@compiled
+def _set_pose(T: Array, sole: Array) -> None:
+    """`base.pose.matrix` of a position and a quaternion (7,), into (4, 4)."""
+    x, y, z, w = sole[3:]
+    norm = x * x + y * y + z * z + w * w
+    s = 2.0 / norm if norm > 1e-12 else np.nan
+    T[0, 0], T[0, 1], T[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)
+    T[1, 0], T[1, 1], T[1, 2] = s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)
+    T[2, 0], T[2, 1], T[2, 2] = s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)
+    for i in range(3):
+        T[i, 3], T[3, i] = sole[i], 0.0
+    T[3, 3] = 1.0
+
+
+@compiled
+def _set_joints(
+    theta: Array, theta_rate: Array, state: State, links: Array, rates: Array, legs: Integers, order: Integers,
+    lead: Array, loads: Array, foot: int,
+) -> None:  # fmt: skip
+    """Fill in motors (nj,) of the legs and the state of a point with joints links, rates (nj,) [rad], [rad/s].
+
+    Args:
+        legs, order: (m,) indices of the legs' joints, the left leg's and the support leg's first.
+        lead: (m,) by which the motors lead, as in `legs` [rad].
+        loads: (2,) of the left and the right foot [N].
+        foot: the support foot.
+    """
+    for j in range(legs.shape[0]):
+        theta[legs[j]], theta_rate[legs[j]] = links[legs[j]] - lead[j], rates[legs[j]]
+        state.y[j], state.w[j] = links[order[j]], rates[order[j]]
+    for corner in range(4):
+        state.P[corner], state.P[ROWS + corner] = loads[foot - 1], loads[2 - foot]
 
 
 @compiled
@@ -272,12 +309,13 @@ def _through(
     sole = feet[max(0, np.searchsorted(stamps, stamp) - 1), start.foot - 1]
     course = simulate(start, sole, stamp, int(np.ceil(span / STEP)) + 1, past, n, soles, friction, True)
     moved, k = np.empty((course.shape[0], 3)), 0
-    for i in range(moved.shape[0]):  # linear between points, as at the last one beyond it
+    for i in range(moved.shape[0]):  # linear between points, as at the last one beyond it; all stamps as floats
         t = stamp + 1e9 * STEP * i
         while k + 2 < change.shape[0] and stamps[first + k + 1] <= t:
             k += 1
         j = min(k + 1, change.shape[0] - 1)
-        w = min(1.0, max(0.0, (t - stamps[first + k]) / (stamps[first + j] - stamps[first + k]))) if j > k else 0.0
+        begin, end = float(stamps[first + k]), float(stamps[first + j])
+        w = min(1.0, max(0.0, (t - begin) / (end - begin))) if j > k else 0.0
         for axis in range(3):
             moved[i, axis] = (1.0 - w) * change[k, axis] + w * change[j, axis]
     shift(course, moved, mul(start.T_odom_sole[:3, :3], sole[:3, :3].T))
@@ -306,7 +344,7 @@ def _replanned(
         w, j = place - i, min(i + 1, last)
         others += phase[near] != (3 if past.double[q] else past.foot[q])
         for foot in range(2):
-            if not _as_before(soles[near, 7 * foot + 3 : 7 * foot + 7], feet[q, foot]):
+            if not _as_before(soles[near, 7 * foot : 7 * foot + 7], feet[q, foot]):
                 return False
             for axis in range(3):
                 a = 7 * foot + axis
@@ -324,15 +362,12 @@ def _replanned(
 
 
 @compiled
-def _as_before(quaternion: Array, T: Array) -> bool:
-    """Whether no element of a rotation x y z w differs by much from that of a pose (4, 4)."""
-    R = np.empty((3, 3))
-    x, y, z, w = quaternion / np.sqrt((quaternion * quaternion).sum())
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
-    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
-    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+def _as_before(sole: Array, T: Array) -> bool:
+    """Whether no element of the rotation of a sole (7,) differs by much from that of a pose (4, 4)."""
+    now = np.empty((4, 4))
+    _set_pose(now, sole)
     for i in range(3):
         for j in range(3):
-            if not abs(R[i, j] - T[i, j]) < _TURNED:
+            if not abs(now[i, j] - T[i, j]) < _TURNED:
                 return False
     return True
