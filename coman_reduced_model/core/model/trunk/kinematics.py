@@ -93,7 +93,7 @@ class Assembled:
 
     block: Array  # of `terms_size`
     terms: TrunkTerms  # views of it by `terms_of`
-    held: Any  # these terms for compiled functions
+    held: Any  # these terms and those of the sample before, for compiled functions
     foot: Foot = Foot.NONE  # the support foot
     double: bool = False  # whether the other foot may touch the ground
 
@@ -153,7 +153,7 @@ def pose_legs(
         v: (nv,) velocities of the model, filled in but for the base.
     """
     m = order.shape[0]
-    theta = held.value.theta
+    theta = held.value[0].theta
     for j in range(q.shape[0]):
         q[j], rates[j], v[idx_v[j]] = motor_q[j], motor_qd[j], motor_qd[j]
     for i in range(m):
@@ -162,13 +162,11 @@ def pose_legs(
 
 
 @compiled
-def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Array, w: Array, dt: float, v: Array,
-                 a: Array) -> None:  # fmt: skip
+def take_posture(held: Held, posture: Held, ground: Array, y: Array, w: Array, dt: float, v: Array, a: Array) -> None:
     """Fill in geometry and contact of terms, and the motion of the base, the joints not accelerating.
 
     Args:
-        held: the terms, filled in.
-        before: those of the sample before.
+        held: the terms, filled in, and those of the sample before.
         posture: `Pose`.
         ground: (3,) under the other sole, as in `contact.Sole`.
         y: (m + 6,) coordinates, of which the last six displace the support sole from level ground.
@@ -176,7 +174,7 @@ def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Arra
         dt: since the sample before [s]; 0: there is none.
         v, a: (nv,) of the model, of which the first six are filled in, in base axes.
     """
-    terms, pose = held.value, posture.value
+    (terms, before), pose = held.value, posture.value
     m = pose.columns.shape[0]
     n, s = m // 2, y[m:]
     g, linear, R, p, columns, others = terms.geometry, terms.linear, pose.R, pose.p, pose.columns[:n], pose.columns[n:]
@@ -199,7 +197,7 @@ def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Arra
             g.J[i, n + c] = g.J[3 + i, n + c] = 0.0
             for j in range(3):
                 g.J[i, n + c] += R[j, i] * pose.J_com[j, others[c]]
-    _move_base(g, before.value.geometry, w, dt, v, a)
+    _move_base(g, before.geometry, w, dt, v, a)
 
 
 @compiled
@@ -312,7 +310,7 @@ def assemble(
         loads: weight on the support leg and on the other one [N].
         stiffness: whether gravity changes it (`gravity_stiffness`).
     """
-    m, terms = columns.shape[0], held.value
+    m, terms = columns.shape[0], held.value[0]
     linear = terms.linear
     project_dynamics(terms, inertia, tau, gravity, columns)
     linear.D[:] = D
@@ -328,30 +326,26 @@ def assemble(
 
 
 @compiled
-def advance(
-    held: Held, before: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float,
-    options: Held,
-) -> bool:  # fmt: skip
+def advance(held: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float) -> bool:
     """`contact.track` of both states, the filter's first, by terms and those of the sample before.
 
     Args:
-        held, before: the terms.
+        held: these terms, and those before.
         same: they are of the same support foot.
-        states: both, in place.
+        states: both, in place, and `Options` of the model.
         q: (nj,) measured link positions [rad].
         order: (m,) as in `pose_legs`.
         double: whether the other foot may touch the ground.
         dt: since the sample before [s].
-        options: `Options` of the model.
 
     Returns:
         Whether the filter is finite.
     """
-    m, terms, last = order.shape[0], held.value, before.value.theta
+    m, (terms, before), (both, options) = order.shape[0], held.value, states.value
     theta, measured = np.empty(m), np.empty(m)
     for i in range(m):
-        theta[i], measured[i] = last[i if same else (i + m // 2) % m], q[order[i]]
-    return track(states.value, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options.value)
+        theta[i], measured[i] = before.theta[i if same else (i + m // 2) % m], q[order[i]]
+    return track(both, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options)
 
 
 @compiled
@@ -364,7 +358,7 @@ def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array
         R, up: orientation (3, 3) of the support sole and z (3,) of the trunk in the base frame.
         y, w: (m + 6,) coordinates and their rates.
     """
-    terms = held.value
+    terms = held.value[0]
     J, com, at = terms.geometry.J, terms.geometry.com, terms.linear.y
     out[6], out[7] = tilt(R, up)
     for i in range(3):
@@ -392,7 +386,7 @@ def deflections(
         reference: (3,) [m].
         left: the support foot is the left one.
     """
-    m, terms = order.shape[0], held.value
+    m, terms = order.shape[0], held.value[0]
     for i in range(3):
         out[i] = com[i] - reference[i]
     for j in range(m):

@@ -64,7 +64,7 @@ class TrunkModel(Dynamics):
         self.motor = robot.posture()
         self._equations = Equations(robot, config, model)
         friction = config.model.friction
-        self._options = hold(Options(friction, _LONGEST, _FILTER))
+        self._options = Options(friction, _LONGEST, _FILTER)
         self._following = [axis for axis in range(3) if axis not in model.axes]
         self._felt = np.isin(range(3), model.axes)
         self._order, self._posture = self._equations.order, self._equations.posture
@@ -122,11 +122,9 @@ class TrunkModel(Dynamics):
         assert filtered is not None
         states = filtered, copied(filtered) if self._free is None else self._free
         if self._states is None or states[0] is not self._states[0] or states[1] is not self._states[1]:
-            self._states, self._held = states, hold(states)
+            self._states, self._held = states, hold((states, self._options))
         same, dt = before.foot == terms.foot, now.dt
-        finite: bool = advance(
-            terms.held, before.held, same, self._held, now.sample.q, order, terms.double, dt, self._options
-        )
+        finite: bool = advance(terms.held, same, self._held, now.sample.q, order, terms.double, dt)
         return finite
 
     def _measured(self, sample: Sample) -> State:
