@@ -112,6 +112,8 @@ class TrunkModel(Dynamics):
         if self._filtered is None:
             self._filtered = self._measured(sample)
         self._terms = terms = self._assemble(now, before)
+        if first:  # compiled or loaded now, not in the middle of a walk
+            switch_support(self._filtered, terms.terms.linear, self.robot.soles[now.foot])
         if not first and not self._advance(now, terms, before or terms):  # no longer finite, nor is the free run,
             self._filtered = self._measured(sample)  # at whose posture all terms are taken
         return True
