@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
-from .blend import Experience, begin_with, blend, covariance, learn, no_experience, weigh
+from .blend import KNOWN, Experience, begin_with, blend, learn, no_experience, weigh
 from .statistics import NINETY
 
 Ints = NDArray[np.int64]
@@ -142,7 +142,8 @@ class HorizonJudge:
 
     def covariance(self, h: int) -> Array:
         """(3, 3) [m^2] of the published prediction at the horizon of an index; NaN while too little is known."""
-        found: Array = _covariance(self.experiences, h)
+        found = np.empty((3, 3))
+        _covariance(self.experiences, h, found)
         return found
 
     def model_share(self, h: int) -> Array:
@@ -211,7 +212,7 @@ def _update(
     if blended:
         blend(experience, ahead, published)
     for h in range(made.shape[0]):
-        made[h, 1:4] = _covariance(experiences, h)
+        _covariance(experiences, h, made[h, 1:4])
         made[h, 4] = experience.weights[h, :, 0]
     _add(pending, made, kind, stamp_ns, pose, ahead)
     errors.last[:] = now
@@ -220,13 +221,17 @@ def _update(
 
 
 @compiled
-def _covariance(experiences: Experiences, h: int) -> Array:
-    """(3, 3) [m^2] of what is published, whatever the model did."""
-    errors, known = np.zeros((3, 3)), 0.0
+def _covariance(experiences: Experiences, h: int, out: Array) -> None:
+    """Fill in that (3, 3) [m^2] of what is published, whatever the model did; NaN while too little is known."""
+    known = 0.0
     for each in experiences:
-        errors += each.errors[h]
         known += each.known[h]
-    return covariance(errors, known)
+    for i in range(3):
+        for j in range(3):
+            errors = 0.0
+            for each in experiences:
+                errors += each.errors[h, i, j]
+            out[i, j] = errors / known if known > KNOWN else np.nan
 
 
 @compiled

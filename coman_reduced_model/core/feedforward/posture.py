@@ -137,7 +137,7 @@ def _newton(step: Array, held: Held, com: Array, left: Array, right: Array) -> f
                 else:
                     A[row, j] = task.J[i, c] + task.J[3 + a, c] * at[b] - task.J[3 + b, c] * at[a]
                     A[row + 3, j] = task.J[3 + i, c]
-    square = mul(A, A.T)
+    square = mul(A, A.T.copy())  # by rows: several times faster
     for i in range(18):
         square[i, i] += _DAMPING
     shortest, most = apply(A.T, apply(inverse_positive(square), off)), 0.0

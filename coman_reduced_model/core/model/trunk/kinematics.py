@@ -14,6 +14,8 @@ from ...robot.leg import add_gravity_stiffness
 from ...robot.posture import tilt
 from .contact import Linear, Sole, contacts, track
 
+FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
+
 
 @compiled
 def trunk_twist(V: Array, J_joints: Array, columns: Integers) -> None:
@@ -349,8 +351,10 @@ def advance(held: Held, same: bool, states: Held, q: Array, order: Integers, dou
 
 
 @compiled
-def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array) -> None:
+def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array) -> bool:
     """Fill in COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
+
+    Returns whether the robot stands: else it fell over an edge of the support sole, in whose frame all this is.
 
     Args:
         out: filled in.
@@ -369,6 +373,10 @@ def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array
             out[3 + i] += J[i, j] * w[j]
         for i in range(2):
             out[6 + i] += J[3 + i, j] * (y[j] - at[j])
+    stands = True
+    for i in range(y.shape[0] - 6, y.shape[0]):
+        stands &= abs(y[i]) < FALLEN
+    return stands
 
 
 @compiled

@@ -49,7 +49,6 @@ from .stride import Stride
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
-_FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
 _FADES = 0.1  # [s] time constant of a horizontal deflection whose future is not known
 
 
@@ -159,9 +158,7 @@ class TrunkModel(Dynamics):
 
     def advance(self, now: Now) -> None:
         """`prepare` has already brought it there."""
-        self._publish()
-        assert self._free is not None and self.state is not None
-        if not max(map(abs, self._free.y[-6:].tolist())) < _FALLEN:  # over an edge of its sole, in whose frame it stays
+        if not self._publish():
             self.state = np.full(6, np.nan)
 
     def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
@@ -196,16 +193,17 @@ class TrunkModel(Dynamics):
         out[1:] = out[0] if self._ahead is None else self._ahead
         return out
 
-    def _publish(self) -> None:
-        """The free run as COM and tilt."""
+    def _publish(self) -> bool:
+        """The free run as COM and tilt; whether it stands."""
         t, free, values = self._terms, self._free, np.empty(8)
         assert t is not None and free is not None
-        com_and_tilt(values, t.held, self._posture.R[t.foot], self._posture.up, free.y, free.w)
+        stands: bool = com_and_tilt(values, t.held, self._posture.R[t.foot], self._posture.up, free.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
         if self._above:
             self.state[3:] += self._posture.com_in_sole(t.foot)[1]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
+        return stands
 
     def _change_leg(self, foot: Foot) -> None:
         self._foot, t = foot, self._terms
