@@ -227,7 +227,7 @@ def learn_steps(encoders: Array, q: Array) -> None:
 
 @compiled
 def learn_posture(
-    rounding: Array, constants: Array, posture: Held, columns: Integers, left: bool, steps: Array, idx_v: Integers,
+    rounding: Array, constants: Array, posture: Held, columns: Array, left: bool, steps: Array, idx_v: Integers,
     zeros: Array, masses: Array,
 ) -> None:  # fmt: skip
     """Fill in `rounding` and `constants` of `Memory` at a posture.

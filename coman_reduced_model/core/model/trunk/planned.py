@@ -242,7 +242,7 @@ def _set_pose(T: Array, sole: Array) -> None:
 
 @compiled
 def _set_joints(
-    theta: Array, theta_rate: Array, state: State, links: Array, rates: Array, legs: Integers, order: Integers,
+    theta: Array, theta_rate: Array, state: State, links: Array, rates: Array, legs: Array, order: Integers,
     lead: Array, loads: Array, foot: int,
 ) -> None:  # fmt: skip
     """Fill in motors (nj,) of the legs and the state of a point with joints links, rates (nj,) [rad], [rad/s].
@@ -300,13 +300,13 @@ def _through(
     if not (n > 1 and stamps[0] <= stamp and stamp + 1e9 * span <= stamps[n - 1] + _SPACING_NS):
         return _UNKNOWN, course
     (begins, ends, dt), (com, poses, phase) = times, plan
-    first = np.searchsorted(stamps, begins + int(np.rint(1e9 * dt)))
-    change = np.empty((np.searchsorted(stamps, ends, "right") - first, 3))
+    first = int(np.searchsorted(stamps, begins + int(np.rint(1e9 * dt))))
+    change = np.empty((max(0, int(np.searchsorted(stamps, ends, "right")) - first), 3))
     if not change.shape[0] or not _replanned(change, past, feet, (first, begins, dt), com, poses, phase):
         return _ANOTHER, course
     if past.double[np.searchsorted(stamps, stamp - int(1e9 * STANDS)) : n].all():
         return _STANDS, course
-    sole = feet[max(0, np.searchsorted(stamps, stamp) - 1), start.foot - 1]
+    sole = feet[max(0, int(np.searchsorted(stamps, stamp)) - 1), start.foot - 1]
     course = simulate(start, sole, stamp, int(np.ceil(span / STEP)) + 1, past, n, soles, friction, True)
     moved, k = np.empty((course.shape[0], 3)), 0
     for i in range(moved.shape[0]):  # linear between points, as at the last one beyond it; all stamps as floats
