@@ -6,8 +6,8 @@
 
 One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. The
 yardstick is one forward dynamics of the same robot by Pinocchio (ABA) from Python, timed once after each sample, when
-caches are cold for it: `x ABA` are ratios in one run, which carry over to other machines better than times do. Parts are
-means by wall time.
+caches are cold for it: `x ABA` are ratios in one run, which carry over to other machines better than times do. Parts
+are means by wall time.
 """
 
 from __future__ import annotations
