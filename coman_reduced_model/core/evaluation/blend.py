@@ -41,6 +41,7 @@ class Experience(NamedTuple):
     worse: Booleans  # (n, 3) whether a simpler prediction has been better than the model
     errors: Array  # (n, 3, 3) [m^2] of the blend, axis by axis
     known: Array  # (n,) [1] share of the memory in which the blend was judged
+    fresh: Booleans  # (n,) errors have been taken in since the weights were made
 
 
 def no_experience(n: int, k: int, best: int = 0) -> Experience:
@@ -55,7 +56,8 @@ def no_experience(n: int, k: int, best: int = 0) -> Experience:
         expected = np.where(np.arange(k) == best, *EXPECTED)
         moments[:] = GIVEN * np.diag(expected**2)
         times[:] = GIVEN
-    return Experience(moments, times, weights, np.zeros((n, 3), np.bool_), np.zeros((n, 3, 3)), np.zeros(n))
+    worse, fresh = np.zeros((n, 3), np.bool_), np.zeros(n, np.bool_)
+    return Experience(moments, times, weights, worse, np.zeros((n, 3, 3)), np.zeros(n), fresh)
 
 
 def begin_with(experience: Experience, other: Experience) -> None:
@@ -79,6 +81,7 @@ def learn(experience: Experience, h: int, off: Array, blended: Array, dt: float)
                     moments[axis, i, j] += fresh * product
                     times[axis, i, j] += fresh
     experience.known[h] = remember(experience.errors[h], experience.known[h], blended, fresh)
+    experience.fresh[h] = True
 
 
 @compiled
@@ -103,10 +106,13 @@ def follow(known: Array, measured: Array, predicted: Array, fresh: float) -> Arr
 
 @compiled
 def weigh(experience: Experience) -> None:
-    """New weights of the blend, at all horizons and axes."""
+    """New weights of the blend, at all axes and the horizons where there are new errors."""
     n, k = experience.weights.shape[0], experience.weights.shape[2]
     C, usable = np.empty((k, k)), np.empty(k, np.bool_)
     for h in range(n):
+        if not experience.fresh[h]:
+            continue
+        experience.fresh[h] = False
         for axis in range(3):
             moments, times = experience.moments[h, axis], experience.times[h, axis]
             if not times[0, 0] > KNOWN:  # nothing to compare the others with

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
-from .blend import Experience, begin_with, blend, covariance, learn, no_experience, weigh
+from .blend import KNOWN, Experience, begin_with, blend, learn, no_experience, weigh
 from .statistics import NINETY
 
 Ints = NDArray[np.int64]
@@ -90,7 +90,7 @@ class HorizonJudge:
         self.experiences: Experiences = (held, repeated, stepping)
         self._known = hold((self._pending, self._errors, *self.experiences))
         self._kind, self._repeated = 0, False
-        self._simpler = [False] * len(self.experiences)  # whether a baseline has been better than the model
+        self._simpler = False, False, False  # whether a baseline has been better than the model, by kind
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -126,13 +126,12 @@ class HorizonJudge:
             begin_with(self.experiences[kind], self.experiences[self._kind])
         self._kind = kind
         made = np.empty((ahead.shape[1], 5, 3))
-        _update(
+        self._simpler = _update(
             self._known, stamp_ns, self._last_ns, T_odom_sole, measured, reference, ahead, made,
             (self._blended, reweigh), self._kind,
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
-            self._simpler = [bool(each.worse.any()) for each in self.experiences]
         self._last_ns = stamp_ns
         return made
 
@@ -143,7 +142,8 @@ class HorizonJudge:
 
     def covariance(self, h: int) -> Array:
         """(3, 3) [m^2] of the published prediction at the horizon of an index; NaN while too little is known."""
-        found: Array = _covariance(self.experiences, h)
+        found = np.empty((3, 3))
+        _covariance(self.experiences, h, found)
         return found
 
     def model_share(self, h: int) -> Array:
@@ -192,8 +192,11 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
     options: tuple[bool, bool], kind: int,
-) -> None:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights."""
+) -> tuple[bool, bool, bool]:  # fmt: skip
+    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights.
+
+    Returns whether a baseline has been better than the model, by kind.
+    """
     (blended, reweigh), known = options, held.value
     pending, errors, experiences = known[0], known[1], known[2:]
     experience = experiences[kind]
@@ -209,20 +212,26 @@ def _update(
     if blended:
         blend(experience, ahead, published)
     for h in range(made.shape[0]):
-        made[h, 1:4] = _covariance(experiences, h)
+        _covariance(experiences, h, made[h, 1:4])
         made[h, 4] = experience.weights[h, :, 0]
     _add(pending, made, kind, stamp_ns, pose, ahead)
     errors.last[:] = now
+    still, repeated, stepping = experiences
+    return still.worse.any(), repeated.worse.any(), stepping.worse.any()
 
 
 @compiled
-def _covariance(experiences: Experiences, h: int) -> Array:
-    """(3, 3) [m^2] of what is published, whatever the model did."""
-    errors, known = np.zeros((3, 3)), 0.0
+def _covariance(experiences: Experiences, h: int, out: Array) -> None:
+    """Fill in that (3, 3) [m^2] of what is published, whatever the model did; NaN while too little is known."""
+    known = 0.0
     for each in experiences:
-        errors += each.errors[h]
         known += each.known[h]
-    return covariance(errors, known)
+    for i in range(3):
+        for j in range(3):
+            errors = 0.0
+            for each in experiences:
+                errors += each.errors[h, i, j]
+            out[i, j] = errors / known if known > KNOWN else np.nan
 
 
 @compiled

@@ -74,6 +74,9 @@ class Feedforward:
         self._stiffness, self._damping = (
             np.concatenate((of[Foot.LEFT], of[Foot.RIGHT])) for of in (springs.stiffness, springs.damping)
         )
+        data = self._posture.data
+        root = data.oMi[1]
+        self._carried = data.J, root.rotation, root.translation  # views: their containers keep their addresses
         self.started = False
         self.loads = np.zeros(2)
         zero = np.zeros(3)
@@ -138,7 +141,7 @@ class Feedforward:
 
     def _continues(self, plan: Reference) -> bool:
         last = self._points[-1][0]
-        near = float(np.abs(plan.com - last.com).max()) < _JUMP
+        near = all(abs(moved) < _JUMP for moved in (plan.com - last.com).tolist())
         return near and _SPACING_NS - 1000 <= plan.stamp_ns - last.stamp_ns < _GAP_NS
 
     def _torques(self, plan: Reference, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
@@ -146,11 +149,10 @@ class Feedforward:
         model, data = self._posture.model, self._posture.data
         needed = pin.rnea(model, data, q, v, a)
         pin.jacobianCenterOfMass(model, data, q, False)
-        torque, loads, root = np.empty(len(self._columns)), np.empty(2), data.oMi[1]
+        torque, loads = np.empty(len(self._columns)), np.empty(2)
         _bear(
-            needed, data.J, root.rotation, root.translation, plan.T_odom_left, plan.T_odom_right, int(plan.phase),
-            self._columns, torque, loads,
-        )  # fmt: skip
+            needed, *self._carried, plan.T_odom_left, plan.T_odom_right, int(plan.phase), self._columns, torque, loads
+        )
         return torque, loads
 
     def _deflections(self, torque: Array, loads: Array, dt: float) -> Array:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.compiled import all_finite, apply, compiled, mul
-from ..base.types import Array
-from .kalman import SIZE, C, F, N, V, advance, correct, net_force, turned
+from ..base.compiled import Held, all_finite, apply, compiled, mul
+from ..base.types import Array, Integers
+from .kalman import SIZE, C, F, N, V, advance, com_covariance, correct, net_force, turned
 
 WALKS = (0.01, 1.0)  # of the weight: how far an external force wanders in the root of a second, least and most
 WANDERED, LEARNT = 0.05, 0.3  # [s] over which corrections of the force add up, and memory of what they add up to
@@ -223,3 +223,29 @@ def learn_steps(encoders: Array, q: Array) -> None:
         if step >= 1e-9 and step < encoders[0, j]:
             encoders[0, j] = step
         encoders[1, j] = q[j]
+
+
+@compiled
+def learn_posture(
+    rounding: Array, constants: Array, posture: Held, columns: Array, left: bool, steps: Array, idx_v: Integers,
+    zeros: Array, masses: Array,
+) -> None:  # fmt: skip
+    """Fill in `rounding` and `constants` of `Memory` at a posture.
+
+    Args:
+        posture: `Views`.
+        columns: as in `com_covariance`.
+        left: the support foot is the left one.
+        steps: (nj,) of the encoders [rad]; infinite where not known.
+        idx_v: (nj,) columns of the joints in the velocities of the model.
+        zeros: (nv,) variance of the zeros of the encoders [rad^2].
+        masses: (3, 3) covariance of the COM by masses, base frame [m^2].
+    """
+    at, variance = posture.value, np.zeros(zeros.shape[0])
+    R = at.R_left if left else at.R_right
+    for j in range(steps.shape[0]):
+        variance[idx_v[j]] = steps[j] ** 2 / 12.0 if np.isfinite(steps[j]) else 0.0
+    rounding[:] = com_covariance(at.com, at.J_com, at.J, columns, R, variance)
+    constants[:] = com_covariance(at.com, at.J_com, at.J, columns, R, zeros) + mul(R.T, mul(masses, R))
+    for i in range(3):
+        rounding[i, i] += LEAST**2

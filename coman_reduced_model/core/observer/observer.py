@@ -24,9 +24,8 @@ import pinocchio as pin
 
 from ..base.compiled import all_finite
 from ..base.types import Array, Estimate, Flags, Foot, Phase, Sample, SupportState
-from .kalman import com_covariance
 from .masses import masses_covariance
-from .memory import BEGINS, CHANGES, GOES_ON, LEAST, ROWS, SIZES, Noise, learn_steps, memory_of
+from .memory import BEGINS, CHANGES, GOES_ON, ROWS, SIZES, Noise, learn_posture, learn_steps, memory_of
 from .moment import SIZE, follow, look, moment_of
 
 if TYPE_CHECKING:
@@ -137,15 +136,13 @@ class Observer:
 
     def _look(self, link: Posture, foot: Foot) -> None:
         """How far off the measured COM is by its encoders, at this posture."""
-        robot, memory, step = self._robot, self._memory, self._encoders[0]
-        steps = np.zeros(robot.model.nv)
-        steps[robot.idx_v] = np.where(np.isfinite(step), step, 0.0) ** 2 / 12.0
-        geometry = link.com, link.J_com, link.J, robot.sole_columns[foot], link.R[foot]
-        memory.rounding[:] = com_covariance(*geometry, steps) + LEAST**2 * np.eye(3)
         if self._masses is None:
             self._masses = masses_covariance(link, self._nominal)
-        axes = link.R[foot]
-        memory.constants[:] = com_covariance(*geometry, self._zero_variance) + axes.T @ self._masses @ axes
+        robot, memory = self._robot, self._memory
+        learn_posture(
+            memory.rounding, memory.constants, link.views, robot.sole_columns[foot], foot == Foot.LEFT,
+            self._encoders[0], robot.idx_v, self._zero_variance, self._masses,
+        )  # fmt: skip
 
     def _judge(self) -> float:
         """Say how consistent the innovations are; that of the last sample."""

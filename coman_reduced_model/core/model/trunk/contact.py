@@ -351,10 +351,11 @@ def correct(state: State, measured: Array, bandwidth: float, dt: float) -> bool:
     The support sole stands, so it is level on the ground, or will be soon. Returns whether the state is finite.
     """
     y, w, finite = state.y, state.w, True
+    by_y, by_w = 1.0 - np.exp(-2.0 * bandwidth * dt), bandwidth**2 * dt * np.exp(-bandwidth * dt)
     for i in range(y.shape[0]):
         error = (measured[i] if i < measured.shape[0] else 0.0) - y[i]
-        y[i] += (1.0 - np.exp(-2.0 * bandwidth * dt)) * error
-        w[i] += bandwidth**2 * dt * np.exp(-bandwidth * dt) * error
+        y[i] += by_y * error
+        w[i] += by_w * error
         finite &= np.isfinite(y[i]) and np.isfinite(w[i])
     return finite
 

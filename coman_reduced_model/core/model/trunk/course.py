@@ -10,7 +10,7 @@ import numpy as np
 from ...base.compiled import apply, compiled, mul
 from ...base.types import Array
 from .contact import ROWS, Linear, Solver, State, step_soles, switch_support
-from .kinematics import terms_of
+from .kinematics import geometry_of, linear_of, terms_of
 from .memory import STEP, Memory, motors_at, nearest, swapped
 
 EVERY = 0.0395  # [s] between two simulations: in between the last one is read further
@@ -104,10 +104,17 @@ def simulate(
         q = nearest(t, past.stamp, n, q)
         motors_at(after, t, past, n, q, foot)
         after += off
-        write_point(out[k], state.y, after, past, q, foot)
-        com, moved = apply(R, out[k, :3]), apply(R, out[k, 3:6])
-        out[k, :3], out[k, 3:6] = p + com, moved
+        write_point(out[k], state.y, after, past, q, foot, R, p)
     return out
+
+
+@compiled
+def shift(course: Array, moved: Array, R: Array) -> None:
+    """Move the COM of a course (n, 6 + m), in place, by (n, 3) [m] in axes R (3, 3) of those of the course."""
+    for k in range(course.shape[0]):
+        for axis in range(3):
+            for j in range(3):
+                course[k, axis] += R[axis, j] * moved[k, j]
 
 
 @compiled
@@ -121,38 +128,38 @@ def stepped(linear: Linear, state: State, T_odom_sole: Array) -> Array:
 
 
 @compiled
-def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int) -> None:
+def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foot: int, R: Array, p: Array) -> None:
     """A point of a course (6 + m,), of zeros, at coordinates y and motors (m,), by the posture of sample q.
 
-    The leg of `foot` comes first in y and motors.
+    The leg of `foot` comes first in y and motors. R, p: pose (3, 3), (3,) of the memory's odom in that of the course.
     """
     m = motors.shape[0]
     own = 0 if foot == 1 else m // 2  # where the left leg begins
     order = 0 if past.foot[q] == foot else m // 2  # and the support leg of sample q
-    terms = terms_of(past.block[q], m)
-    J, at, com, bent = (
-        terms.geometry.J,
-        terms.linear.y,
-        terms.geometry.com.copy(),
-        terms.geometry.com - past.reference[q],
-    )
+    then, at = geometry_of(past.block[q], m), linear_of(past.block[q], m).y
+    J, com, bent = then.J, then.com.copy(), then.com - past.reference[q]
     for k in range(m):
         i = (k + order) % m
         for axis in range(3):
             com[axis] += J[axis, k] * (y[i] - at[k])
             bent[axis] += J[axis, k] * (y[i] - at[k] - motors[i] + past.theta[q, k])
         point[6 + k] = y[(k + own) % m] - motors[(k + own) % m]
-    for axis in range(3):
-        point[axis] = past.T_odom_sole[q, axis, 3]
+    for i in range(3):
+        at_odom, bent_odom = past.T_odom_sole[q, i, 3], 0.0
         for j in range(3):
-            point[axis] += past.T_odom_sole[q, axis, j] * com[j]
-            point[3 + axis] += past.T_odom_sole[q, axis, j] * bent[j]
+            at_odom += past.T_odom_sole[q, i, j] * com[j]
+            bent_odom += past.T_odom_sole[q, i, j] * bent[j]
+        for axis in range(3):
+            point[axis] += R[axis, i] * at_odom
+            point[3 + axis] += R[axis, i] * bent_odom
+    for axis in range(3):
+        point[axis] += p[axis]
 
 
 @compiled
 def remembered(past: Memory, q: int, reach: Array) -> tuple[Linear, Solver]:
     """The equations of motion of a remembered sample, and their solver for steps of STEP."""
     r = 2 * ROWS if past.double[q] else ROWS
-    then = terms_of(past.block[q], past.theta.shape[1]).linear
+    then = linear_of(past.block[q], past.theta.shape[1])
     linear = Linear(then.y, then.K, then.D, then.f, then.C, then.height, reach)
     return linear, Solver(STEP, r, past.inverse[q], past.by_impulse[q], past.contact[q])

@@ -56,8 +56,9 @@ class Equations:
         )
         m = len(left) + len(right)
         blocks = np.zeros((2, terms_size(m)))
+        even, odd = (terms_of(block, m) for block in blocks)
         # Those of a posture, in turn.
-        self._spare = [Assembled(block, terms := terms_of(block, m), hold(terms)) for block in blocks]
+        self._spare = [Assembled(blocks[0], even, hold((even, odd))), Assembled(blocks[1], odd, hold((odd, even)))]
         self._poses = {foot: hold(self._pose(foot)) for foot in (Foot.LEFT, Foot.RIGHT)}
         self._columns = {foot: robot.idx_v[order] for foot, order in self.order.items()}
         self._no_spring_torque = np.zeros(m)
@@ -103,9 +104,8 @@ class Equations:
             held, state.y, state.w, order, motor_q, motor_qd, robot.idx_v, self._q, self._rates, v
         )  # fmt: skip
         posture.update(self._q, self._rates)
-        known = before is not None and before.foot == foot
-        last, dt = (before.held, elapsed) if before is not None and known else (held, 0.0)
-        take_posture(held, last, self._poses[foot], ground, state.y, state.w, dt, v, a)
+        dt = elapsed if before is not None and before.foot == foot else 0.0
+        take_posture(held, self._poses[foot], ground, state.y, state.w, dt, v, a)
         if before is not None and before.double:
             made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < LIFTED)
         if down is not LEVEL:

@@ -14,6 +14,8 @@ from ...robot.leg import add_gravity_stiffness
 from ...robot.posture import tilt
 from .contact import Linear, Sole, contacts, track
 
+FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
+
 
 @compiled
 def trunk_twist(V: Array, J_joints: Array, columns: Integers) -> None:
@@ -93,7 +95,7 @@ class Assembled:
 
     block: Array  # of `terms_size`
     terms: TrunkTerms  # views of it by `terms_of`
-    held: Any  # these terms for compiled functions
+    held: Any  # these terms and those of the sample before, for compiled functions
     foot: Foot = Foot.NONE  # the support foot
     double: bool = False  # whether the other foot may touch the ground
 
@@ -107,20 +109,32 @@ def terms_size(m: int) -> int:
 @compiled
 def terms_of(block: Array, m: int) -> TrunkTerms:
     """The terms of m joints in an array of `terms_size`."""
-    d, n = m + 6, m // 2
-    theta, at = block[:m], m
-    M, at = block[at : at + d * d].reshape(d, d), at + d * d
+    d = m + 6
+    return TrunkTerms(block[:m], block[m : m + d * d].reshape(d, d), linear_of(block, m), geometry_of(block, m))
+
+
+@compiled
+def linear_of(block: Array, m: int) -> Linear:
+    """`linear` of these terms: all views at once would take longer than what is done with them."""
+    d = m + 6
+    at = m + d * d
     y, f, at = block[at : at + d], block[at + d : at + 2 * d], at + 2 * d
     K, at = block[at : at + m * m].reshape(m, m), at + m * m
     D, at = block[at : at + m * m].reshape(m, m), at + m * m
     C, at = block[at : at + 14 * d].reshape(14, d), at + 14 * d
-    height, reach, at = block[at : at + 14], block[at + 14 : at + 15], at + 15
+    return Linear(y, K, D, f, C, block[at : at + 14], block[at + 14 : at + 15])
+
+
+@compiled
+def geometry_of(block: Array, m: int) -> Geometry:
+    """`geometry` of these terms."""
+    n = m // 2
+    at = block.shape[0] - (12 * n + 36 + 6 * m + 6)
     V, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
     J_other, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
     A, at = block[at : at + 36].reshape(6, 6), at + 36
     J, at = block[at : at + 6 * m].reshape(6, m), at + 6 * m
-    linear = Linear(y, K, D, f, C, height, reach)
-    return TrunkTerms(theta, M, linear, Geometry(V, A, J, J_other, block[at : at + 3], block[at + 3 : at + 6]))
+    return Geometry(V, A, J, J_other, block[at : at + 3], block[at + 3 : at + 6])
 
 
 @compiled
@@ -141,7 +155,7 @@ def pose_legs(
         v: (nv,) velocities of the model, filled in but for the base.
     """
     m = order.shape[0]
-    theta = held.value.theta
+    theta = held.value[0].theta
     for j in range(q.shape[0]):
         q[j], rates[j], v[idx_v[j]] = motor_q[j], motor_qd[j], motor_qd[j]
     for i in range(m):
@@ -150,13 +164,11 @@ def pose_legs(
 
 
 @compiled
-def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Array, w: Array, dt: float, v: Array,
-                 a: Array) -> None:  # fmt: skip
+def take_posture(held: Held, posture: Held, ground: Array, y: Array, w: Array, dt: float, v: Array, a: Array) -> None:
     """Fill in geometry and contact of terms, and the motion of the base, the joints not accelerating.
 
     Args:
-        held: the terms, filled in.
-        before: those of the sample before.
+        held: the terms, filled in, and those of the sample before.
         posture: `Pose`.
         ground: (3,) under the other sole, as in `contact.Sole`.
         y: (m + 6,) coordinates, of which the last six displace the support sole from level ground.
@@ -164,7 +176,7 @@ def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Arra
         dt: since the sample before [s]; 0: there is none.
         v, a: (nv,) of the model, of which the first six are filled in, in base axes.
     """
-    terms, pose = held.value, posture.value
+    (terms, before), pose = held.value, posture.value
     m = pose.columns.shape[0]
     n, s = m // 2, y[m:]
     g, linear, R, p, columns, others = terms.geometry, terms.linear, pose.R, pose.p, pose.columns[:n], pose.columns[n:]
@@ -187,7 +199,7 @@ def take_posture(held: Held, before: Held, posture: Held, ground: Array, y: Arra
             g.J[i, n + c] = g.J[3 + i, n + c] = 0.0
             for j in range(3):
                 g.J[i, n + c] += R[j, i] * pose.J_com[j, others[c]]
-    _move_base(g, before.value.geometry, w, dt, v, a)
+    _move_base(g, before.geometry, w, dt, v, a)
 
 
 @compiled
@@ -300,7 +312,7 @@ def assemble(
         loads: weight on the support leg and on the other one [N].
         stiffness: whether gravity changes it (`gravity_stiffness`).
     """
-    m, terms = columns.shape[0], held.value
+    m, terms = columns.shape[0], held.value[0]
     linear = terms.linear
     project_dynamics(terms, inertia, tau, gravity, columns)
     linear.D[:] = D
@@ -316,35 +328,33 @@ def assemble(
 
 
 @compiled
-def advance(
-    held: Held, before: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float,
-    options: Held,
-) -> bool:  # fmt: skip
+def advance(held: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float) -> bool:
     """`contact.track` of both states, the filter's first, by terms and those of the sample before.
 
     Args:
-        held, before: the terms.
+        held: these terms, and those before.
         same: they are of the same support foot.
-        states: both, in place.
+        states: both, in place, and `Options` of the model.
         q: (nj,) measured link positions [rad].
         order: (m,) as in `pose_legs`.
         double: whether the other foot may touch the ground.
         dt: since the sample before [s].
-        options: `Options` of the model.
 
     Returns:
         Whether the filter is finite.
     """
-    m, terms, last = order.shape[0], held.value, before.value.theta
+    m, (terms, before), (both, options) = order.shape[0], held.value, states.value
     theta, measured = np.empty(m), np.empty(m)
     for i in range(m):
-        theta[i], measured[i] = last[i if same else (i + m // 2) % m], q[order[i]]
-    return track(states.value, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options.value)
+        theta[i], measured[i] = before.theta[i if same else (i + m // 2) % m], q[order[i]]
+    return track(both, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options)
 
 
 @compiled
-def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array) -> None:
+def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array) -> bool:
     """Fill in COM and its velocity, roll and pitch of the trunk (8,) [m], [m/s], [rad] of a state.
+
+    Returns whether the robot stands: else it fell over an edge of the support sole, in whose frame all this is.
 
     Args:
         out: filled in.
@@ -352,7 +362,7 @@ def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array
         R, up: orientation (3, 3) of the support sole and z (3,) of the trunk in the base frame.
         y, w: (m + 6,) coordinates and their rates.
     """
-    terms = held.value
+    terms = held.value[0]
     J, com, at = terms.geometry.J, terms.geometry.com, terms.linear.y
     out[6], out[7] = tilt(R, up)
     for i in range(3):
@@ -363,6 +373,10 @@ def com_and_tilt(out: Array, held: Held, R: Array, up: Array, y: Array, w: Array
             out[3 + i] += J[i, j] * w[j]
         for i in range(2):
             out[6 + i] += J[3 + i, j] * (y[j] - at[j])
+    stands = True
+    for i in range(y.shape[0] - 6, y.shape[0]):
+        stands &= abs(y[i]) < FALLEN
+    return stands
 
 
 @compiled
@@ -380,7 +394,7 @@ def deflections(
         reference: (3,) [m].
         left: the support foot is the left one.
     """
-    m, terms = order.shape[0], held.value
+    m, terms = order.shape[0], held.value[0]
     for i in range(3):
         out[i] = com[i] - reference[i]
     for j in range(m):

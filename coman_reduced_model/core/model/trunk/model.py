@@ -49,7 +49,6 @@ from .stride import Stride
 # noise), above it the model: the velocity it gives has no lag, other than a slope over past samples.
 _FILTER = 20.0  # [rad/s]
 _LONGEST = 0.005  # [s] of the implicit steps: a foot leaves or meets the ground between two of them
-_FALLEN = 0.3  # [m], [rad] by which the support sole of a free run has left the ground when the robot has fallen
 _FADES = 0.1  # [s] time constant of a horizontal deflection whose future is not known
 
 
@@ -64,7 +63,7 @@ class TrunkModel(Dynamics):
         self.motor = robot.posture()
         self._equations = Equations(robot, config, model)
         friction = config.model.friction
-        self._options = hold(Options(friction, _LONGEST, _FILTER))
+        self._options = Options(friction, _LONGEST, _FILTER)
         self._following = [axis for axis in range(3) if axis not in model.axes]
         self._felt = np.isin(range(3), model.axes)
         self._order, self._posture = self._equations.order, self._equations.posture
@@ -112,6 +111,8 @@ class TrunkModel(Dynamics):
         if self._filtered is None:
             self._filtered = self._measured(sample)
         self._terms = terms = self._assemble(now, before)
+        if first:  # compiled or loaded now, not in the middle of a walk
+            switch_support(self._filtered, terms.terms.linear, self.robot.soles[now.foot])
         if not first and not self._advance(now, terms, before or terms):  # no longer finite, nor is the free run,
             self._filtered = self._measured(sample)  # at whose posture all terms are taken
         return True
@@ -122,11 +123,9 @@ class TrunkModel(Dynamics):
         assert filtered is not None
         states = filtered, copied(filtered) if self._free is None else self._free
         if self._states is None or states[0] is not self._states[0] or states[1] is not self._states[1]:
-            self._states, self._held = states, hold(states)
+            self._states, self._held = states, hold((states, self._options))
         same, dt = before.foot == terms.foot, now.dt
-        finite: bool = advance(
-            terms.held, before.held, same, self._held, now.sample.q, order, terms.double, dt, self._options
-        )
+        finite: bool = advance(terms.held, same, self._held, now.sample.q, order, terms.double, dt)
         return finite
 
     def _measured(self, sample: Sample) -> State:
@@ -159,9 +158,7 @@ class TrunkModel(Dynamics):
 
     def advance(self, now: Now) -> None:
         """`prepare` has already brought it there."""
-        self._publish()
-        assert self._free is not None and self.state is not None
-        if not max(map(abs, self._free.y[-6:].tolist())) < _FALLEN:  # over an edge of its sole, in whose frame it stays
+        if not self._publish():
             self.state = np.full(6, np.nan)
 
     def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
@@ -196,16 +193,17 @@ class TrunkModel(Dynamics):
         out[1:] = out[0] if self._ahead is None else self._ahead
         return out
 
-    def _publish(self) -> None:
-        """The free run as COM and tilt."""
+    def _publish(self) -> bool:
+        """The free run as COM and tilt; whether it stands."""
         t, free, values = self._terms, self._free, np.empty(8)
         assert t is not None and free is not None
-        com_and_tilt(values, t.held, self._posture.R[t.foot], self._posture.up, free.y, free.w)
+        stands: bool = com_and_tilt(values, t.held, self._posture.R[t.foot], self._posture.up, free.y, free.w)
         self.state, self.tilt = values[:6], values[6:]
         if self._above:
             self.state[3:] += self._posture.com_in_sole(t.foot)[1]
         for axis in self._following:
             self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
+        return stands
 
     def _change_leg(self, foot: Foot) -> None:
         self._foot, t = foot, self._terms

@@ -13,9 +13,8 @@ from math import exp
 
 import numpy as np
 
-from ...base.compiled import Held, compiled, hold
-from ...base.pose import matrix
-from ...base.types import Array, Booleans, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
+from ...base.compiled import Held, compiled, hold, mul
+from ...base.types import Array, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
 from ...effects.hooks import STANDS, Now
 from ...feedforward.feedforward import Feedforward
@@ -24,10 +23,10 @@ from ...robot.robot import Robot
 from ..cartesian import Model
 from ..reference import motor_com
 from .contact import ROWS, State
-from .course import EVERY, Start, along, simulate
+from .course import EVERY, Start, along, shift, simulate
 from .equations import Equations
 from .kinematics import Assembled, terms_size
-from .memory import STEP, empty_memory, keep
+from .memory import STEP, Memory, empty_memory, keep
 
 _SPACING_NS = 19_000_000  # between points that are used at least
 _AT_ONCE = 2  # points that a sample adds at most: inverse kinematics take long
@@ -41,6 +40,9 @@ _MOST = 1.2  # share of the planned deflection that motors lead by at most
 _CHANGED, _TURNED = 0.02, 0.05  # [m], [rad] by which a plan may differ from what it was
 _OTHER = 3  # points at most at which its phase may: a change of phase falls between two of them
 _PAUSE_NS = 200_000_000  # after a plan that differed more, until the next one is taken
+_UNKNOWN, _ANOTHER, _STANDS, _STEPS = range(4)  # what the plan says ahead
+Times = tuple[int, int, float]  # of `PlannedSteps`: stamps of the message and of the last point [ns], and dt
+Points = tuple[Array, Array, Integers]  # of it: com, soles, phase
 _NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
 
 
@@ -61,6 +63,7 @@ class PlannedWalk:
         self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
         self._soles = np.array([robot.soles[Foot.LEFT], robot.soles[Foot.RIGHT]])
         m = len(self._legs)
+        self._state = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))  # of a point
         self._memory = empty_memory(m, _CAPACITY)
         self._held = hold(self._memory)
         self._feet = np.zeros((_CAPACITY, 2, 4, 4))  # planned poses of both soles at the same points
@@ -72,8 +75,9 @@ class PlannedWalk:
         # Compiled or loaded now, not in the middle of a walk.
         zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
         start = Start(0, int(Foot.LEFT), np.zeros(terms_size(m)), zero, np.eye(4))
-        course = simulate(start, np.eye(4), 0, 2, self._memory, 2, self._soles, self._friction, True)
-        along(course, 0.0, np.zeros(1), np.eye(4))
+        nothing = PlannedSteps(0, 0.0, np.zeros((0, 3)), np.zeros((0, 14)), np.zeros(0, dtype=np.int64))
+        self._through(start, 0.0, nothing)
+        along(np.zeros((2, 6 + m)), 0.0, np.zeros(1), np.eye(4))
         _learn_lead(np.zeros(2), self._memory.stamp, 1, self._joints, 0, np.zeros(len(robot.idx_v)), self._legs, 1.0)
 
     def reset(self) -> None:
@@ -166,19 +170,16 @@ class PlannedWalk:
         if plan.phase != Phase.DOUBLE:
             foot = Foot(int(plan.phase))
         double, order = plan.phase == Phase.DOUBLE, self._order[foot]
-        m = len(order)
-        links, rates = self._robot.gather(q), v[self._columns]
-        theta, theta_rate = sample.motor_q.copy(), sample.motor_qd.copy()
-        theta[self._legs] = links[self._legs] - self.share * planned.deflection
-        theta_rate[self._legs] = rates[self._legs]
-        state = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
-        state.y[:m], state.w[:m] = links[order], rates[order]
-        for part, of in ((slice(0, 4), foot), (slice(ROWS, ROWS + 4), foot.other)):
-            state.P[part] = self._feedforward.loads[of - 1]
-        sole, other = plan.sole_pose(foot), plan.sole_pose(foot.other)
-        plane, height = ground[foot].copy(), float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
-        if double and abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
-            plane[0] = height
+        links, rates, loads = self._robot.gather(q), v[self._columns], self._feedforward.loads
+        theta, theta_rate, state = sample.motor_q.copy(), sample.motor_qd.copy(), self._state
+        _set_joints(
+            theta, theta_rate, state, links, rates, self._legs, order, self.share * planned.deflection, loads, int(foot)
+        )
+        sole, other, plane = plan.sole_pose(foot), plan.sole_pose(foot.other), ground[foot]
+        if double:
+            height = float(sole[:3, 2] @ (other[:3, 3] - sole[:3, 3]))
+            if abs(height - plane[0]) > KERB:  # it stands on a step that the plan knows
+                plane = np.array((height, *plane[1:]))
         dt = 1e-9 * (planned.stamp_ns - int(memory.stamp[n - 1])) if n else 0.0
         axes, motors = np.ascontiguousarray(sole[:3, :3]), (theta, theta_rate, dt)
         made = self._equations.assemble(now, foot, state, double, plane, down, axes, self._before, motors)
@@ -190,49 +191,73 @@ class PlannedWalk:
         self._n, self._before = n + 1, made
 
     def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
-        memory, n, stamp, plan = self._memory, self._n, now.sample.stamp_ns, now.sample.reference
+        stamp, plan = now.sample.stamp_ns, now.sample.reference
         self.stands = False
-        if n < 2 or plan is None or plan.steps is None:
+        if self._n < 2 or plan is None or plan.steps is None:
             return None
-        if not memory.stamp[0] <= stamp <= stamp + 1e9 * span <= memory.stamp[n - 1] + _SPACING_NS:
-            return None
-        stamps = memory.stamp[:n]
-        both = (stamps >= plan.steps.stamp_ns + 1e9 * plan.steps.dt) & (stamps <= plan.steps.end_ns)
-        changed = self._changed(plan.steps, both)
-        if changed is None:
+        start = Start(stamp, int(terms.foot), terms.block, state, now.T_odom_sole)
+        found, course = self._through(start, span, plan.steps)
+        if found == _ANOTHER:
             self.reset()
             self._paused_ns = stamp + _PAUSE_NS
-            return None
-        first = max(0, int(np.searchsorted(stamps, stamp)) - 1)
-        since = int(np.searchsorted(stamps, stamp - 1e9 * STANDS))
-        self.stands = bool(memory.double[since:n].all())
-        if self.stands:
-            return None
-        points, sole = int(np.ceil(span / STEP)) + 1, self._feet[first, now.foot - 1]
-        start = Start(stamp, int(terms.foot), terms.block, state, now.T_odom_sole)
-        course: Array = simulate(start, sole, stamp, points, memory, n, self._soles, self._friction, True)
-        if changed.any():
-            t = stamp + 1e9 * STEP * np.arange(points)
-            moved = np.column_stack([np.interp(t, stamps[both], each) for each in changed.T])
-            course[:, :3] += moved @ sole[:3, :3] @ now.T_odom_sole[:3, :3].T
-        return course
+        self.stands = found == _STANDS
+        return course if found == _STEPS else None
 
-    def _changed(self, steps: PlannedSteps, both: Booleans) -> Array | None:
-        """By how much (k, 3) [m] a plan has moved the COM at points that it has too; None: too much, or its feet."""
-        first, n = (int(i) for i in np.flatnonzero(both)[[0, -1]]) if both.any() else (0, -1)
-        change = np.empty((n + 1 - first, 3))
-        at = first, steps.stamp_ns, steps.dt
-        alike = len(change) > 0 and _replanned(change, self._held, self._feet, at, steps.com, steps.soles, steps.phase)
-        return change if alike else None
+    def _through(self, start: Start, span: float, steps: PlannedSteps) -> tuple[int, Array]:
+        plan = (steps.stamp_ns, steps.end_ns, steps.dt), (steps.com, steps.soles, steps.phase)
+        made: tuple[int, Array] = _through(
+            start, span, *plan, self._held, self._n, self._feet, self._soles, self._friction
+        )
+        return made
 
 
 def _point(steps: PlannedSteps, k: int, stamp_ns: int) -> Reference:
     """The k-th point of a preview."""
-    left, right = steps.soles[k].reshape(2, 7).tolist()
-    return Reference(
-        stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, matrix(*left), matrix(*right),
-        Phase(int(steps.phase[k])), 0,
-    )  # fmt: skip
+    left, right = np.empty((2, 4, 4))
+    _set_poses(left, right, steps.soles[k])
+    phase = Phase(int(steps.phase[k]))
+    return Reference(stamp_ns, steps.com[k], _NO_ACCELERATION, _NO_ACCELERATION, _NO_ZMP, left, right, phase, 0)
+
+
+@compiled
+def _set_poses(left: Array, right: Array, soles: Array) -> None:
+    """Fill in poses (4, 4) by one of the `soles` of `PlannedSteps` (14,)."""
+    _set_pose(left, soles[:7])
+    _set_pose(right, soles[7:])
+
+
+@compiled
+def _set_pose(T: Array, sole: Array) -> None:
+    """`base.pose.matrix` of a position and a quaternion (7,), into (4, 4)."""
+    x, y, z, w = sole[3:]
+    norm = x * x + y * y + z * z + w * w
+    s = 2.0 / norm if norm > 1e-12 else np.nan
+    T[0, 0], T[0, 1], T[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)
+    T[1, 0], T[1, 1], T[1, 2] = s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)
+    T[2, 0], T[2, 1], T[2, 2] = s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)
+    for i in range(3):
+        T[i, 3], T[3, i] = sole[i], 0.0
+    T[3, 3] = 1.0
+
+
+@compiled
+def _set_joints(
+    theta: Array, theta_rate: Array, state: State, links: Array, rates: Array, legs: Array, order: Integers,
+    lead: Array, loads: Array, foot: int,
+) -> None:  # fmt: skip
+    """Fill in motors (nj,) of the legs and the state of a point with joints links, rates (nj,) [rad], [rad/s].
+
+    Args:
+        legs, order: (m,) indices of the legs' joints, the left leg's and the support leg's first.
+        lead: (m,) by which the motors lead, as in `legs` [rad].
+        loads: (2,) of the left and the right foot [N].
+        foot: the support foot.
+    """
+    for j in range(legs.shape[0]):
+        theta[legs[j]], theta_rate[legs[j]] = links[legs[j]] - lead[j], rates[legs[j]]
+        state.y[j], state.w[j] = links[order[j]], rates[order[j]]
+    for corner in range(4):
+        state.P[corner], state.P[ROWS + corner] = loads[foot - 1], loads[2 - foot]
 
 
 @compiled
@@ -253,19 +278,64 @@ def _learn_lead(
 
 
 @compiled
+def _through(
+    start: Start, span: float, times: Times, plan: Points, memory: Held, n: int, feet: Array, soles: Array,
+    friction: float,
+) -> tuple[int, Array]:  # fmt: skip
+    """The model simulated through the planned steps, as far as the plan is still what it was but for its COM.
+
+    Args:
+        start, n, soles, friction: as in `simulate`.
+        span: how far ahead [s].
+        times, plan: of the present plan.
+        memory: `Memory` of points.
+        feet: (n, 2, 4, 4) poses of the soles there.
+
+    Returns:
+        `_STEPS` with a course as in `Stride`; else without: `_UNKNOWN`, points of it are missing; `_ANOTHER`, the plan
+        is another one; `_STANDS`, it has no foot in the air.
+    """
+    past, stamp = memory.value, start.stamp
+    stamps, course = past.stamp[:n], np.empty((0, 6 + past.theta.shape[1]))
+    if not (n > 1 and stamps[0] <= stamp and stamp + 1e9 * span <= stamps[n - 1] + _SPACING_NS):
+        return _UNKNOWN, course
+    (begins, ends, dt), (com, poses, phase) = times, plan
+    first = int(np.searchsorted(stamps, begins + int(np.rint(1e9 * dt))))
+    change = np.empty((max(0, int(np.searchsorted(stamps, ends, "right")) - first), 3))
+    if not change.shape[0] or not _replanned(change, past, feet, (first, begins, dt), com, poses, phase):
+        return _ANOTHER, course
+    if past.double[np.searchsorted(stamps, stamp - int(1e9 * STANDS)) : n].all():
+        return _STANDS, course
+    sole = feet[max(0, int(np.searchsorted(stamps, stamp)) - 1), start.foot - 1]
+    course = simulate(start, sole, stamp, int(np.ceil(span / STEP)) + 1, past, n, soles, friction, True)
+    moved, k = np.empty((course.shape[0], 3)), 0
+    for i in range(moved.shape[0]):  # linear between points, as at the last one beyond it; all stamps as floats
+        t = stamp + 1e9 * STEP * i
+        while k + 2 < change.shape[0] and stamps[first + k + 1] <= t:
+            k += 1
+        j = min(k + 1, change.shape[0] - 1)
+        begin, end = float(stamps[first + k]), float(stamps[first + j])
+        w = min(1.0, max(0.0, (t - begin) / (end - begin))) if j > k else 0.0
+        for axis in range(3):
+            moved[i, axis] = (1.0 - w) * change[k, axis] + w * change[j, axis]
+    shift(course, moved, mul(start.T_odom_sole[:3, :3], sole[:3, :3].T))
+    return _STEPS, course
+
+
+@compiled
 def _replanned(
-    change: Array, memory: Held, feet: Array, at: tuple[int, int, float], com: Array, soles: Array, phase: Integers
+    change: Array, past: Memory, feet: Array, at: tuple[int, int, float], com: Array, soles: Array, phase: Integers
 ) -> bool:
     """Fill in by how much (k, 3) [m] a plan moves the COM at k points of the memory; whether all else is as it was.
 
     Args:
         change: filled in, against the first of these points.
-        memory: `Memory` of points.
+        past: the points.
         feet: (n, 2, 4, 4) poses of the soles there.
         at: the first of these points; stamp [ns] and spacing [s] of the plan.
         com, soles, phase: of `PlannedSteps`.
     """
-    (first, stamp, dt), past, last = at, memory.value, com.shape[0] - 1
+    (first, stamp, dt), last = at, com.shape[0] - 1
     others, moved, begin = 0, np.empty(9), np.empty(9)
     for k in range(change.shape[0]):
         q = first + k
@@ -274,7 +344,7 @@ def _replanned(
         w, j = place - i, min(i + 1, last)
         others += phase[near] != (3 if past.double[q] else past.foot[q])
         for foot in range(2):
-            if not _as_before(soles[near, 7 * foot + 3 : 7 * foot + 7], feet[q, foot]):
+            if not _as_before(soles[near, 7 * foot : 7 * foot + 7], feet[q, foot]):
                 return False
             for axis in range(3):
                 a = 7 * foot + axis
@@ -292,15 +362,12 @@ def _replanned(
 
 
 @compiled
-def _as_before(quaternion: Array, T: Array) -> bool:
-    """Whether no element of a rotation x y z w differs by much from that of a pose (4, 4)."""
-    R = np.empty((3, 3))
-    x, y, z, w = quaternion / np.sqrt((quaternion * quaternion).sum())
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
-    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
-    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+def _as_before(sole: Array, T: Array) -> bool:
+    """Whether no element of the rotation of a sole (7,) differs by much from that of a pose (4, 4)."""
+    now = np.empty((4, 4))
+    _set_pose(now, sole)
     for i in range(3):
         for j in range(3):
-            if not abs(R[i, j] - T[i, j]) < _TURNED:
+            if not abs(now[i, j] - T[i, j]) < _TURNED:
                 return False
     return True

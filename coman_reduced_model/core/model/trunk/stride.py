@@ -10,13 +10,15 @@ no course, and `Stride.ahead` says so.
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 
 from ...base.compiled import Held, all_finite, compiled, hold
 from ...base.types import Array, Phase, Reference
 from ...effects.hooks import Now
 from .contact import ROWS, State
-from .course import EVERY, Start, along, simulate
+from .course import EVERY, Start, along, shift, simulate
 from .kinematics import Assembled
 from .memory import SEARCH, STEP, WINDOW, Memory, empty_memory, find_lag, keep, mismatch, nearest
 
@@ -24,6 +26,8 @@ _SPACING = 0.0095  # [s] between remembered samples at least
 _CAPACITY, _KEPT = 768, 512  # remembered samples at most, and how many are kept when there are more: 4.8 s and more
 _ALIKE = 0.03  # the motors differ by less than this part of their largest range in the stride: it is repeated
 _NO_PLAN = np.full(3, np.nan), np.full((3, 3), np.nan)
+_NO_PREVIEW = np.zeros(3), np.zeros((0, 3)), 0.0, np.eye(3)
+Preview = tuple[Array, Array, float, Array]  # of a plan, see `follow`
 _PLAN = 0.02  # [m] by which the plan may differ from that of the stride before
 
 
@@ -38,7 +42,7 @@ class Stride:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._n = 0
+        self._n = self._last_ns = 0  # remembered samples; stamp of the last one
         self._lag_ns = 0  # to the stride before; 0: no stride known
         self._repeated_ns = 0  # the same of the last stride that was repeated
         self._phase = Phase.FLIGHT
@@ -52,12 +56,12 @@ class Stride:
         stamp, plan = now.sample.stamp_ns, now.sample.reference
         if not all_finite(terms.terms.linear.f):  # of a free run that has diverged
             return
-        if self._n == 0 or stamp - self._past.stamp[self._n - 1] >= _SPACING * 1e9:
+        if self._n == 0 or stamp - self._last_ns >= _SPACING * 1e9:
             planned, sole = _NO_PLAN if plan is None else (plan.com, _axes(plan, now.foot))
             foot, double = int(terms.foot), terms.double
             self._room(terms)
             keep(self._held, self._n, stamp, terms.block, foot, double, now.T_odom_sole, planned, sole, reference)
-            self._n += 1
+            self._n, self._last_ns = self._n + 1, stamp
         if (phase := now.support.phase) != self._phase:
             change, self._phase = (self._phase, phase), phase
             before, self._began[change] = self._began.get(change), now.began_ns
@@ -103,9 +107,8 @@ class Stride:
             self._held = hold(self._memory)
             # Compiled or loaded now, not in the middle of a walk.
             find_lag(0, np.zeros(1, dtype=np.int64), self._memory, 0)
-            replanned(np.zeros((1, 3)), np.zeros(3), np.zeros((1, 3)), 1.0, np.eye(3), 1, 0, self._memory, 2)
             zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(r))
-            self._follow(0, 0, 1, terms, zero, np.eye(4))
+            self._follow(0, 0, 1, terms, zero, np.eye(4), _NO_PREVIEW)
         if self._n == _CAPACITY:
             for column in self._memory:
                 column[:_KEPT] = column[-_KEPT:]
@@ -116,23 +119,21 @@ class Stride:
         then = stamp - self._lag_ns
         if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
             return None
-        moved = np.zeros((int(np.ceil(span / STEP)) + 1, 3))
-        plan = now.sample.reference
-        if plan is not None and plan.preview_dt > 0.0 and len(plan.preview_com):
-            sole, com, preview, dt = _axes(plan, now.foot), plan.com, plan.preview_com, plan.preview_dt
-            if not replanned(moved, com, preview, dt, sole, int(terms.foot), then, past, n) < _PLAN:
-                return None
-            moved = moved @ now.T_odom_sole[:3, :3].T
-        course = self._follow(stamp, then, len(moved), terms, state, now.T_odom_sole)
+        plan, preview = now.sample.reference, _NO_PREVIEW
+        if plan is not None and plan.preview_dt > 0.0:
+            preview = plan.com, plan.preview_com, plan.preview_dt, _axes(plan, now.foot)
+        points = ceil(span / STEP) + 1
+        course = self._follow(stamp, then, points, terms, state, now.T_odom_sole, preview)
         if not len(course):
             return None
-        course[:, :3] += moved
         self._repeated_ns = self._lag_ns
         return course
 
-    def _follow(self, stamp: int, then: int, points: int, terms: Assembled, state: State, T_odom_sole: Array) -> Array:
+    def _follow(
+        self, stamp: int, then: int, points: int, terms: Assembled, state: State, T_odom_sole: Array, preview: Preview
+    ) -> Array:
         start = Start(stamp, int(terms.foot), terms.block, state, T_odom_sole)
-        return follow(start, then, points, self._held, self._n, self._soles, self._friction)
+        return follow(start, then, points, preview, self._held, self._n, self._soles, self._friction)
 
 
 def _axes(plan: Reference, foot: int) -> Array:
@@ -187,19 +188,22 @@ def replanned(
 
 
 @compiled
-def follow(start: Start, then: int, points: int, memory: Held, n: int, soles: Array, friction: float) -> Array:
-    """The model from a measured state through the stride before.
+def follow(
+    start: Start, then: int, points: int, preview: Preview, memory: Held, n: int, soles: Array, friction: float
+) -> Array:
+    """The model from a measured state through the stride before, and what the plan has changed since.
 
     Args:
         start, points, n, soles, friction: as in `simulate`.
-        memory: `Memory`.
         then: the same point of the stride before [ns].
+        preview: com, preview, dt and sole of `replanned`; no points where there is no plan.
+        memory: `Memory`.
 
     Returns:
-        (points, 6 + m) as in `Stride`; empty where the last stride was another one.
+        (points, 6 + m) as in `Stride`; empty where the last stride was another one, or the plan was.
     """
     past = memory.value
-    nothing = np.empty((0, 6 + past.theta.shape[1]))
+    nothing, moved = np.empty((0, 6 + past.theta.shape[1])), np.zeros((points, 3))
     if n < 2:
         return nothing
     q = nearest(then, past.stamp, n, n - 1)
@@ -208,7 +212,11 @@ def follow(start: Start, then: int, points: int, memory: Held, n: int, soles: Ar
     same = same_support(past, n, q, start.foot)
     if past.foot[same] != start.foot:
         return nothing
-    return simulate(start, past.T_odom_sole[same], then, points, past, n, soles, friction, False)
+    if preview[1].shape[0] and not replanned(moved, *preview, start.foot, then, past, n) < _PLAN:
+        return nothing
+    course = simulate(start, past.T_odom_sole[same], then, points, past, n, soles, friction, False)
+    shift(course, moved, start.T_odom_sole)
+    return course
 
 
 @compiled

@@ -9,7 +9,7 @@ from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.stream_names import REFERENCE
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.model.trunk.memory import STEP, Memory, find_lag, keep, mismatch
-from coman_reduced_model.core.model.trunk.stride import replanned
+from coman_reduced_model.core.model.trunk.stride import follow, replanned
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.record import record
 
@@ -101,7 +101,7 @@ def test_nothing_is_compiled_in_mid_walk():
     """Samples with a plan and without have arrays of one layout, that for which all is compiled at the beginning."""
     for plan in (True, False):
         rmse_of(bag_path("test2"), plan)
-    assert len(keep.signatures) == len(replanned.signatures) == 1
+    assert len(keep.signatures) == len(follow.signatures) == 1
 
 
 def test_strides_are_recognised_also_where_a_foot_brushes_the_ground(tmp_path):
