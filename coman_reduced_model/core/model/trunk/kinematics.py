@@ -101,7 +101,7 @@ class Assembled:
 def terms_size(m: int) -> int:
     """Length of the array that holds the terms of m joints."""
     d, n = m + 6, m // 2
-    return m + d * d + (2 * d + 2 * m * m + 14 * d + 14 + 1) + (6 * n + 36 + 6 * m + 6 * n + 3 + 3)
+    return m + d * d + (2 * d + 2 * m * m + 14 * d + 14 + 2) + (6 * n + 36 + 6 * m + 6 * n + 3 + 3)
 
 
 @compiled
@@ -114,12 +114,12 @@ def terms_of(block: Array, m: int) -> TrunkTerms:
     K, at = block[at : at + m * m].reshape(m, m), at + m * m
     D, at = block[at : at + m * m].reshape(m, m), at + m * m
     C, at = block[at : at + 14 * d].reshape(14, d), at + 14 * d
-    height, reach, at = block[at : at + 14], block[at + 14 : at + 15], at + 15
+    height, reach, most, at = block[at : at + 14], block[at + 14 : at + 15], block[at + 15 : at + 16], at + 16
     V, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
     J_other, at = block[at : at + 6 * n].reshape(6, n), at + 6 * n
     A, at = block[at : at + 36].reshape(6, 6), at + 36
     J, at = block[at : at + 6 * m].reshape(6, m), at + 6 * m
-    linear = Linear(y, K, D, f, C, height, reach)
+    linear = Linear(y, K, D, f, C, height, reach, most)
     return TrunkTerms(theta, M, linear, Geometry(V, A, J, J_other, block[at : at + 3], block[at + 3 : at + 6]))
 
 
