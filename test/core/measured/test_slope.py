@@ -226,6 +226,7 @@ def test_a_robot_steps_up_and_down(tmp_path):
             x, z = truth[f"T_{name}"][loaded][:, [0, 2], 3].T
             assert z.min() < 1e-3 and z.max() > 0.019
             np.testing.assert_allclose(z, [floor.height(foot, each) for each in x], atol=2e-3)
+    assert (rms(tmp_path / "walk") < [8e-4, 4e-4, 2e-4]).all()
 
 
 def test_kinds_that_are_named_alone_are_never_drawn():
