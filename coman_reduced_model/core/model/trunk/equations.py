@@ -26,7 +26,7 @@ from .kinematics import (
     terms_size,
 )
 
-NEAR = 0.001  # [m] of the lowest corner above the ground, from which on a foot that does not stand may touch it
+LIFTED = 0.001  # [m] of all corners above the ground, up to which a foot that lifts still touches it
 
 
 class Equations:
@@ -90,7 +90,7 @@ class Equations:
             now: this sample, for what pushes the robot.
             foot: the support foot.
             state: of it.
-            double: whether both feet stand. A foot that does not may still touch the ground where it is `NEAR` it.
+            double: whether both feet stand. One that lifts may touch the ground until it is `LIFTED` above it.
             ground: (3,) under the other sole, as in `contact.Sole`.
             down: (3,) direction of gravity in odom.
             R_odom_sole: (3, 3) orientation of the support sole.
@@ -109,7 +109,8 @@ class Equations:
         known = before is not None and before.foot == foot
         last, dt = (before.held, elapsed) if before is not None and known else (held, 0.0)
         take_posture(held, last, self._poses[foot], ground, state.y, state.w, dt, v, a)
-        made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < NEAR)
+        if before is not None and before.double:
+            made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < LIFTED)
         made.terms.linear.most[0] = np.inf if double else self._lifting
         if down is not LEVEL:
             self._tilt_gravity(made, state.y[-3:], R_odom_sole.T @ down)
