@@ -81,7 +81,7 @@ class Floor:
     platform: float = 0.0  # [m] by which it is higher between edges: the robot steps up and down
     # [m] x of the edges, first and last under the left foot, first and last under the right foot: between the soles of
     # steps of 12 cm. A sole that stands on an edge would turn.
-    edges: tuple[float, float, float, float] = (0.28, 0.79, 0.405, 0.92)
+    edges: tuple[float, float, float, float] = (0.28, 0.77, 0.405, 0.92)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tile_height <= 0.02:

@@ -32,9 +32,7 @@ class Sole(NamedTuple):
     p: Array  # (3,) position there [m]
     twist: Array  # (6, n) twist of the trunk by the joints of the leg, this sole at rest, about the base origin
     edges: Array  # (4,) x of the back and the front, y of the right and the left edge in the sole frame [m]
-    ground: (
-        Array  # (3,) of the ground under it when both stand: height at its origin [m], by x and by y of its frame [1]
-    )
+    ground: Array  # (3,) under it when both stand: height at its origin [m], by x and by y of its frame [1]
 
 
 class Linear(NamedTuple):
@@ -47,6 +45,7 @@ class Linear(NamedTuple):
     C: Array  # (14, m + 6) velocities of the constraints by those of the coordinates
     height: Array  # (14,) of the corners above the ground at y [m]; zero for the other constraints
     reach: Array  # (1,) lever at which friction resists yaw of a sole [m]
+    most: Array  # (1,) that the other foot bears at most [N]: what one bears that lifts
 
 
 class Solver(NamedTuple):
@@ -164,7 +163,7 @@ def _other_rows(C: Array, height: Array, support: Sole, other: Sole, T: Array, s
 
 
 @compiled
-def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: float) -> None:
+def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: float, most: float) -> None:
     """Impulses P of the ground in one step, in place: the last ones come in.
 
     Projected Gauss-Seidel: a corner presses or is free, friction holds a sole within its cone or lets it slide.
@@ -176,6 +175,7 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
         P: (r,) or more [Ns], [Nms].
         friction: coefficient.
         reach: lever at which friction resists yaw [m].
+        most: with which the other foot presses at most [Ns].
     """
     rows = v.shape[0]
     by_v = np.empty(rows)  # impulse that changes the velocity of a constraint by one; 0: a corner that nothing moves
@@ -198,6 +198,9 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
                     largest, changed = max(largest, new), max(changed, abs(new - P[i]))
                     pressing += new
                 P[i] = new
+            if first > 0 and pressing > most:
+                P[first : first + 4] *= most / pressing
+                pressing = most
             _slide(P[first + 4 : first + ROWS], friction * pressing, reach)
         if changed <= _ENOUGH * largest:
             break
@@ -268,8 +271,7 @@ def step_soles(
         friction: coefficient.
     """
     y, w, P = state
-    h, rows, m = solver.h, solver.rows, theta_0.shape[0]
-    size = y.shape[0]
+    h, rows, m, size = solver.h, solver.rows, theta_0.shape[0], state.y.shape[0]
     push, faster, up, v = np.empty(size), np.empty(size), np.empty(rows), np.empty(rows)
     bent, turned = np.empty(m), np.empty(m)
     P[rows:] = 0.0
@@ -285,7 +287,7 @@ def step_soles(
                 push[i] -= linear.K[i, k] * bent[k] + linear.D[i, k] * turned[k]
         _add_rows(faster, solver.inverse, push, size)  # it is symmetric
         _constraints(linear, y, faster, h, up, v)
-        impulses(solver.contact, v, up, P, friction, linear.reach[0])
+        impulses(solver.contact, v, up, P, friction, linear.reach[0], h * linear.most[0])
         _add_rows(faster, solver.by_impulse, P, rows)
         for i in range(size):
             y[i] += 0.5 * h * (w[i] + faster[i])

@@ -78,10 +78,10 @@ def simulate(
         if past.foot[q] != foot:
             foot = past.foot[q]
             state, off = switch_support(state, linear, soles[foot - 1]), swapped(off)
-            linear = remembered(past, q, linear.reach)[0]
+            linear = remembered(past, q)[0]
             p = p - apply(R, stepped(linear, state, past.T_odom_sole[q]))
         else:
-            linear = remembered(past, q, linear.reach)[0]
+            linear = remembered(past, q)[0]
     last, taken = q, -1
     for k in range(points):
         t = then + int(k * STEP * 1e9)
@@ -95,7 +95,7 @@ def simulate(
                 off = swapped(off)
             last = q
             if q != taken:
-                linear, solver = remembered(past, q, terms.linear.reach)
+                linear, solver = remembered(past, q)
                 taken = q
             for at, motors in ((t - int(STEP * 1e9), before), (t, after)):
                 motors_at(motors, at, past, n, q, foot)
@@ -157,9 +157,8 @@ def write_point(point: Array, y: Array, motors: Array, past: Memory, q: int, foo
 
 
 @compiled
-def remembered(past: Memory, q: int, reach: Array) -> tuple[Linear, Solver]:
+def remembered(past: Memory, q: int) -> tuple[Linear, Solver]:
     """The equations of motion of a remembered sample, and their solver for steps of STEP."""
     r = 2 * ROWS if past.double[q] else ROWS
-    then = linear_of(past.block[q], past.theta.shape[1])
-    linear = Linear(then.y, then.K, then.D, then.f, then.C, then.height, reach)
+    linear = linear_of(past.block[q], past.theta.shape[1])
     return linear, Solver(STEP, r, past.inverse[q], past.by_impulse[q], past.contact[q])

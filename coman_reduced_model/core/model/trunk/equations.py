@@ -44,6 +44,9 @@ class Equations:
         self.model = model
         self.posture = robot.posture()
         self._swing = config.uses("swing_momentum")
+        self._lifting = (
+            config.support.contact_off * model.mass * model.gravity
+        )  # [N] that a foot that lifts bears at most
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
         self.order: dict[Foot, Integers] = {
@@ -88,7 +91,7 @@ class Equations:
             now: this sample, for what pushes the robot.
             foot: the support foot.
             state: of it.
-            double: whether both feet are on the ground. A foot that lifts may touch it until it is `LIFTED` above it.
+            double: whether both feet stand. One that lifts may touch the ground until it is `LIFTED` above it.
             ground: (3,) under the other sole, as in `contact.Sole`.
             down: (3,) direction of gravity in odom.
             R_odom_sole: (3, 3) orientation of the support sole.
@@ -108,6 +111,7 @@ class Equations:
         take_posture(held, self._poses[foot], ground, state.y, state.w, dt, v, a)
         if before is not None and before.double:
             made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < LIFTED)
+        made.terms.linear.most[0] = np.inf if double else self._lifting
         if down is not LEVEL:
             self._tilt_gravity(made, state.y[-3:], R_odom_sole.T @ down)
         if len(self.above):

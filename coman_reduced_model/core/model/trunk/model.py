@@ -36,13 +36,9 @@ from ..dynamics import Dynamics
 from ..reference import Plan, faded, motor_com
 from .contact import ROWS, Options, State, switch_support
 from .equations import Equations
-from .kinematics import (
-    Assembled,
-    advance,
-    com_and_tilt,
-    deflections,
-)
+from .kinematics import Assembled, advance
 from .planned import PlannedWalk
+from .published import com_and_tilt, deflections
 from .stride import Stride
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
@@ -84,7 +80,7 @@ class TrunkModel(Dynamics):
     def stop(self) -> None:
         """End the free run and the filter: an input is missing. The last stride is kept."""
         self.state = None
-        self._foot = Foot.NONE
+        self._foot, self._both = Foot.NONE, False
         self._free: State | None = None  # the free run
         self._filtered: State | None = None  # the measurement
         self._states: tuple[State, State] | None = None  # both, as they are held for compiled functions
@@ -222,6 +218,10 @@ class TrunkModel(Dynamics):
         assert state is not None
         R = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
         double = now.support.phase == Phase.DOUBLE
+        if double and not self._both:  # it presses where it has come down
+            self._soles.land(now.link, now.foot)
+            self._ground = self._soles.planes()
+        self._both = double
         assert now.sample.motor_q is not None and now.sample.motor_qd is not None
         motors = now.sample.motor_q, now.sample.motor_qd, now.dt
         return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before, motors)

@@ -52,7 +52,7 @@ def test_a_step_solves_the_trapezoidal_rule_with_the_impulses_of_the_ground(rows
     C[:7, m:], C[7:] = rng.standard_normal((7, 6)), rng.standard_normal((7, m + 6))
     y, w = rng.normal(0.0, 0.01, (2, m + 6))
     linear = Linear(
-        y.copy(), K, D, rng.normal(0.0, 30.0, m + 6), C, np.zeros(14), np.full(1, 0.05)
+        y.copy(), K, D, rng.normal(0.0, 30.0, m + 6), C, np.zeros(14), np.full(1, 0.05), np.full(1, np.inf)
     )  # fmt: skip
     theta = rng.normal(0.0, 0.01, (2, m))
     solver, end = make_solver(M, K, D, C, h, rows), State(y.copy(), w.copy(), np.zeros(14))

@@ -79,27 +79,29 @@ def test_one_leg_sags_to_where_springs_and_weight_balance():
 
 SOLE = np.array([-0.07, 0.13, -0.05, 0.05])
 CORNERS = np.array([[x, y] for y in SOLE[2:] for x in SOLE[:2]])
+MIDDLE = np.array([0.03, 0.0])
+ONE_SOLE = np.zeros((7, 6))  # constraints of a block by its velocity at the middle of its sole
+for row, (x, y) in enumerate(CORNERS - MIDDLE):
+    ONE_SOLE[row, 2], ONE_SOLE[row, 3], ONE_SOLE[row, 4] = 1.0, y, -x
+ONE_SOLE[4, 0] = ONE_SOLE[5, 1] = ONE_SOLE[6, 5] = 1.0
 
 
 def ground_on_a_block(force: np.ndarray, moment: np.ndarray, friction: float = 0.7) -> np.ndarray:
     """(7,) impulses of the ground on a block of 10 kg that stands on one sole, pushed for 1 ms at the sole's middle."""
-    h, mass, inertia, middle = 1e-3, 10.0, np.array([0.1, 0.2, 0.1]), np.array([0.03, 0.0])
-    C = np.zeros((7, 6))
-    for row, (x, y) in enumerate(CORNERS - middle):
-        C[row, 2], C[row, 3], C[row, 4] = 1.0, y, -x
-    C[4, 0] = C[5, 1] = C[6, 5] = 1.0
+    h, mass, inertia = 1e-3, 10.0, np.array([0.1, 0.2, 0.1])
+    C = ONE_SOLE
     M = np.diag([mass] * 3 + inertia.tolist())
     P = np.zeros(7)
     free = np.linalg.solve(M, np.concatenate((force, moment))) * h
     for _ in range(50):  # of the steps of a walk, each begins where the last one ended
-        impulses(C @ np.linalg.solve(M, C.T), C @ free, np.zeros(7), P, friction, 0.05)
+        impulses(C @ np.linalg.solve(M, C.T), C @ free, np.zeros(7), P, friction, 0.05, np.inf)
     return P / h
 
 
 def test_the_ground_balances_what_presses_within_the_sole():
     P = ground_on_a_block(np.array([5.0, -4.0, -98.1]), np.array([1.0, -2.0, 0.5]))
     assert (P[:4] > 0.0).all() and P[:4].sum() == pytest.approx(98.1, rel=0.02)
-    np.testing.assert_allclose(P[:4] @ (CORNERS - [0.03, 0.0]), [-2.0, -1.0], atol=0.1)
+    np.testing.assert_allclose(P[:4] @ (CORNERS - MIDDLE), [-2.0, -1.0], atol=0.1)
     np.testing.assert_allclose(P[4:], [-5.0, 4.0, -0.5], rtol=0.01)
 
 
@@ -120,6 +122,17 @@ def test_friction_holds_no_more_than_its_share_of_the_load(friction):
     assert abs(P[6]) == pytest.approx(0.05 * most, rel=1e-6)
 
 
+def test_a_foot_that_does_not_stand_bears_no_more_than_that_and_slides_by_it():
+    """Two blocks of 10 kg on one sole each, pushed down and forward: the second may press with 4 N."""
+    C = np.vstack((np.hstack((ONE_SOLE, np.zeros((7, 6)))), np.hstack((np.zeros((7, 6)), ONE_SOLE))))
+    M, P, h = np.diag([10.0, 10.0, 10.0, 0.1, 0.2, 0.1] * 2), np.zeros(14), 1e-3
+    free = np.linalg.solve(M, [5.0, 0.0, -98.1, 0.0, 0.0, 0.0] * 2) * h
+    for _ in range(50):
+        impulses(C @ np.linalg.solve(M, C.T), C @ free, np.zeros(14), P, 0.7, 0.05, 4.0 * h)
+    assert P[:4].sum() / h == pytest.approx(98.1, rel=0.02) and P[7:11].sum() / h == pytest.approx(4.0, rel=1e-6)
+    assert P[4] / h == pytest.approx(-5.0, rel=0.01) and P[11] / h == pytest.approx(-0.7 * 4.0, rel=1e-6)
+
+
 def test_a_state_told_by_the_other_sole_and_back_is_the_same():
     """Heights, tilts and rates of both soles; where they are on the ground does not matter."""
     machine, rng = robot(), np.random.default_rng(0)
@@ -135,7 +148,7 @@ def test_a_state_told_by_the_other_sole_and_back_is_the_same():
         support, other = (Sole(posture.R[f], posture.p[f], twists[f], SOLE, np.zeros(3)) for f in (foot, 3 - foot))
         nothing, C, height = np.zeros((12, 12)), np.empty((14, 18)), np.empty(14)
         contacts(support, other, y[12:], np.empty((6, 6)), C, height)
-        return Linear(y, nothing, nothing, np.zeros(18), C, height, np.full(1, 0.05))
+        return Linear(y, nothing, nothing, np.zeros(18), C, height, np.full(1, 0.05), np.full(1, np.inf))
 
     start = State(y, w, np.arange(14.0))
     left = linear(1, y)
