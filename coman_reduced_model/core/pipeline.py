@@ -84,6 +84,7 @@ class Pipeline:
 
     def __init__(self, robot: Robot, config: Config) -> None:
         self.config = config = config.with_joints_of(robot)
+        self.unloaded = robot
         effects, self.robot = build_effects(config.effects, robot)
         self.joiner = BlockJoiner(robot, config, stream_delays(effects))
         self.predictor = Predictor(self.robot, config, effects)

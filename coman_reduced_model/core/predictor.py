@@ -67,7 +67,7 @@ class Predictor:
         computed: what computes the wrenches, where no sensor measures them; None: they are measured.
         sample: the last one, without these zeros, and without computed wrenches; None: there was none.
         judge: the errors of the horizons so far.
-        adaptation: what it learns of springs and encoders, with `prediction.adapt`; else None.
+        adaptation: what it learns of springs, encoders and the trunk's COM, with `prediction.adapt`; else None.
 
     Example:
         >>> import coman_reduced_model as coman
@@ -205,7 +205,10 @@ class Predictor:
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
         tilt = self.link.tilt(foot) if self.model.turning else _NAN2
-        now = Now(sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down, tilt)
+        now = Now(
+            sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down, tilt,
+            self.support.lifting, self._touchdown(support),
+        )  # fmt: skip
 
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
         horizons: list[HorizonPrediction] = []
@@ -303,8 +306,8 @@ class Predictor:
         dynamics, support = self.dynamics, now.support
         if dynamics.state is not None and (support.support_foot != self._foot or support.phase != self._phase):
             dynamics.switch(now, self._T_odom_sole)
-        event, touchdown = Flags.RESET, self._touchdown(support)
-        if dynamics.state is not None and not touchdown:
+        event = Flags.RESET
+        if dynamics.state is not None and not now.restarts:
             dynamics.advance(now)
             if self._near(now):
                 return Flags.OK

@@ -321,6 +321,5 @@ def test_what_was_hidden_comes_back_and_makes_the_prediction_better(effect, gait
     else:
         assert value.get("pitch", 0.0) == pytest.approx(SLOPE, abs=0.006) and abs(value.get("roll", 0.0)) < 0.006
     gap = found.result["gap"]["train"]
-    # Of a robot that is pushed, toes that drag in the model and not in truth leave more than on a slope.
     assert gap["after"]["com/x"] < 0.5 * gap["before"]["com/x"]
     assert gap["after"]["com/y"] < 1.1 * gap["before"]["com/y"]

@@ -51,6 +51,8 @@ class Now:
     landed: bool  # the support foot is the one that has just landed, not the one of the last single support
     down: Array  # (3,) direction of gravity in odom, as far as it is known
     tilt: Array  # (2,) measured roll and pitch of the trunk about x, y of the sole [rad]; NaN where no model needs it
+    lifting: float  # [N] that a foot bears at most that lifts
+    restarts: bool  # the free run begins again: a step ends
 
     @property
     def foot(self) -> Foot:

@@ -95,6 +95,7 @@ class SupportDetector:
         """Take over other thresholds; may be called at any time, with the arguments of the constructor."""
         self.config = config
         self.weight = config.weight or weight_N  # [N]
+        self.lifting = config.contact_off * self.weight  # [N] below which a foot lifts
         if not self.weight > 0.0:
             raise ValueError(f"weight for the support phase must be positive, got {self.weight} N")
 
@@ -136,7 +137,7 @@ class SupportDetector:
             self._feet = self._start(stamp_ns, left_fz, right_fz)
         left, right = self._feet
         config = self.config
-        on, off = config.contact_on * self.weight, config.contact_off * self.weight
+        on, off = config.contact_on * self.weight, self.lifting
         dwell_on, dwell_off = config.dwell_on * 1e9, config.dwell_off * 1e9
         changed = left.update(stamp_ns, left_fz, on, off, dwell_on, dwell_off)
         changed |= right.update(stamp_ns, right_fz, on, off, dwell_on, dwell_off)

@@ -35,7 +35,7 @@ class PlannedOutput:
             return
         if self._feedforward is None:
             self._joints = pipeline.robot.config.leg_joints
-            self._feedforward = Feedforward(pipeline.robot, self._config)
+            self._feedforward = Feedforward(pipeline.unloaded, self._config)
             self._feedforward.start(sample.q)
         try:
             planned = self._feedforward.update(decode(message))

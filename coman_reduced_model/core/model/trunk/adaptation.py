@@ -5,7 +5,7 @@ While a leg carries the robot alone, its joints bear what weight and motion ask 
 mean deflection d that a single support shows, against the mean deflection u of the nominal spring under the free run's
 load, is
 
-    d = r u + b + c s
+    d = r (u + c s) + b
 
 with r the nominal stiffness over the real one, b the zeros of link and motor encoder, s (2,) the shift of the trunk's
 COM along x, y of `robot.base_frame` and c how far its moment, of the trunk's weight, turns the joint. Within a step, d
@@ -58,7 +58,7 @@ class _Leg:
 
 
 class Adaptation(Effect):
-    """Springs as the robot shows them; takes its place after all effects, whose corrections it sees.
+    """Springs and the trunk's COM as the robot shows them; comes after all effects, whose corrections it sees.
 
     Attributes:
         learning: whether it goes on; else what it knows stays as it is.
@@ -165,7 +165,7 @@ class Adaptation(Effect):
         error, deflection, turned = means[:, 0], means[:, 1], means[:, 2:]
         H = np.ones((len(error), 4))
         H[:, 0] = (deflection - known.values[:, 1]) / known.values[:, 0] - turned @ self.shift
-        H[:, 2:] = turned
+        H[:, 2:] = turned * known.values[:, :1]
         weight = known.seconds / LONGEST / ERROR**2
         fade = exp(-known.seconds / MEMORY)
         known.information *= fade

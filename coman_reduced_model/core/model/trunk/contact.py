@@ -45,7 +45,7 @@ class Linear(NamedTuple):
     C: Array  # (14, m + 6) velocities of the constraints by those of the coordinates
     height: Array  # (14,) of the corners above the ground at y [m]; zero for the other constraints
     reach: Array  # (1,) lever at which friction resists yaw of a sole [m]
-    most: Array  # (1,) that the other foot bears at most [N]: what one bears that lifts
+    most: Array  # (1,) that a corner of the other foot bears at most [N]
 
 
 class Solver(NamedTuple):
@@ -175,7 +175,7 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
         P: (r,) or more [Ns], [Nms].
         friction: coefficient.
         reach: lever at which friction resists yaw [m].
-        most: with which the other foot presses at most [Ns].
+        most: with which a corner of the other foot presses at most [Ns].
     """
     rows = v.shape[0]
     by_v = np.empty(rows)  # impulse that changes the velocity of a constraint by one; 0: a corner that nothing moves
@@ -185,7 +185,7 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
     for _ in range(_ROUNDS):
         largest = changed = 0.0
         for first in range(0, rows, ROWS):
-            pressing = 0.0
+            pressing, bears = 0.0, most if first > 0 else np.inf
             for i in range(first, first + ROWS):
                 u = v[i]  # without an impulse of its own; those that have just changed are added last: no waiting
                 for j in range(i + 1, rows):
@@ -194,13 +194,10 @@ def impulses(W: Array, v: Array, up: Array, P: Array, friction: float, reach: fl
                     u += W[i, j] * P[j]
                 new = (up[i] - u) * by_v[i]
                 if i < first + 4:
-                    new = max(0.0, new) if by_v[i] > 0.0 else P[i]
+                    new = min(max(0.0, new), bears) if by_v[i] > 0.0 else P[i]
                     largest, changed = max(largest, new), max(changed, abs(new - P[i]))
                     pressing += new
                 P[i] = new
-            if first > 0 and pressing > most:
-                P[first : first + 4] *= most / pressing
-                pressing = most
             _slide(P[first + 4 : first + ROWS], friction * pressing, reach)
         if changed <= _ENOUGH * largest:
             break

@@ -44,9 +44,6 @@ class Equations:
         self.model = model
         self.posture = robot.posture()
         self._swing = config.uses("swing_momentum")
-        self._lifting = (
-            config.support.contact_off * model.mass * model.gravity
-        )  # [N] that a foot that lifts bears at most
         self._pushing = [e for e in model.effects if type(e).push is not Effect.push]
         left, right = robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]
         self.order: dict[Foot, Integers] = {
@@ -111,7 +108,7 @@ class Equations:
         take_posture(held, self._poses[foot], ground, state.y, state.w, dt, v, a)
         if before is not None and before.double:
             made.double = double or bool(made.terms.linear.height[ROWS : ROWS + 4].min() < LIFTED)
-        made.terms.linear.most[0] = np.inf if double else self._lifting
+        made.terms.linear.most[0] = np.inf if double else 0.5 * now.lifting  # toes have two corners
         if down is not LEVEL:
             self._tilt_gravity(made, state.y[-3:], R_odom_sole.T @ down)
         if len(self.above):

@@ -80,7 +80,7 @@ class TrunkModel(Dynamics):
     def stop(self) -> None:
         """End the free run and the filter: an input is missing. The last stride is kept."""
         self.state = None
-        self._foot, self._both = Foot.NONE, False
+        self._foot = Foot.NONE
         self._free: State | None = None  # the free run
         self._filtered: State | None = None  # the measurement
         self._states: tuple[State, State] | None = None  # both, as they are held for compiled functions
@@ -140,9 +140,8 @@ class TrunkModel(Dynamics):
 
     def restart(self, now: Now) -> None:
         """From the filtered measurement."""
-        if now.support.phase == Phase.DOUBLE:
-            self._soles.land(now.link, now.foot)
-            self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
+        if now.support.phase == Phase.DOUBLE and not now.restarts:
+            self._land(now)
         self._ground, self._down = self._soles.planes(), now.down
         assert self._filtered is not None
         self._free = copied(self._filtered)
@@ -189,6 +188,12 @@ class TrunkModel(Dynamics):
         out[1:] = out[0] if self._ahead is None else self._ahead
         return out
 
+    def _land(self, now: Now) -> None:
+        """Look where the other foot has come down."""
+        self._soles.land(now.link, now.foot)
+        self._ground = self._soles.planes()
+        self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
+
     def _publish(self) -> bool:
         """The free run as COM and tilt; whether it stands."""
         t, free, values = self._terms, self._free, np.empty(8)
@@ -218,10 +223,8 @@ class TrunkModel(Dynamics):
         assert state is not None
         R = now.T_odom_sole[:3, :3] if self._free is None else self._R_odom_sole
         double = now.support.phase == Phase.DOUBLE
-        if double and not self._both:  # it presses where it has come down
-            self._soles.land(now.link, now.foot)
-            self._ground = self._soles.planes()
-        self._both = double
+        if double and now.restarts:  # it presses where it has come down
+            self._land(now)
         assert now.sample.motor_q is not None and now.sample.motor_qd is not None
         motors = now.sample.motor_q, now.sample.motor_qd, now.dt
         return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before, motors)
