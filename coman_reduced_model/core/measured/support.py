@@ -95,9 +95,13 @@ class SupportDetector:
         """Take over other thresholds; may be called at any time, with the arguments of the constructor."""
         self.config = config
         self.weight = config.weight or weight_N  # [N]
-        self.lifting = config.contact_off * self.weight  # [N] below which a foot lifts
         if not self.weight > 0.0:
             raise ValueError(f"weight for the support phase must be positive, got {self.weight} N")
+
+    @property
+    def lifting(self) -> float:
+        """Force below which a foot lifts [N]."""
+        return self.config.contact_off * self.weight
 
     def reset(self) -> None:
         """Forget everything; the next complete sample decides without dwell."""
