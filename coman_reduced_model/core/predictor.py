@@ -204,10 +204,9 @@ class Predictor:
         since = support.foot_time if support.phase == self._phase else support.phase_time
         landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
-        tilt = self.link.tilt(foot) if self.model.turning else _NAN2
         now = Now(
-            sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down, tilt,
-            self.support.lifting, self._touchdown(support),
+            sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down,
+            self.link.tilt(foot) if self.model.turning else _NAN2, self.support.lifting, self._touchdown(support),
         )  # fmt: skip
 
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)

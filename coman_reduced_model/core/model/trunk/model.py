@@ -191,7 +191,6 @@ class TrunkModel(Dynamics):
     def _land(self, now: Now) -> None:
         """Look where the other foot has come down."""
         self._soles.land(now.link, now.foot)
-        self._ground = self._soles.planes()
         self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
 
     def _publish(self) -> bool:
@@ -225,6 +224,7 @@ class TrunkModel(Dynamics):
         double = now.support.phase == Phase.DOUBLE
         if double and now.restarts:  # it presses where it has come down
             self._land(now)
+            self._ground = self._soles.planes()
         assert now.sample.motor_q is not None and now.sample.motor_qd is not None
         motors = now.sample.motor_q, now.sample.motor_qd, now.dt
         return self._equations.assemble(now, foot, state, double, self._ground[foot], self._down, R, before, motors)
