@@ -6,8 +6,10 @@
 
 1. How much nominal robots vary, from the clean cases, how far laws are trusted, and what they leave that repeats with
    each stride (learn_variability.py). --keep-widths: as in the file that ships.
-2. What the laws leave on them, and the first comparison of explanations of every case, with these widths.
-3. The weights by which an effect is named (a conditional logit with ridge), and the factor on intervals.
+2. What the laws leave on them, and the first comparison of explanations of every case, with widths of other cases:
+   those of one half for the other half, as robots of users are not among those that widths were learnt from.
+3. The weights by which an effect is named, the probability below which there is an alarm (weights.py), and the factor
+   on intervals.
 4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
 
 Kinds of worlds are left out one by one: the shares that are printed, and written beside the file as
@@ -20,26 +22,22 @@ import argparse
 import hashlib
 import json
 import pickle
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from scipy.optimize import minimize
 
 from ..core.base.nominal import Nominal, load_nominal
-from ..core.base.types import Array
 from ..core.config.files import load_config
 from ..diagnose.baseline import baseline
 from ..diagnose.inference.case_cache import CaseCache
 from ..diagnose.inference.check import Checked
 from ..diagnose.inference.compare import compare
-from ..diagnose.inference.decide import ALL, EFFECT, probabilities, score
-from ..diagnose.inference.explanation import UNKNOWN, by_law, features
+from ..diagnose.inference.explanation import by_law
 from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
 from ..diagnose.physics.hypotheses import candidates
@@ -47,37 +45,13 @@ from ..errors import ComanError
 from ..output import to_json, write_file
 from ..processes import workers
 from .by_kind import kinds_of
-from .cases import SHARES
-from .families import class_of, of_this_catalogue
+from .families import of_this_catalogue
 from .learn_variability import checked_case, learn_variability
-from .score import rate
 from .seeds import commit
+from .weights import SHOWN, Example, alarm_of, by_left_out, learn_decision, left_out
 
-RIDGE = 0.01  # of the squared weights, on the mean log loss
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
-AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
-SHOWN = ("right", "wrong", "false_alarms", "unknown")
-ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
-
-
-@dataclass(frozen=True)
-class Example:
-    """The first comparison of a case.
-
-    Attributes:
-        answer: of the case; nominal: what its robot was compared to.
-        rows: nothing more, then each rival: name, where, gain, confirmed, ways, leftover (by law), pulled, parameters.
-    """
-
-    answer: Mapping[str, Any]
-    nominal: Nominal
-    rows: Sequence[Mapping[str, Any]]
-
-    @property
-    def truth(self) -> set[str]:
-        """`none`, `unknown` or classes of effects, any of which is right."""
-        kind = self.answer["kind"]
-        return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
+FOLDS = 2
 
 
 def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[str, Any]] | None:
@@ -140,52 +114,6 @@ def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]
     return out
 
 
-def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
-    """Weights of the features, by the mean log loss of the truth. Each kind of case counts with its share."""
-    names = [*EFFECT, *ALL, UNKNOWN]
-    free = [name for name in names if selected or name != "select"]
-    cases = [(_features(each), each) for each in examples]
-    kinds = Counter(str(each.answer["kind"]) for each in examples)
-    shares = np.array([SHARES[each.answer["kind"]] / kinds[each.answer["kind"]] for each in examples])
-    shares /= shares.sum()
-
-    def loss(values: Array) -> float:
-        weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
-        logs = [-np.log(max(truth_probability(f, each, weights), 1e-6)) for f, each in cases]
-        return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
-
-    start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
-    bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
-    found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
-    return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
-
-
-def _features(example: Example) -> list[dict[str, float]]:
-    out = []
-    for row in example.rows:
-        confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
-        out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], example.nominal))
-    return out
-
-
-def outcome(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> dict[str, float]:
-    """Probability of `none`, `unknown` and of each class of effects."""
-    names = ["none", UNKNOWN, *(class_of(row["name"], row["where"]) for row in example.rows[1:])]
-    scores = [score(found[0], weights, False), weights[UNKNOWN]]
-    scores += [score(each, weights, True) for each in found[1:]]
-    out: dict[str, float] = {}
-    for name, value in zip(names, probabilities(scores), strict=True):
-        out[name] = out.get(name, 0.0) + value
-    return out
-
-
-def truth_probability(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> float:
-    """Of anything that is right; where no rival is, of naming nothing."""
-    p = outcome(found, example, weights)
-    names = example.truth if example.truth & set(p) else {"none", UNKNOWN}
-    return sum(p.get(name, 0.0) for name in names)
-
-
 def interval_factor(examples: Sequence[Example]) -> float:
     """By which intervals of true effects must be longer to hold 95 % of the true values."""
     ratios = []
@@ -200,61 +128,6 @@ def interval_factor(examples: Sequence[Example]) -> float:
                         true = np.log(truth / nominal) if logarithmic else truth - nominal
                         ratios.append(abs(x - true) / (1.96 * deviation))
     return max(float(np.quantile(ratios, 0.95)), 1.0) if ratios else 1.0
-
-
-def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float]]]:
-    """Of each example, the axis and kind of its world that was left out, and what the weights of the others say."""
-    for axis in AXES:
-        for kind in sorted({example.answer["worlds"][axis] for example in examples}):
-            inside = [example for example in examples if example.answer["worlds"][axis] == kind]
-            others = [example for example in examples if example.answer["worlds"][axis] != kind]
-            if len(others) < 10:
-                continue
-            weights = learn_decision(others, True)
-            for example in inside:
-                yield axis, kind, example, outcome(_features(example), example, weights)
-
-
-def summary(found: Sequence[tuple[Example, Mapping[str, float]]]) -> dict[str, Any]:
-    """Shares over examples with their probabilities, and the mean log loss of the truth.
-
-    right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
-    unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a
-    lower level than wanted.
-    """
-    rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
-    losses = []
-    for example, p in found:
-        best = max(p, key=lambda name: p[name])
-        kind, levels = example.answer["kind"], example.answer["levels"]
-        if kind == "clean":
-            rows["false_alarms"].append(best != "none")
-        elif kind == "unknown":
-            rows["unknown"].append(best == UNKNOWN)
-        else:
-            if kind == "single" and levels[0] != "weak":
-                rows["right"].append(best in example.truth)
-            rows["wrong"].append(best not in {*example.truth, "none", UNKNOWN})
-        losses.append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
-    shares = {name: rate(sum(values), len(values)) for name, values in rows.items()}
-    answers = [example.answer for example, _ in found]
-    again = {
-        "redrawn": sum(answer["attempt"] > 0 for answer in answers),
-        "lowered": sum(answer["levels"] != answer["wanted"] for answer in answers),
-    }
-    return {"cases": len(found), **shares, **again, "log_loss": float(np.mean(losses))}
-
-
-def by_left_out(examples: Sequence[Example]) -> dict[str, dict[str, Any]]:
-    """By axis and kind of world, what weights are worth on it that were learnt on all other kinds; "" of all kinds."""
-    found = list(left_out(examples))
-    out: dict[str, dict[str, Any]] = {}
-    for axis in dict.fromkeys(axis for axis, *_ in found):
-        of_axis = [(kind, example, p) for one, kind, example, p in found if one == axis]
-        for name in ("", *dict.fromkeys(kind for kind, *_ in of_axis)):
-            rows = [(example, p) for kind, example, p in of_axis if name in ("", kind)]
-            out.setdefault(axis, {})[name] = summary(rows)
-    return out
 
 
 def cases_of(run: Path) -> dict[str, dict[str, Any]]:
@@ -272,16 +145,26 @@ def learn(
 ) -> tuple[Nominal, list[Example], list[Example]]:
     """A new record of nominal variability, the examples that it was learnt from, and those with baselines."""
     cases = [(run, name, answer) for run in runs for name, answer in cases_of(run).items()]
+    folds = [int(np.random.default_rng([37, int(answer["seed"])]).integers(FOLDS)) for *_, answer in cases]
     for run in runs:
         (run / "learn").mkdir(exist_ok=True)
     with workers(jobs) as pool:
+        others = [nominal] * FOLDS
         if not keep_widths:
-            names = [(run, name) for run, name, answer in cases if answer["kind"] == "clean"]
-            clean = [(run / "bags" / name, run / "learn" / f"{name}.laws.pkl") for run, name in names]
-            nominal = learn_variability(clean, nominal, pool)
+            clean = [
+                (fold, (run / "bags" / name, run / "learn" / f"{name}.laws.pkl"))
+                for fold, (run, name, answer) in zip(folds, cases, strict=True)
+                if answer["kind"] == "clean"
+            ]
+            others = [learn_variability([e for f, e in clean if f != fold], nominal, pool) for fold in range(FOLDS)]
+            nominal = learn_variability([each for _, each in clean], nominal, pool)
         made = _made_with(nominal)
-        places = [(run / "bags" / name, run / "learn" / f"{name}.{made}.json") for run, name, _ in cases]
-        found = list(pool.map(partial(first_comparison, nominal=nominal), *zip(*places, strict=True)))
+        compared_to = [others[fold] for fold in folds]
+        places = [
+            (run / "bags" / name, run / "learn" / f"{name}.{_made_with(other)}.json", other)
+            for other, (run, name, _) in zip(compared_to, cases, strict=True)
+        ]
+        found = list(pool.map(first_comparison, *zip(*places, strict=True)))
         examples = [Example(a, nominal, rows) for (_, _, a), rows in zip(cases, found, strict=True) if rows]
         nominal = replace(nominal, leftover=learn_leftover(examples))
         examples = [replace(example, nominal=nominal) for example in examples]
@@ -314,7 +197,8 @@ def _made_with(nominal: Nominal) -> str:
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
     """What is learnt from examples: weights, and the factor on intervals."""
     decision = {name: learn_decision(examples, name == "selected") for name in ("selected", "alone")}
-    return {"decision": decision, "interval_factor": interval_factor(examples)}
+    alarm = alarm_of((example, p) for _, _, example, p in left_out(examples))
+    return {"decision": decision, "alarm": alarm, "interval_factor": interval_factor(examples)}
 
 
 def main() -> None:
@@ -328,8 +212,11 @@ def main() -> None:
     runs = [run.absolute() for run in asked.runs]
     nominal, *several = learn(runs, load_nominal(), asked.jobs, asked.keep_widths)
     write_file(asked.out, header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120))
-    names = ("population", "with_baseline")
-    kinds = {name: by_left_out(examples) for name, examples in zip(names, several, strict=True)}
+    alarms = {"population": nominal.alarm, "with_baseline": float(nominal.with_baseline.get("alarm", 0.5))}
+    kinds = {
+        name: by_left_out(list(left_out(examples)), alarm)
+        for (name, alarm), examples in zip(alarms.items(), several, strict=True)
+    }
     beside = asked.out.with_suffix(".left_out.json")
     write_file(beside, to_json({"source": nominal.source, **kinds}))
     for name, by_axis in kinds.items():
@@ -353,9 +240,11 @@ def header() -> str:
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # repeats: by law, what it leaves that repeats with each stride, in the median. In weights for N, weights times m for
 #     Nm, mass times m/s for Ns, else SI.
-# leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm.
-# decision: weights by which an effect is named, with recordings that help to choose and alone. with_baseline: the same
-#     where the robot's own baseline is known.
+# leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm. `apart`: how many
+#     times what the middle one of its joints leaves the worst one does.
+# decision: weights by which an effect is named, with recordings that help to choose and alone. alarm: probability that
+#     nothing is wrong, below which the verdict is an alarm. with_baseline: the same where the robot's own baseline is
+#     known.
 # monitor: by law (of one robot also by channel), by judge/learn_monitor.py: unit; single, double: noise, the usual
 #     standard deviation of a phase mean from phase to phase in that support; by_robot, by_channel: how much the
 #     logarithm of that noise varies from robot to robot, and between channels of a law of one robot; drift of a level

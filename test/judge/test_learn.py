@@ -11,19 +11,21 @@ import pytest
 
 from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.judge.learn import (
+from coman_reduced_model.judge.learn import interval_factor, learn_leftover
+from coman_reduced_model.judge.learn_variability import learn_repeats
+from coman_reduced_model.judge.score import rate
+from coman_reduced_model.judge.weights import (
     AXES,
     Example,
     _features,
+    alarm_of,
     by_left_out,
-    interval_factor,
     learn_decision,
-    learn_leftover,
+    left_out,
     outcome,
     summary,
+    verdict_of,
 )
-from coman_reduced_model.judge.learn_variability import learn_repeats
-from coman_reduced_model.judge.score import rate
 
 NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)})
 
@@ -58,7 +60,7 @@ def test_weights_separate_what_the_features_separate(examples):
     weights = learn_decision(examples, selected=True)
     found = [(each, outcome(_features(each), each, weights)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
-    said = summary(found)
+    said = summary(found, 0.5)
     assert said["cases"] == 60
     assert said["right"]["share"] == 1.0 and said["right"]["of"] == 20 and said["wrong"]["share"] == 0.0
     assert said["false_alarms"]["hits"] <= 2 and said["false_alarms"]["of"] == 30 and said["unknown"]["of"] == 10
@@ -74,7 +76,7 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
     ]
     again = [replace(each, answer={**each.answer, "attempt": 5}) for each in examples[:5]]
     again[:3] = [replace(each, answer={**each.answer, "wanted": ["none"]}) for each in again[:3]]
-    found = by_left_out([*again, *examples[5:], *soft])
+    found = by_left_out(list(left_out([*again, *examples[5:], *soft])), 0.5)
     assert list(found) == ["contact"]  # the only axis with two kinds, and each with enough others
     kinds = found["contact"]
     assert kinds["soft"]["false_alarms"] == rate(10, 10) and kinds["usual"]["cases"] == len(examples)
@@ -85,6 +87,19 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
     assert [line.split()[1] for line in lines] == ["all,", "soft", "usual"]
     assert [line[-5:].strip() for line in lines] == ["5, 3", "0, 0", "5, 3"]
     assert printed.count("by weights that were learnt on all others") == 1  # nothing with a baseline, no table
+
+
+def test_an_alarm_is_what_one_clean_robot_in_a_hundred_raises(examples):
+    clean = examples[0]
+    found = [(clean, {"none": p}) for p in np.linspace(0.0, 1.0, 101)] + [(examples[-1], {"none": 0.0})] * 50
+    assert alarm_of(found) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("none", "payload", "said"), [(0.2, 0.7, "none"), (0.05, 0.7, "payload"), (0.05, 0.4, "unknown")]
+)
+def test_nothing_is_named_without_an_alarm(none, payload, said):
+    assert verdict_of({"none": none, "payload": payload, "unknown": 1.0 - none - payload}, alarm=0.1) == said
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):

@@ -19,7 +19,8 @@ from ...errors import ConfigError
 from ...resources import config_path
 
 SECTIONS = (
-    "source", "widths", "precise", "sheets", "most", "repeats", "trust", "leftover", "decision", "interval_factor",
+    "source", "widths", "precise", "sheets", "most", "repeats", "trust", "leftover", "decision", "alarm",
+    "interval_factor",
     "with_baseline", "parameters", "monitor",
 )  # fmt: skip
 
@@ -41,8 +42,9 @@ class Nominal:
         leftover: by law and kind of support (`spring|single`), median, and standard deviation of the logarithm, of what
             the laws leave on nominal robots [noise floors].
         decision: weights of the features by which an effect is named (diagnose/inference/decide.py).
+        alarm: probability that nothing is wrong, below which the diagnosis says that something is.
         interval_factor: by which a 95 % interval of the fit is longer.
-        with_baseline: `decision` and `interval_factor` where a robot's own baseline is known.
+        with_baseline: `decision`, `alarm` and `interval_factor` where a robot's own baseline is known.
         parameters: of one robot, by name of a parameter (`mass@LHipYaw`): what is usual for it, and the spread.
         monitor: by law, see core/monitor/channels.py.
     """
@@ -56,6 +58,7 @@ class Nominal:
     trust: Mapping[str, float] = field(default_factory=dict)
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    alarm: float = 0.5
     interval_factor: float = 1.0
     with_baseline: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -118,7 +121,7 @@ def _row(row: Mapping[str, Any]) -> dict[str, Any]:
 def _share(name: str, value: Any) -> float:
     """A value above 0 and up to 1."""
     if not 0.0 < float(value) <= 1.0:
-        raise ValueError(f"trust of {name}: {value}")
+        raise ValueError(f"{name}: {value}, not above 0 and up to 1")
     return float(value)
 
 
@@ -142,12 +145,13 @@ def _load(path: str) -> Nominal:
             most={name: float(value) for name, value in (document.get("most") or {}).items()},
             source=document.get("source") or {},
             repeats={name: float(value) for name, value in (document.get("repeats") or {}).items()},
-            trust={name: _share(name, value) for name, value in (document.get("trust") or {}).items()},
+            trust={name: _share(f"trust of {name}", value) for name, value in (document.get("trust") or {}).items()},
             leftover={k: (float(a), float(b)) for k, (a, b) in (document.get("leftover") or {}).items()},
             decision={
                 name: {key: float(value) for key, value in weights.items()}
                 for name, weights in (document.get("decision") or {}).items()
             },
+            alarm=_share("alarm", document.get("alarm", 0.5)),
             interval_factor=float(document.get("interval_factor") or 1.0),
             with_baseline=document.get("with_baseline") or {},
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},

@@ -5,7 +5,8 @@ The score of an explanation is linear in its features, that of `unknown` is cons
 
     p_k = exp(s_k) / sum over none, unknown and the rivals
 
-The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py.
+The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py; so is `alarm`, the probability of
+`none` below which a verdict is an alarm: weights are calibrated, but who asks for few false alarms asks for more.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from .explanation import UNKNOWN, Explanation, Odds
 
 ALIKE = 3.0  # nats within which explanations cannot be distinguished
 EFFECT = ("one", "train", "select", "ways")  # weights of an effect; its bias first
-ALL = ("leftover", "pulled")  # weights of every explanation of the catalogue, and of `none`
+ALL = ("leftover", "apart", "pulled")  # weights of every explanation of the catalogue, and of `none`
 
 
 def score(features: Mapping[str, float], weights: Mapping[str, float], effect: bool) -> float:
     """Of one explanation."""
-    s = -sum(weights[name] * features[name] for name in ALL)
+    s = -sum(weights.get(name, 0.0) * features[name] for name in ALL)  # a file of an earlier version lacks some
     if effect:
         s += sum(weights[name] * features.get(name, 1.0) for name in EFFECT)
     return float(s)
@@ -37,7 +38,7 @@ def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
     scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
     scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
     none, unknown, *effects = probabilities(scores)
-    return Odds(none, unknown, tuple(effects), group_of(rivals, effects))
+    return Odds(none, unknown, tuple(effects), group_of(rivals, effects), nominal.alarm)
 
 
 def probabilities(scores: Sequence[float]) -> list[float]:

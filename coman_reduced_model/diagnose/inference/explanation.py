@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from .evidence import Fit
 from .floor import law_of
 
 MOST = 8.0  # what a feature counts at most: beyond, it is sure anyway
+LEAST_ALIKE = 6  # groups of a law, of which one can stand out
+APART = " apart"  # after the name of a law: how many times what its middle group leaves the worst one does
 UNKNOWN = "unknown"  # something that no effect of the catalogue explains
 
 
@@ -52,11 +55,14 @@ def features(
     nominal: Nominal,
 ) -> dict[str, float]:
     """Of the values that an `Explanation` has."""
+    laws = by_law(leftover)
+    apart = {law: laws.pop(law) for law in list(laws) if law.endswith(APART)}
     return {
         "train": compressed(gain),
         "select": 0.0 if np.isnan(confirmed) else compressed(confirmed),
         "ways": -float(np.log(ways)),
-        "leftover": worst_leftover(leftover, nominal)[0],
+        "leftover": worst_leftover(laws, nominal)[0],
+        "apart": worst_leftover(apart, nominal)[0],
         "pulled": float(np.clip(np.log(max(pulled.values(), default=1.0)), 0.0, MOST)),
     }
 
@@ -67,11 +73,16 @@ def compressed(nats: float) -> float:
 
 
 def by_law(leftover: Mapping[str, float]) -> dict[str, float]:
-    """Of the groups of each law, the one that is left most."""
-    out: dict[str, float] = {}
+    """Of the groups of each law, the one that is left most; of a law with many, how far it is apart from the others.
+
+    What one robot leaves and another does not varies more than what one joint leaves and the others do not.
+    """
+    groups: dict[str, list[float]] = {}
     for key, value in leftover.items():
-        out[law_of(key)] = max(out.get(law_of(key), 0.0), value)
-    return out
+        groups.setdefault(law_of(key), []).append(value)
+    worst = {law: max(values) for law, values in groups.items()}
+    many = {law: median(values) for law, values in groups.items() if len(values) >= LEAST_ALIKE}
+    return worst | {f"{law}{APART}": worst[law] / middle for law, middle in many.items() if middle > 0.0}
 
 
 def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> tuple[float, str]:
@@ -93,12 +104,14 @@ class Odds:
         none, unknown: that nothing more is missing; that something outside the catalogue is.
         effects: by rival, in the order of the explanations.
         group: indices of the rivals that cannot be distinguished from the best one, itself first.
+        alarm: `none` below which there is one: few nominal robots get there.
     """
 
     none: float
     unknown: float
     effects: tuple[float, ...]
     group: tuple[int, ...]
+    alarm: float
 
     @property
     def named(self) -> float:
@@ -107,7 +120,7 @@ class Odds:
 
     @property
     def verdict(self) -> str:
-        """`effect` if the group is at least as likely as not, else `none` if that is most probable, else `unknown`."""
-        if self.named >= 0.5:
-            return "effect"
-        return "none" if self.none >= max(self.named, self.unknown) else UNKNOWN
+        """`none` without an alarm; `effect` if the group is at least as likely as not, else `unknown`."""
+        if self.none > self.alarm:
+            return "none"
+        return "effect" if self.named >= 0.5 else UNKNOWN

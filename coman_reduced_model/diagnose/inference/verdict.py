@@ -15,8 +15,9 @@ from .case import Case, examine
 from .case_cache import CaseCache
 from .check import Checked
 from .compare import CLOCKS, confirmation
-from .explanation import UNKNOWN, worst_leftover
+from .explanation import APART, UNKNOWN, by_law, worst_leftover
 from .finding import Finding
+from .floor import law_of
 from .gauss_newton import settled
 from .search import search
 
@@ -138,6 +139,14 @@ def probabilities(finding: Finding) -> dict[str, float]:
 
 
 def too_much(finding: Finding, leftover: dict[str, float]) -> list[str]:
-    """Groups of residuals that are larger than on nominal robots by more than FAR standard deviations, worst first."""
-    found = [(worst_leftover({key: value}, finding.nominal)[0], key) for key, value in leftover.items()]
-    return [key for z, key in sorted(found, reverse=True) if z > FAR]
+    """Groups of residuals that are larger than on nominal robots, or than the other groups of their law are there.
+
+    By more than FAR standard deviations; worst first.
+    """
+    found = {key: worst_leftover({key: value}, finding.nominal)[0] for key, value in leftover.items()}
+    for law, value in by_law(leftover).items():
+        if law.endswith(APART):
+            mine = (key for key in leftover if law_of(key) == law.removesuffix(APART))
+            worst = max(mine, key=lambda key: leftover[key])
+            found[worst] = max(found[worst], worst_leftover({law: value}, finding.nominal)[0])
+    return [key for key in sorted(found, key=lambda key: (-found[key], key)) if found[key] > FAR]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,8 @@ from coman_reduced_model.diagnose.inference.finding import Finding
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
 NOMINAL = load_nominal()
-WEIGHTS = {"one": -4.0, "train": 1.0, "select": 1.0, "ways": 1.0, "leftover": 0.5, "pulled": 0.5, "unknown": -3.0}
+WEIGHTS = {"one": -4.0, "train": 1.0, "select": 1.0, "ways": 1.0, "leftover": 0.5, "apart": 1.0, "pulled": 0.5,
+           "unknown": -3.0}  # fmt: skip
 
 
 def explanation(name: str = "", gain: float = 0.0, confirmed: float = 0.0, left: float = 1.0) -> Explanation:
@@ -35,7 +37,9 @@ def explanation(name: str = "", gain: float = 0.0, confirmed: float = 0.0, left:
 @pytest.fixture
 def nominal():
     decision = {"selected": WEIGHTS, "alone": {**WEIGHTS, "select": 0.0}}
-    return replace(NOMINAL, decision=decision, leftover={"spring|single": (1.0, 0.5)})
+    return replace(
+        NOMINAL, decision=decision, leftover={"spring|single": (1.0, 0.5), "spring|single apart": (2.0, 0.3)}
+    )
 
 
 def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
@@ -84,6 +88,28 @@ def test_probabilities_add_up_and_follow_the_evidence(nominal):
     assert odds([explanation(), explanation("payload", 40.0, -30.0)], nominal).named < 0.2
     # What no explanation explains is unknown.
     assert odds([explanation(left=100.0)], nominal).unknown > 0.5
+
+
+def test_one_joint_that_no_effect_explains_is_unknown(nominal):
+    """Where a robot leaves twice as much in all joints, it is the robot; where it does so in one, it is the joint."""
+    usual = {f"spring/{joint}|single": 1.0 for joint in "abcdefgh"}
+
+    def left(values: Mapping[str, float]) -> Explanation:
+        return replace(explanation(), leftover=values)
+
+    assert features(0.0, 0.0, 1, usual, {}, nominal)["apart"] == 0.0
+    assert odds([left(dict.fromkeys(usual, 2.0))], nominal).none > 0.8
+    alone = left({**usual, "spring/c|single": 12.0})
+    assert alone.features(nominal)["apart"] == pytest.approx(np.log(6.0) / 0.3)
+    assert odds([alone], nominal).unknown > 0.5
+    few = {key: alone.leftover[key] for key in list(usual)[:5]}
+    assert features(0.0, 0.0, 1, few, {}, nominal)["apart"] == 0.0, "of five none stands out"
+
+
+def test_no_alarm_without_little_doubt(nominal):
+    explanations = [explanation(), explanation("payload", 20.0, 10.0)]
+    bold, careful = (odds(explanations, replace(nominal, alarm=alarm)) for alarm in (0.5, 0.001))
+    assert bold.named == careful.named > 0.5 and bold.verdict == "effect" and careful.verdict == "none"
 
 
 def test_what_cannot_be_told_apart_is_a_group(nominal):

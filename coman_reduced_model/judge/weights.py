@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Weights by which an effect is named, and what they are worth on kinds of worlds that they did not see.
+
+The weights are those of a conditional logit with ridge; see diagnose/inference/decide.py.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..core.base.nominal import Nominal
+from ..core.base.types import Array
+from ..diagnose.inference.decide import ALL, EFFECT, probabilities, score
+from ..diagnose.inference.explanation import UNKNOWN, features
+from .cases import SHARES
+from .families import class_of
+from .score import rate
+
+RIDGE = 0.01  # of the squared weights, on the mean log loss
+FALSE_ALARMS = 0.01  # share of clean cases, of kinds of worlds left out, that raise an alarm
+AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
+SHOWN = ("right", "wrong", "false_alarms", "unknown")
+ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
+
+
+@dataclass(frozen=True)
+class Example:
+    """The first comparison of a case.
+
+    Attributes:
+        answer: of the case; nominal: what its robot was compared to.
+        rows: nothing more, then each rival: name, where, gain, confirmed, ways, leftover (by law), pulled, parameters.
+    """
+
+    answer: Mapping[str, Any]
+    nominal: Nominal
+    rows: Sequence[Mapping[str, Any]]
+
+    @property
+    def truth(self) -> set[str]:
+        """`none`, `unknown` or classes of effects, any of which is right."""
+        kind = self.answer["kind"]
+        return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
+
+
+def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
+    """Weights of the features, by the mean log loss of the truth. Each kind of case counts with its share."""
+    names = [*EFFECT, *ALL, UNKNOWN]
+    free = [name for name in names if selected or name != "select"]
+    cases = [(_features(each), each) for each in examples]
+    kinds = Counter(str(each.answer["kind"]) for each in examples)
+    shares = np.array([SHARES[each.answer["kind"]] / kinds[each.answer["kind"]] for each in examples])
+    shares /= shares.sum()
+
+    def loss(values: Array) -> float:
+        weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
+        logs = [-np.log(max(truth_probability(f, each, weights), 1e-6)) for f, each in cases]
+        return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
+
+    start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
+    bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
+    found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
+    return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
+
+
+def _features(example: Example) -> list[dict[str, float]]:
+    out = []
+    for row in example.rows:
+        confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
+        out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], example.nominal))
+    return out
+
+
+def outcome(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> dict[str, float]:
+    """Probability of `none`, `unknown` and of each class of effects."""
+    names = ["none", UNKNOWN, *(class_of(row["name"], row["where"]) for row in example.rows[1:])]
+    scores = [score(found[0], weights, False), weights[UNKNOWN]]
+    scores += [score(each, weights, True) for each in found[1:]]
+    out: dict[str, float] = {}
+    for name, value in zip(names, probabilities(scores), strict=True):
+        out[name] = out.get(name, 0.0) + value
+    return out
+
+
+def truth_probability(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> float:
+    """Of anything that is right; where no rival is, of naming nothing."""
+    p = outcome(found, example, weights)
+    names = example.truth if example.truth & set(p) else {"none", UNKNOWN}
+    return sum(p.get(name, 0.0) for name in names)
+
+
+def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float]]]:
+    """Of each example, the axis and kind of its world that was left out, and what the weights of the others say."""
+    for axis in AXES:
+        for kind in sorted({example.answer["worlds"][axis] for example in examples}):
+            inside = [example for example in examples if example.answer["worlds"][axis] == kind]
+            others = [example for example in examples if example.answer["worlds"][axis] != kind]
+            if len(others) < 10:
+                continue
+            weights = learn_decision(others, True)
+            for example in inside:
+                yield axis, kind, example, outcome(_features(example), example, weights)
+
+
+def alarm_of(found: Iterable[tuple[Example, Mapping[str, float]]]) -> float:
+    """Probability of `none` below which FALSE_ALARMS of the clean cases are."""
+    return float(np.quantile([p["none"] for example, p in found if example.answer["kind"] == "clean"], FALSE_ALARMS))
+
+
+def verdict_of(p: Mapping[str, float], alarm: float) -> str:
+    """As `Odds.verdict`, or the class of effects that is named."""
+    best = max(p, key=lambda name: p[name])
+    if p["none"] > alarm:
+        return "none"
+    return best if p[best] >= 0.5 else UNKNOWN
+
+
+def summary(found: Sequence[tuple[Example, Mapping[str, float]]], alarm: float) -> dict[str, Any]:
+    """Shares over examples with their probabilities, and the mean log loss of the truth.
+
+    right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
+    unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a
+    lower level than wanted.
+    """
+    rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
+    losses = []
+    for example, p in found:
+        best = verdict_of(p, alarm)
+        kind, levels = example.answer["kind"], example.answer["levels"]
+        if kind == "clean":
+            rows["false_alarms"].append(best != "none")
+        elif kind == "unknown":
+            rows["unknown"].append(best == UNKNOWN)
+        else:
+            if kind == "single" and levels[0] != "weak":
+                rows["right"].append(best in example.truth)
+            rows["wrong"].append(best not in {*example.truth, "none", UNKNOWN})
+        losses.append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
+    shares = {name: rate(sum(values), len(values)) for name, values in rows.items()}
+    answers = [example.answer for example, _ in found]
+    again = {
+        "redrawn": sum(answer["attempt"] > 0 for answer in answers),
+        "lowered": sum(answer["levels"] != answer["wanted"] for answer in answers),
+    }
+    return {"cases": len(found), **shares, **again, "log_loss": float(np.mean(losses))}
+
+
+def by_left_out(found: Sequence[tuple[str, str, Example, dict[str, float]]], alarm: float) -> dict[str, dict[str, Any]]:
+    """By axis and kind of world, what weights are worth on it that were learnt on all other kinds; "" of all kinds."""
+    out: dict[str, dict[str, Any]] = {}
+    for axis in dict.fromkeys(axis for axis, *_ in found):
+        of_axis = [(kind, example, p) for one, kind, example, p in found if one == axis]
+        for name in ("", *dict.fromkeys(kind for kind, *_ in of_axis)):
+            rows = [(example, p) for kind, example, p in of_axis if name in ("", kind)]
+            out.setdefault(axis, {})[name] = summary(rows, alarm)
+    return out
