@@ -43,7 +43,9 @@ def init(
     bag: Annotated[
         Path | None, typer.Option("--bag", metavar="BAG", help="A recording: topics, frames and, if it can, springs.")
     ] = None,
-    base: Annotated[str, typer.Option("--base", metavar="FRAME", help="Link that both legs hang on.")] = "",
+    base: Annotated[
+        str, typer.Option("--base", metavar="FRAME", help="Trunk; default: the link that both legs hang on.")
+    ] = "",
     left: Annotated[str, typer.Option("--left", metavar="FRAME", help="Sole frame of the left leg.")] = "",
     right: Annotated[str, typer.Option("--right", metavar="FRAME", help="Sole frame of the right leg.")] = "",
     namespace: NamespaceOption = "",
@@ -106,7 +108,7 @@ def _draft(text: str, source: str, legs: Legs, urdf: str) -> _Draft:
     for side, chain in (("left", legs.left), ("right", legs.right)):
         count = len(chain.joints)
         if not count:
-            raise ConfigError(f"{source}: no movable joint between {legs.base_frame!r} and {chain.sole_frame!r}")
+            raise ConfigError(f"{source}: no movable joint moves {chain.sole_frame!r} alone")
         values[f"robot.{side}.sole_frame"] = chain.sole_frame
         values[f"robot.{side}.joints"] = list(chain.joints)
         values[f"robot.{side}.stiffness"] = [1.0] * count

@@ -92,7 +92,7 @@ def test_what_is_missing_is_said_in_one_line(tmp_path, urdf, capsys, arguments, 
         ("robot.urdf=gone.urdf", "cannot be read"),
         ("robot.left.sole_frame=nowhere", "no frame 'nowhere'"),
         ("robot.left.joints=[a, b, c, d, e, f]", "robot.left.joints"),
-        ("robot.base_frame=l_foot", "robot.left.joints"),
+        ("robot.base_frame=l_foot", "is on the left leg"),
     ],
 )
 def test_config_refuses_a_robot_that_predict_would_refuse(tmp_path, urdf, capsys, change, words):

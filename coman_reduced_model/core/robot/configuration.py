@@ -14,7 +14,7 @@ class LegConfig:
 
     sole_frame: str = par("", "", "URDF frame of the sole: x forward, z up, origin on the ground")
     joints: tuple[str, ...] = par(
-        (), "", "joints of the leg from the hip to the ankle; left out: those from base_frame to the sole", kind="strs"
+        (), "", "joints of the leg from the hip to the ankle; left out: those that move its sole alone", kind="strs"
     )
     stiffness: tuple[float, ...] = par((), "Nm/rad", "series stiffness of each joint, in the same order", 1e-3, 1e7)
     damping: tuple[float, ...] = par((), "Nms/rad", "damping of each joint, in the same order", 0.0, 1e5)
@@ -26,7 +26,9 @@ class RobotConfig:
 
     name: str = par("coman", "", "name for titles and reports")
     urdf: str = par("", "", "URDF file, relative to this file; empty: the robot_description of bag or topic")
-    base_frame: str = par("base_link", "", "URDF frame of the trunk that both legs hang on, in which loads on it are")
+    base_frame: str = par(
+        "base_link", "", "URDF frame of the trunk, in which loads on it are; any link that is on no leg"
+    )
     left: LegConfig = field(
         default_factory=lambda: LegConfig(
             "l_sole",

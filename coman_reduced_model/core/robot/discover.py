@@ -34,7 +34,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class Legs:
-    """Both legs, the link that they hang on, and their length at the neutral posture [m]."""
+    """Both legs, the trunk (by default the link that they hang on), and their length at the neutral posture [m]."""
 
     base_frame: str
     left: Chain
@@ -59,9 +59,8 @@ def find_legs(urdf: str, source: str, base: str = "", left: str = "", right: str
     notes = [] if left else _odd_names(tree, pair)
     if not left and tree.y_of_other(*pair) > 0.0:
         pair = pair[1], pair[0]
-    base_frame = base or tree.names[tree.common_link(*pair)]
-    base_joints = tree.support(tree.frame(base_frame))
-    chains = [Chain(tree.names[f], tree.movable([j for j in tree.support(f) if j not in base_joints])) for f in pair]
+    base_frame = tree.names[tree.frame(base)] if base else tree.names[tree.common_link(*pair)]
+    chains = [Chain(tree.names[f], tree.movable(each)) for f, each in zip(pair, tree.apart(*pair), strict=True)]
     notes += _not_modelled(tree, pair)
     return Legs(base_frame, chains[0], chains[1], tree.length(*pair), tuple(notes))
 

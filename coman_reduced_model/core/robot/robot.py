@@ -77,7 +77,7 @@ class Robot:
             if not leg.joints:
                 leg = replace(leg, joints=chain)
                 config = replace(config, **{name: leg})  # type: ignore[arg-type]
-            self.legs[foot] = self._leg(name, leg, chain, config.base_frame, source)
+            self.legs[foot] = self._leg(name, leg, chain, source)
             self.leg_columns[foot] = self.idx_v[self.legs[foot]]
             below = self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint]
             self.sole_columns[foot] = np.array([self.model.joints[j].idx_v for j in list(below)[2:]], dtype=np.intp)
@@ -101,37 +101,28 @@ class Robot:
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
 
     def _refuse_one_leg(self, config: RobotConfig, source: str) -> None:
-        left, right = self._chain(Foot.LEFT), self._chain(Foot.RIGHT)
-        shared = [name for name in left if name in right]
-        if not shared and self.sole_ids[Foot.LEFT] != self.sole_ids[Foot.RIGHT]:
-            return
-        names = f"both legs have the joints {', '.join(shared) or 'none'}"
-        if len(shared) < min(len(left), len(right)):
+        chains = {foot: self._chain(foot) for foot in _LEG_NAMES}
+        if not all(chains.values()):
             raise RobotError(
-                f"{source}: robot.base_frame: {config.base_frame!r} is beyond the link that both legs hang on, "
-                f"{self._common_link()!r}: {names}"
+                f"{source}: robot.right.sole_frame: {config.right.sole_frame!r} is not on a leg of its own, nor "
+                f"{config.left.sole_frame!r} on another: no movable joint moves one of them alone"
             )
-        raise RobotError(
-            f"{source}: robot.right.sole_frame: {config.right.sole_frame!r} is not on a leg of its own: {names}"
-        )
-
-    def _common_link(self) -> str:
-        """The last link from the root on that both soles hang on."""
-        left, right = (list(self.model.supports[self.model.frames[i].parentJoint]) for i in self.sole_ids.values())
-        last = [joint for joint in left if joint in right][-1]
-        frames = self.model.frames
-        return next(f.name for f in frames if f.type == pin.FrameType.BODY and f.parentJoint == last)
+        above = {self.model.names[j] for j in self.model.supports[self.model.frames[self.base_id].parentJoint]}
+        for foot, chain in chains.items():
+            if above.intersection(chain):
+                raise RobotError(
+                    f"{source}: robot.base_frame: {config.base_frame!r} is on the {_LEG_NAMES[foot]} leg, below "
+                    f"{chain[0]!r}: wanted a link of the trunk"
+                )
 
     def _chain(self, foot: Foot) -> tuple[str, ...]:
-        """The movable joints from the base frame to a sole, in this order."""
-        below = list(self.model.supports[self.model.frames[self.sole_ids[foot]].parentJoint])
-        base = list(self.model.supports[self.model.frames[self.base_id].parentJoint])
-        return tuple(self.model.names[j] for j in below if j not in base and self.model.joints[j].nv == 1)
+        """The movable joints that move a sole and not the other one, from the hip on."""
+        below, other = (list(self.model.supports[self.model.frames[i].parentJoint]) for i in
+                        (self.sole_ids[foot], self.sole_ids[foot.other]))  # fmt: skip
+        return tuple(self.model.names[j] for j in below if j not in other and self.model.joints[j].nv == 1)
 
-    def _leg(self, side: str, leg: LegConfig, chain: tuple[str, ...], base_frame: str, source: str) -> Array:
+    def _leg(self, side: str, leg: LegConfig, chain: tuple[str, ...], source: str) -> Array:
         key = f"robot.{side}.joints"
-        if not leg.joints:
-            raise RobotError(f"{source}: {key}: no movable joint from {base_frame!r} to {leg.sole_frame!r}")
         for name in leg.joints:
             if name not in self.joint_names:
                 raise RobotError(
@@ -140,8 +131,8 @@ class Robot:
                 )
         if chain != leg.joints:
             raise RobotError(
-                f"{source}: {key}: the joints from {base_frame!r} to {leg.sole_frame!r} are "
-                f"{', '.join(chain) or 'none'}, not {', '.join(leg.joints)}"
+                f"{source}: {key}: the joints that move {leg.sole_frame!r} and not the other sole are "
+                f"{', '.join(chain)}, not {', '.join(leg.joints)}"
             )
         for kind in ("stiffness", "damping"):  # where the configuration leaves the joints out, it cannot count them
             if len(values := getattr(leg, kind)) != len(chain):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -123,8 +124,20 @@ def test_one_leg_given_twice_is_refused():
         Robot(urdf_of("coman"), twice.robot)
 
 
-def test_a_base_frame_above_the_waist_is_refused_with_the_link_that_the_legs_hang_on():
-    text = rooted_at(urdf(with_upper_body(COMAN)), "torso")
-    Robot(text, Config().robot)
-    with pytest.raises(RobotError, match=r"robot\.base_frame: 'torso' .* hang on, 'base_link': .* WaistYaw"):
-        Robot(text, Config().replaced({"robot.base_frame": "torso"}).robot)
+@pytest.mark.parametrize("root", ["base_link", "torso"])
+def test_legs_are_the_same_with_any_base_frame_that_is_on_none_of_them(root):
+    text = urdf(with_upper_body(COMAN))
+    text = text if root == "base_link" else rooted_at(text, root)
+    robots = [Robot(text, Config().replaced({"robot.base_frame": name}).robot) for name in ("base_link", "torso")]
+    legs = [[robot.joint_names[i] for foot in (Foot.LEFT, Foot.RIGHT) for i in robot.legs[foot]] for robot in robots]
+    assert legs[0] == legs[1] and len(legs[0]) == 12
+    found = find_legs(text, "text", base="torso", left="l_sole", right="r_sole")
+    assert [*found.left.joints, *found.right.joints] == legs[0] and found.base_frame == "torso"
+
+
+def test_a_base_frame_on_a_leg_is_refused():
+    text = urdf_of("coman")
+    shank = next(each.find("child").get("link") for each in ElementTree.fromstring(text).iterfind("joint")
+                 if each.get("name") == "LKneeSag")  # fmt: skip
+    with pytest.raises(RobotError, match=f"robot.base_frame: '{shank}' is on the left leg, below 'LHip"):
+        Robot(text, Config().replaced({"robot.base_frame": shank}).robot)

@@ -69,10 +69,14 @@ def test_predicted_velocity_counts_the_arms(walk):
     assert rms_mm(np.array(off))[0] < 0.9 * rms_mm(np.array(rigid))[0]
 
 
-def test_prediction_does_not_depend_on_the_root_link(walk):
+@pytest.mark.parametrize(
+    ("root", "trunk"), [("torso", "base_link"), ("torso", "torso"), ("base_link", "torso")], ids="/".join
+)
+def test_prediction_does_not_depend_on_the_root_link_nor_on_the_base_frame(walk, root, trunk):
     robot, config, samples = walk
-    other = Robot(rooted_at(robot.urdf, "torso"), config.robot)
-    assert other.root == "torso" and set(other.joint_names) == set(robot.joint_names)
+    config = config.replaced({"robot.base_frame": trunk})
+    other = Robot(rooted_at(robot.urdf, root) if root != robot.root else robot.urdf, config.robot)
+    assert other.root == root and set(other.joint_names) == set(robot.joint_names)
     order = [robot.joint_names.index(name) for name in other.joint_names]
     com, *_ = errors(other, config, [mapped(sample, lambda values: values[order]) for sample in samples])
     expected, error, _ = errors(robot, config, samples)
