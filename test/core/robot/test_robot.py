@@ -204,7 +204,7 @@ LEFT = Config().robot.left
         (lambda: urdf_of("coman"), RobotConfig(left=replace(LEFT, joints=SWAPPED)), "LHipSag, LHipLat.*not LHipLat"),
         (lambda: urdf_of("coman"), RobotConfig(left=replace(LEFT, joints=("Hip",))), "'Hip'.*robot.left.joints.*LHipS"),
         (lambda: urdf_of("coman"), RobotConfig(left=replace(LEFT, joints=(), damping=(1.0,))), "damping: 1 val.* 6"),
-        (lambda: urdf_of("coman"), RobotConfig("", "", "l_foot", left=replace(LEFT, joints=())), "base_frame: 'l_foot' is on the left leg"),
+        (lambda: urdf_of("coman"), RobotConfig("", "", "l_foot"), "base_frame: 'l_foot' is on the left leg"),
         (lambda: urdf_of("coman"), RobotConfig(right=LEFT, left=replace(LEFT, sole_frame="r_sole")), "RHipSag.*not LH"),
         (lambda: edited(fixed_knee), RobotConfig(), "LKneeSag"),
         (lambda: edited(sole_nowhere), RobotConfig(), "collision shape of a foot"),
