@@ -327,6 +327,7 @@ FAMILIES: dict[str, Family] = {
             "where": _joints(rng, "HipSag", *SOFT),
             "width": s,
             "friction": float(rng.uniform(0.2, 1.0)),
+            "form": "several",
         },
         parameter="width",
     ),
@@ -345,7 +346,12 @@ FAMILIES: dict[str, Family] = {
         "stiffness_drift",
         "1",
         0.6,
-        lambda rng, s, table: {"where": _joints(rng, *SOFT), "change": -s, "time": float(rng.uniform(3.0, 10.0))},
+        lambda rng, s, table: {
+            "where": _joints(rng, *SOFT),
+            "change": -s,
+            "time": float(rng.uniform(3.0, 10.0)),
+            "form": "ramp",
+        },
         parameter="change",
     ),
     "sloshing_load": Family(

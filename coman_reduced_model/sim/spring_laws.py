@@ -29,6 +29,7 @@ class Law(IntEnum):
     SINH = 5  # stiffness, bend [1/rad]
     TWO_SLOPES = 6  # change of the stiffness beyond the step, deflection of the step
     LINEAR = 7  # change of the stiffness, of the damping
+    RAMP = 8  # change of the stiffness in the end, time in which half of it is reached [s]
 
 
 VALUES = 4  # of the law that takes the most
@@ -110,6 +111,8 @@ def _slip(v: Array, deflection: float, free: float) -> float:
 def _torque(law: int, v: Array, t: float, deflection: float, rate: float) -> float:
     if law == Law.DRIFT:
         return v[0] * (1.0 - math.exp(-max(t, 0.0) / v[1])) * deflection if v[0] != 0.0 else 0.0
+    if law == Law.RAMP:
+        return v[0] * _within(0.5 * max(t, 0.0) / v[1], 1.0) * deflection if v[0] != 0.0 else 0.0
     if law == Law.CUBIC:
         bent = _within(deflection, v[1])
         return v[0] * (bent**3 + 3.0 * bent**2 * (deflection - bent))

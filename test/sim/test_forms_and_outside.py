@@ -116,6 +116,25 @@ def test_a_drifting_spring_changes_by_its_time_constant(standing):
         assert np.delete(torque, KNEE) == pytest.approx(np.zeros(11))
 
 
+def test_a_spring_that_changes_evenly_is_there_after_twice_the_time(standing):
+    springs = springs_of(started("stiffness_drift:where=LKneeSag,change=-0.3,time=4,form=ramp", standing))
+    for t, share in ((0.0, 0.0), (2.0, 0.25), (4.0, 0.5), (8.0, 1.0), (40.0, 1.0)):
+        torque = springs.torque(t, 0.02 * np.ones(12), STILL)
+        assert torque[KNEE] == pytest.approx(-0.3 * share * K[KNEE] * 0.02)
+
+
+def test_several_places_slip_one_after_the_other_and_as_far_in_all(standing):
+    d = np.linspace(0.0, 0.06, 600)
+    one, several = (
+        law(together(standing, f"hysteresis:width=0.01,friction=1,form={f}"), d) for f in ("one", "several")
+    )
+    assert several[-1] == pytest.approx(one[-1]) == K[KNEE] * (0.06 - 0.005)
+    slipped = d - several / K[KNEE]
+    assert (np.diff(slipped) >= -1e-12).all() and slipped[d < 0.4 / K[KNEE]] == pytest.approx(0.0, abs=1e-12)
+    steps = [slipped[np.searchsorted(K[KNEE] * (d - slipped), torque)] for torque in (0.7, 1.5, 2.5)]
+    assert steps == pytest.approx(0.005 / 3.0 * np.array([1.0, 2.0, 3.0]), rel=0.02)
+
+
 @pytest.mark.parametrize(("where", "body"), [("LKneeSag", "l_shank"), ("", "base_link")])
 def test_a_heavier_link_weighs_more_and_only_that_link(where, body):
     effect = parse(f"body_mass:where={where},scale=1.5" if where else "body_mass:scale=1.5")

@@ -17,6 +17,7 @@ from ..robot_table import RobotTable
 from ..spring_laws import Law, SpringLaw
 from .base import Disturbance, joint_indices
 
+_EARLY_AND_LATE = 0.4, 1.0, 2.0  # of the friction
 _JOINT = "joint, kind of joint, left, right; empty: all"
 
 
@@ -63,17 +64,22 @@ class JointDamping(Disturbance):
 
 @dataclass
 class StiffnessDrift(Disturbance):
-    """Springs that change while the robot walks, as they warm up: by `change`, reached as 1 - exp(-t / time)."""
+    """Springs that change while the robot walks, as they warm up: by `change`, reached as 1 - exp(-t / time).
+
+    As a `ramp` it is reached evenly, after twice the time.
+    """
 
     name: ClassVar[str] = "stiffness_drift"
     where: str = par("", "", _JOINT)
     change: float = par(0.0, "1", "of the stiffness, relative, in the end", -0.95, 5.0)
     time: float = par(10.0, "s", "constant of the change", 0.1, 1e4)
+    form: str = par("exponential", "", "course of the change", choices=("exponential", "ramp"))
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
         more = self.change * model.actuator_gainprm[:, 0]
-        self._laws = [_law(Law.DRIFT, joint_indices(table, self.where), more, self.time)]
+        law = Law.RAMP if self.form == "ramp" else Law.DRIFT
+        self._laws = [_law(law, joint_indices(table, self.where), more, self.time)]
 
     def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
@@ -85,19 +91,22 @@ class Hysteresis(Disturbance):
     """Lost motion that depends on the past: the spring's end slips against the gear within `width`, held by friction.
 
     An element of Prandtl in series with the spring: within the width it follows the deflection as far as the torque
-    exceeds `friction`; unlike play it stays where it is when the load goes.
+    exceeds `friction`; unlike play it stays where it is when the load goes. As `several` it is divided among three
+    places, of which one slips earlier and one later: it slips little by little.
     """
 
     name: ClassVar[str] = "hysteresis"
     where: str = par("", "", _JOINT)
     width: float = par(0.0, "rad", "lost motion, full", 0.0, 0.5)
     friction: float = par(0.5, "Nm", "torque at which it slips", 0.0, 100.0)
+    form: str = par("one", "", "one place that slips, or several", choices=("one", "several"))
 
     def start(self, table: RobotTable, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         """See Disturbance."""
         stiffness = model.actuator_gainprm[:, 0]
-        joints = joint_indices(table, self.where)
-        self._laws = [_law(Law.HYSTERESIS, joints, 0.5 * self.width, self.friction / stiffness, stiffness)]
+        joints, shares = joint_indices(table, self.where), _EARLY_AND_LATE if self.form == "several" else (1.0,)
+        half, slips_at = 0.5 * self.width / len(shares), self.friction / stiffness
+        self._laws = [_law(Law.HYSTERESIS, joints, half, share * slips_at, stiffness) for share in shares]
 
     def spring_laws(self) -> list[SpringLaw]:
         """See Disturbance."""
