@@ -5,10 +5,9 @@
     python bench/results.py free_run update          # these pages; free_run takes some ten minutes
     python bench/results.py --list
 
-`judge`, `clean`, `baseline`, `prediction`, `monitor` and `others` are of a finished run of `coman judge`, whose folder
-JUDGED names, `left_out` is of the file of judge/learn.py that LEFT_OUT names; they are written only when they are
-named, as are `fuzz` and `soak`, runs of long tests. A page holds what a command prints, or a table made of what it
-writes.
+`judge`, `clean`, `baseline`, `prediction`, `monitor`, `others` and `others_walks` are of a run of `coman judge`
+whose folder JUDGED names, `left_out` is of the file of judge/learn.py that LEFT_OUT names; they are written only if
+named, as are `fuzz` and `soak`, runs of long tests. A page holds what a command prints, or a table of what it writes.
 `free_run` also writes the table of the README and the picture beside it; WORLDS_MADE is a folder of recordings of its
 worlds, which are made if they are not there. Recordings that are not part of the
 project are read from ../shared, or --shared DIR; a page says which of them it went without.
@@ -42,7 +41,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "doc"
 COMAN = [sys.executable, "-m", "coman_reduced_model.cli.main"]
 OF_RUNS = (  # pages of what takes hours
-    "judge", "clean", "baseline", "prediction", "monitor", "others", "left_out", "fuzz", "soak",
+    "judge", "clean", "baseline", "prediction", "monitor", "others", "others_walks", "left_out", "fuzz", "soak",
 )  # fmt: skip
 
 
@@ -380,6 +379,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "monitor": judged("Monitor by kind of world", "monitor.json", "show_monitor"),
     "left_out": left_out,
     "others": judged("Diagnosis of recordings that others simulated", "score.json", "show_folder", "others"),
+    "others_walks": judged("Prediction and monitor on recordings of others", "walks.json", "show_walks", "others"),
 }
 
 

@@ -14,7 +14,7 @@ import typer
 
 from . import complete
 from .common import ConfigOption, JsonOption, print_json, progress
-from .judge_tables import show_diagnosis, show_folder, show_monitor, show_prediction
+from .judge_tables import show_diagnosis, show_folder, show_monitor, show_prediction, show_watched
 
 WHAT = ("diagnosis", "prediction", "monitor")
 TAKEN = {  # options by what is judged, beside --out, --jobs and --json
@@ -23,7 +23,9 @@ TAKEN = {  # options by what is judged, beside --out, --jobs and --json
     ),
     "prediction": ("--seeds", "--world"),
     "monitor": ("--seeds", "--world", "--hours"),
-    "--cases": ("--config", "--workflow"),
+    "diagnosis --cases": ("--config", "--workflow"),
+    "prediction --cases": ("--config",),
+    "monitor --cases": ("--config",),
 }  # fmt: skip
 
 
@@ -61,7 +63,7 @@ def judge(
     ] = None,
     cases: Annotated[
         Path | None,
-        typer.Option("--cases", metavar="DIR", help="Judge the diagnosis on recordings with answers of others."),
+        typer.Option("--cases", metavar="DIR", help="Judge on recordings of others, with their answers."),
     ] = None,
     config: ConfigOption = None,
     workflow: Annotated[
@@ -107,16 +109,14 @@ def judge(
 
     if what not in WHAT:
         raise ConfigError(f"{what!r}: allowed: {', '.join(WHAT)}")
-    if cases is not None and what != "diagnosis":
-        raise ConfigError(f"--cases: judges the diagnosis, not the {what}")
     given = {"--seeds": seeds, "--only": only, "--world": worlds, "--config": config, "--workflow": workflow,
              "--no-baselines": no_baselines, "--no-oracle": no_oracle, "--baseline": baseline, "--hours": hours,
              "--again": again}  # fmt: skip
-    _refuse_ignored("--cases" if cases is not None else what, [option for option, value in given.items() if value])
+    _refuse_ignored(what + (" --cases" if cases else ""), [option for option, value in given.items() if value])
     jobs = jobs or len(os.sched_getaffinity(0))
     command = shlex.split(workflow)
     if cases is not None:
-        _judge_folder(cases, out, config, jobs, command, json)
+        _judge_folder(what, cases, out, config, jobs, command, json)
         return
     chosen, fixed = _seeds(seeds, out), {"worlds": _worlds(worlds or ())}
     if what == "diagnosis":
@@ -140,16 +140,25 @@ def _refuse_ignored(what: str, given: Sequence[str]) -> None:
             raise ConfigError(f"{option}: has no effect with {what} (allowed: {', '.join(TAKEN[what])})")
 
 
-def _judge_folder(cases: Path, out: Path, config: Path | None, jobs: int, command: Sequence[str], json: bool) -> None:
-    from ..judge.foreign import judge_folder
+def _judge_folder(
+    what: str, cases: Path, out: Path, config: Path | None, jobs: int, command: Sequence[str], json: bool
+) -> None:
+    from ..judge.foreign import judge_folder, watch_folder
     from ..judge.run import DIAGNOSE
 
     with progress("judging") as report:
-        result = judge_folder(cases, out, config, jobs, command or DIAGNOSE, report)
+        if what == "diagnosis":
+            result = judge_folder(cases, out, config, jobs, command or DIAGNOSE, report)
+        else:
+            result = watch_folder(cases, out, config, jobs, report)
     if json:
         print_json(result)
-    else:
+    elif what == "diagnosis":
         show_folder(result, out)
+    elif what == "prediction":
+        show_prediction(result["prediction"], out, "walks")
+    else:
+        show_watched(result["monitor"], out)
 
 
 def _judge_diagnosis(

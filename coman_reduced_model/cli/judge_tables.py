@@ -57,7 +57,7 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
     _show_how_to_record(result["seeds"])
 
 
-def show_prediction(result: Mapping[str, Any], out: Path) -> None:
+def show_prediction(result: Mapping[str, Any], out: Path, file: str = "prediction") -> None:
     """Errors, and skills against the best causal baseline, by kind, the worst first."""
     kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     kinds.sort(key=lambda each: _error(each[2]), reverse=True)
@@ -78,7 +78,7 @@ def show_prediction(result: Mapping[str, Any], out: Path) -> None:
         ],
         words=2,
     )
-    print(f"{_LEARNT}. none: nothing could be predicted. {_REDRAWN}; all in {out}/prediction.json")
+    print(f"{_LEARNT}. none: nothing could be predicted. {_REDRAWN}; all in {out}/{file}.json")
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
@@ -132,6 +132,32 @@ def show_folder(result: Mapping[str, Any], out: Path) -> None:
         words=4,
     )
     print(f"all in {out}/score.json")
+
+
+def show_walks(result: Mapping[str, Any], out: Path) -> None:
+    """Both of what `judge.foreign.watch_folder` says."""
+    show_prediction(result["prediction"], out, "walks")
+    show_watched(result["monitor"], out)
+
+
+def show_watched(result: Mapping[str, Any], out: Path) -> None:
+    """What the monitor says of recordings of others, by kind."""
+    kinds = [("all", "", result["all"])]
+    kinds += [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
+    print_table(
+        "monitor on recordings of others: walks with an alarm",
+        ["axis", "kind", "clean [h]", "alarms in an hour", "clean robots", "effect from the beginning"],
+        [
+            [axis, kind, f"{found['clean']['hours']:.2f}", _per_hour(found["clean"]),
+             *(share(found[which]["walks_with_alarm"]) for which in ("clean", "faulty"))]
+            for axis, kind, found in kinds
+        ],
+        words=2,
+    )  # fmt: skip
+    for which in ("clean", "faulty"):
+        channels = ", ".join(f"{name} {n}" for name, n in result["all"][which]["channels"].items())
+        print(f"channels on {which} robots, each once a walk: {channels or 'none'}")
+    print(f"all in {out}/walks.json")
 
 
 def show_left_out(result: Mapping[str, Any], path: Path) -> None:

@@ -18,12 +18,15 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
-from ..output import write_file
+from ..output import to_json, write_file
 from ..progress import Progress
 from ..resources import config_path, version
 from .by_kind import by_kind
 from .commands import run_diagnosis
 from .folder import RunFolder, stored
+from .monitor import alarms
+from .prediction import figures_of, predicted
+from .prediction import measure as measure_walks
 from .run import DIAGNOSE, keep_to_one_commit, run_all
 from .score import OTHER, rate
 
@@ -70,17 +73,74 @@ def judge_folder(
         ConfigError: the folder holds no cases.
         OutputError: `out` cannot be written, or the run was begun at another commit.
     """
+    cases = _cases_in(folder, out, "verdicts")
+    tasks = [(case, out / "verdicts" / case.name, _data_sheet(case, config), tuple(command)) for case in cases]
+    run_all(_diagnose, tasks, jobs, progress, "cases")
+    return score_folder(folder, out, [case.name for case in cases])
+
+
+def _cases_in(folder: Path, out: Path, part: str) -> list[Path]:
+    """The cases of a folder, and a part of `out` made for them."""
     cases = sorted(path.parent for path in folder.glob("*/train"))
     if not cases:
         raise ConfigError(f"{folder}: no case in it (wanted: CASE/train, CASE/heldout_*, answers.json)")
     try:
-        (out / "verdicts").mkdir(parents=True, exist_ok=True)
+        (out / part).mkdir(parents=True, exist_ok=True)
         keep_to_one_commit(RunFolder(out))
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    tasks = [(case, out / "verdicts" / case.name, _data_sheet(case, config), tuple(command)) for case in cases]
-    run_all(_diagnose, tasks, jobs, progress, "cases")
-    return score_folder(folder, out, [case.name for case in cases])
+    return cases
+
+
+def watch_folder(
+    folder: Path, out: Path, config: Path | None = None, jobs: int = 1, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Predict and watch every recording of a folder, then open its answers; writes OUT/walks.json.
+
+    Args: as of judge_folder.
+
+    Returns:
+        prediction: as `score_predictions`, of the clean robots. monitor: by kind, as `alarms` of the clean robots
+        (`clean`), and of those with an effect from the beginning (`faulty`).
+
+    Raises:
+        ConfigError: the folder holds no cases.
+        OutputError: `out` cannot be written, or the run was begun at another commit.
+    """
+    cases = _cases_in(folder, out, "predictions")
+    bags = [(case, bag) for case in cases for bag in sorted(each for each in case.iterdir() if each.is_dir())]
+    tasks = [(bag, _target(out, case, bag), _data_sheet(case, config)) for case, bag in bags]
+    run_all(_predict, tasks, jobs, progress, "walks")
+    answers = read_answers(folder)
+    rows = []
+    for case, bag in bags:
+        answer, found = answers[case.name], stored(_target(out, case, bag))
+        assert found is not None
+        row = {"case": case.name, "bag": bag.name, "hidden": answer["hidden"], "worlds": _kinds_of(answer)}
+        rows.append({**row, "attempt": 0, **figures_of(found)})
+    clean, faulty = ([row for row in rows if (row["hidden"] is None) == is_clean] for is_clean in (True, False))
+
+    def watched(some: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        one = [row for row in some if row["hidden"] is None]
+        return {"clean": alarms(one), "faulty": alarms([row for row in some if row["hidden"] is not None])}
+
+    result = {
+        "version": version(),
+        "prediction": {"all": measure_walks(clean), "by_kind": by_kind(clean, measure_walks)},
+        "monitor": {"all": watched([*clean, *faulty]), "by_kind": by_kind(rows, watched)},
+        "rows": rows,
+    }
+    write_file(out / "walks.json", to_json(result))
+    return result
+
+
+def _target(out: Path, case: Path, bag: Path) -> Path:
+    return out / "predictions" / case.name / f"{bag.name}.json"
+
+
+def _predict(bag: Path, target: Path, config: Path) -> None:
+    if stored(target) is None:
+        write_file(target, to_json(predicted(bag, config)))
 
 
 def _data_sheet(case: Path, config: Path | None) -> Path:
@@ -102,8 +162,7 @@ def score_folder(folder: Path, out: Path, names: Sequence[str]) -> dict[str, Any
     rows = []
     for name in names:
         answer, verdict = answers[name], stored(out / "verdicts" / name / "diagnosis.json")
-        kinds = {key: str(value) for key, value in answer.items() if key not in NOT_KINDS and isinstance(value, str)}
-        kinds = {key: value for key, value in kinds.items() if not key.startswith("said")}
+        kinds = _kinds_of(answer)
         rows.append({
             "case": name,
             "hidden": answer["hidden"],
@@ -114,6 +173,11 @@ def score_folder(folder: Path, out: Path, names: Sequence[str]) -> dict[str, Any
     result = {"version": version(), "all": measure(rows), "by_kind": by_kind(rows, measure), "rows": rows}
     write_file(out / "score.json", json.dumps(result, indent=1))
     return result
+
+
+def _kinds_of(answer: Mapping[str, Any]) -> dict[str, str]:
+    texts = {key: value for key, value in answer.items() if key not in NOT_KINDS and isinstance(value, str)}
+    return {key: value for key, value in texts.items() if not key.startswith("said")}
 
 
 def _true_of(kinds: Mapping[str, str], answers: Mapping[str, Mapping[str, Any]]) -> set[str]:

@@ -102,11 +102,12 @@ def prediction_rows(folder: RunFolder, names: Sequence[str]) -> list[dict[str, A
             found = stored(folder.out / "predictions" / name / f"{bag}.json")
             worlds = {**answer["worlds"], "gait": answer["gaits"][bag]}
             row = {"case": name, "seed": answer["seed"], "bag": bag, "worlds": worlds, "attempt": answer["attempt"]}
-            rows.append({**row, **_figures_of(found)})
+            rows.append({**row, **figures_of(found)})
     return rows
 
 
-def _figures_of(found: Mapping[str, Any]) -> dict[str, Any]:
+def figures_of(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Of what `predicted` says: errors [m], skills by horizon and alarms; `failed` and why, if it says nothing."""
     if "failed" in found:
         return {"failed": found["failed"]}
     skill = {horizon: found["skill"].get(horizon, {}) for horizon in HORIZONS}

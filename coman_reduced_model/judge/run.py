@@ -123,7 +123,7 @@ def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
         OutputError: this is another commit, and `again` is not asked for.
     """
     begun = folder.commit.read_text(encoding="utf-8").strip() if folder.commit.is_file() else ""
-    if not begun and any((folder.out / "verdicts").iterdir()):
+    if not begun and any((folder.out / "verdicts").glob("*")):
         begun = "(not known)"
     if again:
         _drop_verdicts(folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
+from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.worlds import AXES, draw_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
@@ -241,6 +243,29 @@ def test_recordings_of_others_are_judged_by_one_commit(tmp_path, foreign, capsys
     assert coman(arguments) == 2 and "(not known)" in capsys.readouterr().err
 
 
+def test_prediction_and_monitor_are_judged_on_recordings_of_others(tmp_path, foreign, capsys):
+    """A clean walk, one that cannot be read, and robots with an effect, which count for the monitor alone."""
+    for name, bag in (("one", "train"), ("two", "train"), ("three", "heldout_1")):
+        shutil.rmtree(foreign / name / bag)
+        (foreign / name / bag).symlink_to(bag_path("test1"))
+    out = tmp_path / "out"
+    arguments = ["--cases", str(foreign), "--out", str(out), "--jobs", "1"]
+    assert coman(["judge", "prediction", *arguments, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["prediction"]
+    assert (found["all"]["walks"], found["all"]["failed"]) == (2, 1) and found["all"]["rmse_m"][0] < 1e-3
+    assert set(found["by_kind"]["soles"]) == {"soft"}
+    assert coman(["judge", "monitor", *arguments, "--json"]) == 0  # of what was predicted before
+    found = json.loads(capsys.readouterr().out)["monitor"]
+    assert found["all"]["clean"]["walks_with_alarm"]["of"] == 1
+    assert (
+        found["all"]["faulty"]["walks_with_alarm"]["of"] == 2
+        and not found["by_kind"]["soles"]["hard"]["clean"]["hours"]
+    )
+    for what in ("prediction", "monitor"):
+        assert coman(["judge", what, *arguments]) == 0
+        assert "walks.json" in capsys.readouterr().out
+
+
 def test_a_name_that_is_true_of_the_kind_is_a_miss_and_no_mistake():
     answer = {"hidden": "x", "right": ["payload"]}
     verdict = {"verdict": "effect", "effects": [{"name": "foot_slip"}]}
@@ -282,7 +307,7 @@ def test_the_shared_cases_have_the_form_that_is_read():
         (["--world", "moon"], "no kind"),
         (["--world", "creeping", "--world", "holding"], "both of the axis contact"),
         (["--world", "drake", "--world", "creeping"], "drake and creeping exclude each other"),
-        (["monitor", "--cases", "x"], "judges the diagnosis, not the monitor"),
+        (["monitor", "--cases", "x"], "--seeds: has no effect with monitor --cases (allowed: --config)"),
         (["--only", "dirty"], "allowed: clean"),
         (["prediction", "--again"], "--again: has no effect with prediction"),
         (["prediction", "--hours", "1"], "--hours: has no effect with prediction"),
@@ -290,7 +315,7 @@ def test_the_shared_cases_have_the_form_that_is_read():
         (["monitor", "--baseline"], "--baseline: has no effect with monitor"),
         (["monitor", "--workflow", "true"], "--workflow: has no effect with monitor"),
         (["--hours", "1"], "--hours: has no effect with diagnosis"),
-        (["--cases", "x"], "--seeds: has no effect with --cases (allowed: --config, --workflow)"),
+        (["--cases", "x"], "--seeds: has no effect with diagnosis --cases (allowed: --config, --workflow)"),
     ],
 )
 def test_what_the_judge_cannot_do_is_said_in_one_line(tmp_path, capsys, options, words):
