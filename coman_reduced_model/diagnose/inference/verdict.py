@@ -112,7 +112,7 @@ def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against
     """The result in one word; with assumed effects, only whether any of them could be fitted.
 
     Returns:
-        `effect`, `none`, `unknown` (no effect of the catalogue explains what nominal robots do not have) or
+        `effect`, `none`, `unknown` (an alarm, and no effect of the catalogue is more likely than not) or
         `not_excited` (a recording only stands).
     """
     if assumed:

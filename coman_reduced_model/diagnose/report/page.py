@@ -26,18 +26,17 @@ _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
 _HEADINGS = {
     "effect": "What is missing",
-    "none": "Nothing is missing",
-    "unknown": "Something unknown is missing",
+    "none": "No alarm",
+    "unknown": "Something is missing, and not sure what",
     "not_excited": "This recording cannot decide",
 }
 _MEANING = {
-    "none": "What the nominal robot leaves unexplained is no more than nominal robots leave, whose springs, "
-    "masses and sensors "
-    "scatter by some percent around the data sheet. An effect that is smaller than the limits below can still "
-    "be there.",
-    "unknown": "Some residual is larger than nominal robots leave, and no effect of the catalogue, nor several "
-    "of them, "
-    "takes it away. The model was left as it is. The residuals below show where to look.",
+    "none": "The springs, masses and sensors of nominal robots scatter by some percent around the data sheet, and more "
+    "than one of a hundred of them look as doubtful as this one. An effect smaller than the limits below can still "
+    "be there, and the probabilities say what it might be.",
+    "unknown": "Hardly any nominal robot looks like this one, and no effect of the catalogue, nor a group that these "
+    "recordings cannot distinguish, is more likely than not to be the reason. The model was left as it is. The "
+    "residuals below show where to look.",
     "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
     "most effects can show. "
     "Record a walk of ten seconds or more, better two of different gaits.",

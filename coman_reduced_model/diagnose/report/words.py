@@ -29,6 +29,7 @@ CHANNELS = {
 _SHOWN = {"rad": ("degrees", 180.0 / math.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}
 FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
+LIKELY, MOST_LIKELY = 0.1, 3  # probability of an effect, and number of effects, that a sentence names without an alarm
 HEAVY, SURE = 0.03, 3.0  # of the weight by the URDF, and standard deviations, beyond which it is said
 
 
@@ -46,8 +47,11 @@ def sentence(result: Mapping[str, Any]) -> str:
 
 def _verdict(result: Mapping[str, Any]) -> str:
     worst = next((channel(key.partition("|")[0]) for key in result["too_much"]), "")
+    likely = _likely(result["probabilities"])
     if result["verdict"] == "none":
         text = "nothing is missing that this data could show"
+        if likely and result["probabilities"]["none"] < 0.5:
+            text = f"no alarm, as some nominal robots look like this too, but perhaps something is missing: {likely}"
         return f"{text}; but the {worst} leaves more than on nominal robots, unexplained" if worst else text
     if result["verdict"] == "not_excited":
         return "nothing was found, but this recording only stands: most effects could not show"
@@ -56,8 +60,18 @@ def _verdict(result: Mapping[str, Any]) -> str:
             names = " and ".join(spaced(name) for name in result["contradicted"])
             return f"something is missing; {names} would explain it, but the confirming recording speaks against it"
         where = f": most of it in the {worst}" if worst else ""
+        if likely and not worst:
+            return f"something is missing, and what is not sure: {likely}"
         return f"something is missing that no effect of the catalogue explains{where}"
     return "; ".join(effect_sentence(effect) for effect in result["effects"])
+
+
+def _likely(found: Mapping[str, float]) -> str:
+    """The effects that were compared first and are likely, the most probable first; none: an empty text."""
+    effects = [(name, p) for name, p in found.items() if name not in ("none", "unknown") and p >= LIKELY]
+    return " or ".join(
+        f"{spaced(name)} ({p:.0%})" for name, p in sorted(effects, key=lambda each: -each[1])[:MOST_LIKELY]
+    )
 
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:
