@@ -239,7 +239,7 @@ def _yaml(draft: _Draft, source: str, bag: Path | None, remaps: list[str]) -> st
 
 def _show(draft: _Draft, robot: Robot, found: FoundTopics | None, remaps: list[str], out: Path) -> None:
     values = draft.values
-    print(f"robot: {values['robot.name']}, {robot.mass:.1f} kg, legs from {values['robot.base_frame']}")
+    print(f"robot: {values['robot.name']}, {robot.mass:.1f} kg, trunk {values['robot.base_frame']}")
     for side in ("left", "right"):
         print(f"{side}: {', '.join(values[f'robot.{side}.joints'])}, sole {values[f'robot.{side}.sole_frame']}")
     where = draft.sources.get("robot.foot_length", "guess")

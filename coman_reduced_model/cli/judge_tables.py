@@ -78,7 +78,8 @@ def show_prediction(result: Mapping[str, Any], out: Path, file: str = "predictio
         ],
         words=2,
     )
-    print(f"{_LEARNT}. none: nothing could be predicted. {_REDRAWN}; all in {out}/{file}.json")
+    ours = f"{_LEARNT}. {_REDRAWN}. " if "learnt" in result else ""
+    print(f"{ours}none: nothing could be predicted; all in {out}/{file}.json")
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
@@ -146,10 +147,10 @@ def show_watched(result: Mapping[str, Any], out: Path) -> None:
     kinds += [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     print_table(
         "monitor on recordings of others: walks with an alarm",
-        ["axis", "kind", "clean [h]", "alarms in an hour", "clean robots", "effect from the beginning"],
+        ["axis", "kind", "clean [h]", "alarms in an hour", "clean robots", "effect from the beginning", "none"],
         [
             [axis, kind, f"{found['clean']['hours']:.2f}", _per_hour(found["clean"]),
-             *(share(found[which]["walks_with_alarm"]) for which in ("clean", "faulty"))]
+             *(share(found[which]["walks_with_alarm"]) for which in ("clean", "faulty")), str(found["failed"])]
             for axis, kind, found in kinds
         ],
         words=2,
@@ -157,7 +158,7 @@ def show_watched(result: Mapping[str, Any], out: Path) -> None:
     for which in ("clean", "faulty"):
         channels = ", ".join(f"{name} {n}" for name, n in result["all"][which]["channels"].items())
         print(f"channels on {which} robots, each once a walk: {channels or 'none'}")
-    print(f"all in {out}/walks.json")
+    print(f"none: nothing could be predicted. A robot's walks count one by one; all in {out}/walks.json")
 
 
 def show_left_out(result: Mapping[str, Any], path: Path) -> None:

@@ -34,7 +34,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """`effect`, `none`, `unknown` (something is missing, but nothing explains it) or `not_excited`."""
+        """`effect`, `none`, `unknown` (something is missing, but it is not clear what) or `not_excited`."""
         return str(self.result["verdict"])
 
     @property

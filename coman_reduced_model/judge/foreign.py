@@ -95,39 +95,42 @@ def _cases_in(folder: Path, out: Path, part: str) -> list[Path]:
 def watch_folder(
     folder: Path, out: Path, config: Path | None = None, jobs: int = 1, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Predict and watch every recording of a folder, then open its answers; writes OUT/walks.json.
+    """Predict and watch every recording of a folder, and say which were clean by its answers; writes OUT/walks.json.
 
     Args: as of judge_folder.
 
     Returns:
         prediction: as `score_predictions`, of the clean robots. monitor: by kind, as `alarms` of the clean robots
-        (`clean`), and of those with an effect from the beginning (`faulty`).
+        (`clean`), and of those with an effect from the beginning (`faulty`); how many walks `failed`.
 
     Raises:
         ConfigError: the folder holds no cases.
         OutputError: `out` cannot be written, or the run was begun at another commit.
     """
     cases = _cases_in(folder, out, "predictions")
+    answers = read_answers(folder)
+    if missing := {case.name for case in cases}.difference(answers):
+        raise ConfigError(f"{folder / 'answers.json'}: no answer to {', '.join(sorted(missing))}")
     bags = [(case, bag) for case in cases for bag in sorted(each for each in case.iterdir() if each.is_dir())]
     tasks = [(bag, _target(out, case, bag), _data_sheet(case, config)) for case, bag in bags]
     run_all(_predict, tasks, jobs, progress, "walks")
-    answers = read_answers(folder)
     rows = []
     for case, bag in bags:
         answer, found = answers[case.name], stored(_target(out, case, bag))
         assert found is not None
         row = {"case": case.name, "bag": bag.name, "hidden": answer["hidden"], "worlds": _kinds_of(answer)}
         rows.append({**row, "attempt": 0, **figures_of(found)})
-    clean, faulty = ([row for row in rows if (row["hidden"] is None) == is_clean] for is_clean in (True, False))
+    clean = [row for row in rows if row["hidden"] is None]
 
     def watched(some: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        one = [row for row in some if row["hidden"] is None]
-        return {"clean": alarms(one), "faulty": alarms([row for row in some if row["hidden"] is not None])}
+        parts = {"clean": [row for row in some if row["hidden"] is None]}
+        parts["faulty"] = [row for row in some if row["hidden"] is not None]
+        return {**{name: alarms(rows) for name, rows in parts.items()}, "failed": sum(bool(r["failed"]) for r in some)}
 
     result = {
         "version": version(),
         "prediction": {"all": measure_walks(clean), "by_kind": by_kind(clean, measure_walks)},
-        "monitor": {"all": watched([*clean, *faulty]), "by_kind": by_kind(rows, watched)},
+        "monitor": {"all": watched(rows), "by_kind": by_kind(rows, watched)},
         "rows": rows,
     }
     write_file(out / "walks.json", to_json(result))

@@ -6,10 +6,9 @@
 
 1. How much nominal robots vary, from the clean cases, how far laws are trusted, and what they leave that repeats with
    each stride (learn_variability.py). --keep-widths: as in the file that ships.
-2. What the laws leave on them, and the first comparison of explanations of every case, with widths of other cases:
-   those of one half for the other half, as robots of users are not among those that widths were learnt from.
-3. The weights by which an effect is named, the probability below which there is an alarm (weights.py), and the factor
-   on intervals.
+2. The first comparison of explanations of every case, and what the laws leave on clean ones; with widths of one half of
+   the cases for the other half, as robots of users are not among those that widths were learnt from.
+3. The weights by which an effect is named, the alarm (weights.py), and the factor on intervals.
 4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
 
 Kinds of worlds are left out one by one: the shares that are printed, and written beside the file as
@@ -24,7 +23,6 @@ import json
 import pickle
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +35,7 @@ from ..diagnose.baseline import baseline
 from ..diagnose.inference.case_cache import CaseCache
 from ..diagnose.inference.check import Checked
 from ..diagnose.inference.compare import compare
+from ..diagnose.inference.decide import ALL
 from ..diagnose.inference.explanation import by_law
 from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
@@ -48,7 +47,7 @@ from .by_kind import kinds_of
 from .families import of_this_catalogue
 from .learn_variability import checked_case, learn_variability
 from .seeds import commit
-from .weights import SHOWN, Example, alarm_of, by_left_out, learn_decision, left_out
+from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
@@ -159,22 +158,24 @@ def learn(
             others = [learn_variability([e for f, e in clean if f != fold], nominal, pool) for fold in range(FOLDS)]
             nominal = learn_variability([each for _, each in clean], nominal, pool)
         made = _made_with(nominal)
-        compared_to = [others[fold] for fold in folds]
         places = [
-            (run / "bags" / name, run / "learn" / f"{name}.{_made_with(other)}.json", other)
-            for other, (run, name, _) in zip(compared_to, cases, strict=True)
+            (run / "bags" / name, run / "learn" / f"{name}.{_made_with(others[fold])}.json", others[fold])
+            for fold, (run, name, _) in zip(folds, cases, strict=True)
         ]
         found = list(pool.map(first_comparison, *zip(*places, strict=True)))
-        examples = [Example(a, nominal, rows) for (_, _, a), rows in zip(cases, found, strict=True) if rows]
-        nominal = replace(nominal, leftover=learn_leftover(examples))
-        examples = [replace(example, nominal=nominal) for example in examples]
-        known = [each for each in cases if (each[0] / "healthy" / each[1]).is_dir()]
-        tasks = [
-            (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.{made}.baseline.pkl")
-            for run, name, _ in known
+        compared = [
+            (fold, Example(answer, nominal, rows))
+            for fold, (_, _, answer), rows in zip(folds, cases, found, strict=True)
+            if rows
         ]
-        own = list(pool.map(partial(with_baseline, nominal=nominal), *zip(*tasks, strict=True))) if tasks else []
-    baselines = [Example(a, *each) for (_, _, a), each in zip(known, own, strict=True) if each]
+        nominal, others, examples = with_leftover(nominal, others, compared)
+        known = [
+            (answer, (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.{made}.pkl", others[fold]))
+            for fold, (run, name, answer) in zip(folds, cases, strict=True)
+            if (run / "healthy" / name).is_dir()
+        ]
+        own = list(pool.map(with_baseline, *zip(*(task for _, task in known), strict=True))) if known else []
+    baselines = [Example(answer, *each) for (answer, _), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
     source = {**nominal.source, "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
     source["kinds"] = kinds_of(
@@ -188,17 +189,27 @@ def learn(
     return nominal, examples, baselines
 
 
+def with_leftover(
+    nominal: Nominal, others: Sequence[Nominal], compared: Sequence[tuple[int, Example]]
+) -> tuple[Nominal, list[Nominal], list[Example]]:
+    """The records with what the laws leave, and the examples; each fold with what they leave on the others."""
+    nominal = replace(nominal, leftover=learn_leftover([example for _, example in compared]))
+    left = [learn_leftover([each for f, each in compared if f != fold]) for fold in range(len(others))]
+    of_folds = [replace(other, leftover=each or nominal.leftover) for other, each in zip(others, left, strict=True)]
+    return nominal, of_folds, [replace(example, nominal=of_folds[fold]) for fold, example in compared]
+
+
 def _made_with(nominal: Nominal) -> str:
-    """Part of the names of files that depend on these figures."""
+    """Part of the names of files that depend on these figures, and on what is kept of a comparison."""
     figures = nominal.widths, nominal.precise, nominal.trust, nominal.repeats
-    return hashlib.sha256(json.dumps([dict(sorted(each.items())) for each in figures]).encode()).hexdigest()[:8]
+    text = json.dumps([ALL, *(dict(sorted(each.items())) for each in figures)])
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
-    """What is learnt from examples: weights, and the factor on intervals."""
+    """What is learnt from examples: weights with their alarms, and the factor on intervals."""
     decision = {name: learn_decision(examples, name == "selected") for name in ("selected", "alone")}
-    alarm = alarm_of((example, p) for _, _, example, p in left_out(examples))
-    return {"decision": decision, "alarm": alarm, "interval_factor": interval_factor(examples)}
+    return {"decision": decision, "interval_factor": interval_factor(examples)}
 
 
 def main() -> None:
@@ -212,11 +223,8 @@ def main() -> None:
     runs = [run.absolute() for run in asked.runs]
     nominal, *several = learn(runs, load_nominal(), asked.jobs, asked.keep_widths)
     write_file(asked.out, header() + yaml.safe_dump(nominal.plain(), sort_keys=False, width=120))
-    alarms = {"population": nominal.alarm, "with_baseline": float(nominal.with_baseline.get("alarm", 0.5))}
-    kinds = {
-        name: by_left_out(list(left_out(examples)), alarm)
-        for (name, alarm), examples in zip(alarms.items(), several, strict=True)
-    }
+    names = ("population", "with_baseline")
+    kinds = {name: by_left_out(examples) for name, examples in zip(names, several, strict=True)}
     beside = asked.out.with_suffix(".left_out.json")
     write_file(beside, to_json({"source": nominal.source, **kinds}))
     for name, by_axis in kinds.items():
@@ -242,9 +250,9 @@ def header() -> str:
 #     Nm, mass times m/s for Ns, else SI.
 # leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm. `apart`: how many
 #     times what the middle one of its joints leaves the worst one does.
-# decision: weights by which an effect is named, with recordings that help to choose and alone. alarm: probability that
-#     nothing is wrong, below which the verdict is an alarm. with_baseline: the same where the robot's own baseline is
-#     known.
+# decision: weights by which an effect is named, with recordings that help to choose and alone; alarm: probability that
+#     nothing is missing, up to which one in a hundred of these robots gets. with_baseline: the same where the robot's
+#     own baseline is known.
 # monitor: by law (of one robot also by channel), by judge/learn_monitor.py: unit; single, double: noise, the usual
 #     standard deviation of a phase mean from phase to phase in that support; by_robot, by_channel: how much the
 #     logarithm of that noise varies from robot to robot, and between channels of a law of one robot; drift of a level

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,14 @@ from scipy.optimize import minimize
 
 from ..core.base.nominal import Nominal
 from ..core.base.types import Array
-from ..diagnose.inference.decide import ALL, EFFECT, probabilities, score
+from ..diagnose.inference.decide import ALL, EFFECT, NO_ALARM, probabilities, score
 from ..diagnose.inference.explanation import UNKNOWN, features
 from .cases import SHARES
 from .families import class_of
 from .score import rate
 
 RIDGE = 0.01  # of the squared weights, on the mean log loss
-FALSE_ALARMS = 0.01  # share of clean cases, of kinds of worlds left out, that raise an alarm
+FALSE_ALARMS = 0.01  # share of the clean cases that raise an alarm
 AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
 SHOWN = ("right", "wrong", "false_alarms", "unknown")
 ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
@@ -48,9 +48,18 @@ class Example:
         kind = self.answer["kind"]
         return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
 
+    def alone(self) -> Example:
+        """The same without recordings that help to choose."""
+        return replace(self, rows=[{**row, "confirmed": None} for row in self.rows])
+
 
 def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
-    """Weights of the features, by the mean log loss of the truth. Each kind of case counts with its share."""
+    """Weights of the features, by the mean log loss of the truth; each kind of case counts with its share. The alarm.
+
+    Args:
+        selected: with recordings that help to choose; else the same cases without.
+    """
+    examples = examples if selected else [example.alone() for example in examples]
     names = [*EFFECT, *ALL, UNKNOWN]
     free = [name for name in names if selected or name != "select"]
     cases = [(_features(each), each) for each in examples]
@@ -66,7 +75,8 @@ def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, flo
     start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
     bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
     found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
-    return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
+    weights = dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
+    return {**weights, "alarm": learn_alarm(examples, weights)}
 
 
 def _features(example: Example) -> list[dict[str, float]]:
@@ -95,8 +105,15 @@ def truth_probability(found: Sequence[Mapping[str, float]], example: Example, we
     return sum(p.get(name, 0.0) for name in names)
 
 
-def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float]]]:
-    """Of each example, the axis and kind of its world that was left out, and what the weights of the others say."""
+def learn_alarm(examples: Sequence[Example], weights: Mapping[str, float]) -> float:
+    """Probability of `none` up to which FALSE_ALARMS of the clean cases get, by these weights."""
+    clean = [example for example in examples if example.answer["kind"] == "clean"]
+    none = [outcome(_features(example), example, weights)["none"] for example in clean]
+    return float(np.quantile(none, FALSE_ALARMS)) if none else NO_ALARM
+
+
+def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float], float]]:
+    """Of each example, the axis and kind of its world that is left out, what weights of the others say, their alarm."""
     for axis in AXES:
         for kind in sorted({example.answer["worlds"][axis] for example in examples}):
             inside = [example for example in examples if example.answer["worlds"][axis] == kind]
@@ -105,24 +122,19 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
                 continue
             weights = learn_decision(others, True)
             for example in inside:
-                yield axis, kind, example, outcome(_features(example), example, weights)
-
-
-def alarm_of(found: Iterable[tuple[Example, Mapping[str, float]]]) -> float:
-    """Probability of `none` below which FALSE_ALARMS of the clean cases are."""
-    return float(np.quantile([p["none"] for example, p in found if example.answer["kind"] == "clean"], FALSE_ALARMS))
+                yield axis, kind, example, outcome(_features(example), example, weights), weights["alarm"]
 
 
 def verdict_of(p: Mapping[str, float], alarm: float) -> str:
-    """As `Odds.verdict`, or the class of effects that is named."""
-    best = max(p, key=lambda name: p[name])
+    """The class of effects that is named, `none` or `unknown`: as `Odds.verdict`, a class taken for a group."""
     if p["none"] > alarm:
         return "none"
+    best = max(p, key=lambda name: p[name] if name != "none" else 0.0)
     return best if p[best] >= 0.5 else UNKNOWN
 
 
-def summary(found: Sequence[tuple[Example, Mapping[str, float]]], alarm: float) -> dict[str, Any]:
-    """Shares over examples with their probabilities, and the mean log loss of the truth.
+def summary(found: Sequence[tuple[Example, Mapping[str, float], float]]) -> dict[str, Any]:
+    """Shares over examples with their probabilities and alarms, and the mean log loss of the truth.
 
     right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
     unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a
@@ -130,7 +142,7 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]], alarm: float) 
     """
     rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
     losses = []
-    for example, p in found:
+    for example, p, alarm in found:
         best = verdict_of(p, alarm)
         kind, levels = example.answer["kind"], example.answer["levels"]
         if kind == "clean":
@@ -143,7 +155,7 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]], alarm: float) 
             rows["wrong"].append(best not in {*example.truth, "none", UNKNOWN})
         losses.append(-np.log(max(sum(p.get(t, 0.0) for t in example.truth), 1e-6)))
     shares = {name: rate(sum(values), len(values)) for name, values in rows.items()}
-    answers = [example.answer for example, _ in found]
+    answers = [example.answer for example, *_ in found]
     again = {
         "redrawn": sum(answer["attempt"] > 0 for answer in answers),
         "lowered": sum(answer["levels"] != answer["wanted"] for answer in answers),
@@ -151,12 +163,13 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float]]], alarm: float) 
     return {"cases": len(found), **shares, **again, "log_loss": float(np.mean(losses))}
 
 
-def by_left_out(found: Sequence[tuple[str, str, Example, dict[str, float]]], alarm: float) -> dict[str, dict[str, Any]]:
+def by_left_out(examples: Sequence[Example]) -> dict[str, dict[str, Any]]:
     """By axis and kind of world, what weights are worth on it that were learnt on all other kinds; "" of all kinds."""
+    found = list(left_out(examples))
     out: dict[str, dict[str, Any]] = {}
     for axis in dict.fromkeys(axis for axis, *_ in found):
-        of_axis = [(kind, example, p) for one, kind, example, p in found if one == axis]
-        for name in ("", *dict.fromkeys(kind for kind, *_ in of_axis)):
-            rows = [(example, p) for kind, example, p in of_axis if name in ("", kind)]
-            out.setdefault(axis, {})[name] = summary(rows, alarm)
+        of_axis = [(kind, (example, p, alarm)) for one, kind, example, p, alarm in found if one == axis]
+        for name in ("", *dict.fromkeys(kind for kind, _ in of_axis)):
+            rows = [said for kind, said in of_axis if name in ("", kind)]
+            out.setdefault(axis, {})[name] = summary(rows)
     return out

@@ -11,17 +11,17 @@ import pytest
 
 from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.judge.learn import interval_factor, learn_leftover
+from coman_reduced_model.diagnose.inference.decide import NO_ALARM
+from coman_reduced_model.judge.learn import interval_factor, learn_leftover, with_leftover
 from coman_reduced_model.judge.learn_variability import learn_repeats
 from coman_reduced_model.judge.score import rate
 from coman_reduced_model.judge.weights import (
     AXES,
     Example,
     _features,
-    alarm_of,
     by_left_out,
+    learn_alarm,
     learn_decision,
-    left_out,
     outcome,
     summary,
     verdict_of,
@@ -60,7 +60,7 @@ def test_weights_separate_what_the_features_separate(examples):
     weights = learn_decision(examples, selected=True)
     found = [(each, outcome(_features(each), each, weights)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
-    said = summary(found, 0.5)
+    said = summary([(*each, 0.5) for each in found])
     assert said["cases"] == 60
     assert said["right"]["share"] == 1.0 and said["right"]["of"] == 20 and said["wrong"]["share"] == 0.0
     assert said["false_alarms"]["hits"] <= 2 and said["false_alarms"]["of"] == 30 and said["unknown"]["of"] == 10
@@ -76,7 +76,7 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
     ]
     again = [replace(each, answer={**each.answer, "attempt": 5}) for each in examples[:5]]
     again[:3] = [replace(each, answer={**each.answer, "wanted": ["none"]}) for each in again[:3]]
-    found = by_left_out(list(left_out([*again, *examples[5:], *soft])), 0.5)
+    found = by_left_out([*again, *examples[5:], *soft])
     assert list(found) == ["contact"]  # the only axis with two kinds, and each with enough others
     kinds = found["contact"]
     assert kinds["soft"]["false_alarms"] == rate(10, 10) and kinds["usual"]["cases"] == len(examples)
@@ -90,16 +90,28 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
 
 
 def test_an_alarm_is_what_one_clean_robot_in_a_hundred_raises(examples):
-    clean = examples[0]
-    found = [(clean, {"none": p}) for p in np.linspace(0.0, 1.0, 101)] + [(examples[-1], {"none": 0.0})] * 50
-    assert alarm_of(found) == pytest.approx(0.01)
+    weights = learn_decision(examples, selected=True)
+    none = sorted(outcome(_features(each), each, weights)["none"] for each in examples[:30])
+    assert none[0] < weights["alarm"] < none[1]  # of thirty the lowest, about
+    assert learn_alarm(examples[30:], weights) == NO_ALARM  # without a clean robot nothing is known of alarms
 
 
 @pytest.mark.parametrize(
-    ("none", "payload", "said"), [(0.2, 0.7, "none"), (0.05, 0.7, "payload"), (0.05, 0.4, "unknown")]
+    ("none", "payload", "alarm", "said"),
+    [(0.2, 0.7, 0.1, "none"), (0.05, 0.7, 0.1, "payload"), (0.05, 0.4, 0.1, "unknown"), (0.55, 0.4, 0.6, "unknown")],
 )
-def test_nothing_is_named_without_an_alarm(none, payload, said):
-    assert verdict_of({"none": none, "payload": payload, "unknown": 1.0 - none - payload}, alarm=0.1) == said
+def test_nothing_is_named_without_an_alarm(none, payload, alarm, said):
+    assert verdict_of({"none": none, "payload": payload, "unknown": 1.0 - none - payload}, alarm) == said
+
+
+def test_a_fold_is_compared_with_what_laws_leave_on_the_others(examples):
+    worse = [
+        replace(each, rows=[{**row, "leftover": {"spring|single": 9.0}} for row in each.rows]) for each in examples
+    ]
+    compared = [*((0, each) for each in examples), *((1, each) for each in worse)]
+    _, others, found = with_leftover(NOMINAL, [NOMINAL, NOMINAL], compared)
+    assert others[0].leftover["spring|single"][0] == pytest.approx(9.0) == found[0].nominal.leftover["spring|single"][0]
+    assert others[1].leftover["spring|single"][0] == pytest.approx(1.0, rel=0.25) and found[-1].nominal is others[1]
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):

@@ -19,8 +19,7 @@ from ...errors import ConfigError
 from ...resources import config_path
 
 SECTIONS = (
-    "source", "widths", "precise", "sheets", "most", "repeats", "trust", "leftover", "decision", "alarm",
-    "interval_factor",
+    "source", "widths", "precise", "sheets", "most", "repeats", "trust", "leftover", "decision", "interval_factor",
     "with_baseline", "parameters", "monitor",
 )  # fmt: skip
 
@@ -41,10 +40,10 @@ class Nominal:
         trust: by law and kind of support, the share of its information that counts (diagnose/inference/trust.py).
         leftover: by law and kind of support (`spring|single`), median, and standard deviation of the logarithm, of what
             the laws leave on nominal robots [noise floors].
-        decision: weights of the features by which an effect is named (diagnose/inference/decide.py).
-        alarm: probability that nothing is wrong, below which the diagnosis says that something is.
+        decision: weights of the features by which an effect is named, and `alarm`, the probability of `none` up to
+            which something is said to be missing (diagnose/inference/decide.py).
         interval_factor: by which a 95 % interval of the fit is longer.
-        with_baseline: `decision`, `alarm` and `interval_factor` where a robot's own baseline is known.
+        with_baseline: `decision` and `interval_factor` where a robot's own baseline is known.
         parameters: of one robot, by name of a parameter (`mass@LHipYaw`): what is usual for it, and the spread.
         monitor: by law, see core/monitor/channels.py.
     """
@@ -58,7 +57,6 @@ class Nominal:
     trust: Mapping[str, float] = field(default_factory=dict)
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    alarm: float = 0.5
     interval_factor: float = 1.0
     with_baseline: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -151,7 +149,6 @@ def _load(path: str) -> Nominal:
                 name: {key: float(value) for key, value in weights.items()}
                 for name, weights in (document.get("decision") or {}).items()
             },
-            alarm=_share("alarm", document.get("alarm", 0.5)),
             interval_factor=float(document.get("interval_factor") or 1.0),
             with_baseline=document.get("with_baseline") or {},
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},

@@ -152,9 +152,13 @@ def _lowest_pair(tree: _Tree, base: int | None) -> tuple[int, int]:
     Raises:
         RobotError: there is none, or several.
     """
-    below = [i for i in tree.links if base is None or set(tree.support(base)) < set(tree.support(i))]
-    level = [i for i in below if tree.poses[i].rotation[2, 2] > _LEVEL]
-    pairs = [pair for pair in combinations(level, 2) if tree.mirrored(*pair)]
+    level = [i for i in tree.links if tree.poses[i].rotation[2, 2] > _LEVEL]
+    above = set() if base is None else set(tree.support(base))
+    pairs = [
+        pair
+        for pair in combinations(level, 2)
+        if tree.mirrored(*pair) and not any(above.intersection(leg) for leg in tree.apart(*pair))
+    ]
     if not pairs:
         raise RobotError(
             f"{tree.source}: no legs found (a mirrored pair of chains of {_JOINTS} joints or more, ending in frames "

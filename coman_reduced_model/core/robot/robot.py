@@ -101,17 +101,18 @@ class Robot:
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
 
     def _refuse_one_leg(self, config: RobotConfig, source: str) -> None:
-        chains = {foot: self._chain(foot) for foot in _LEG_NAMES}
-        if not all(chains.values()):
-            raise RobotError(
-                f"{source}: robot.right.sole_frame: {config.right.sole_frame!r} is not on a leg of its own, nor "
-                f"{config.left.sole_frame!r} on another: no movable joint moves one of them alone"
-            )
+        chains = {foot: self._chain(foot) for foot in reversed(_LEG_NAMES)}
         above = {self.model.names[j] for j in self.model.supports[self.model.frames[self.base_id].parentJoint]}
         for foot, chain in chains.items():
+            name = _LEG_NAMES[foot]
+            if not chain:
+                raise RobotError(
+                    f"{source}: robot.{name}.sole_frame: {getattr(config, name).sole_frame!r} is not on a leg of its "
+                    "own: no movable joint moves it and not the other sole"
+                )
             if above.intersection(chain):
                 raise RobotError(
-                    f"{source}: robot.base_frame: {config.base_frame!r} is on the {_LEG_NAMES[foot]} leg, below "
+                    f"{source}: robot.base_frame: {config.base_frame!r} is on the {name} leg, below "
                     f"{chain[0]!r}: wanted a link of the trunk"
                 )
 

@@ -5,8 +5,10 @@ The score of an explanation is linear in its features, that of `unknown` is cons
 
     p_k = exp(s_k) / sum over none, unknown and the rivals
 
-The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py; so is `alarm`, the probability of
-`none` below which a verdict is an alarm: weights are calibrated, but who asks for few false alarms asks for more.
+The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py. So is `alarm`, the probability of
+`none` up to which something is said to be missing at all: about one nominal robot in a hundred gets there. A robot with
+an effect that was chosen is no nominal one: there the next effect has to be as likely as not, no more. So it is with
+weights of an earlier version too, which have no alarm.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 from ...core.base.nominal import Nominal
 from .explanation import UNKNOWN, Explanation, Odds
 
+NO_ALARM = 0.5  # in its place, where none was learnt
 ALIKE = 3.0  # nats within which explanations cannot be distinguished
 EFFECT = ("one", "train", "select", "ways")  # weights of an effect; its bias first
 ALL = ("leftover", "apart", "pulled")  # weights of every explanation of the catalogue, and of `none`
@@ -31,14 +34,15 @@ def score(features: Mapping[str, float], weights: Mapping[str, float], effect: b
     return float(s)
 
 
-def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
-    """Of nothing more (the first explanation) and its rivals."""
+def odds(explanations: Sequence[Explanation], nominal: Nominal, chosen: bool = False) -> Odds:
+    """Of nothing more (the first explanation) and its rivals; chosen: beside an effect that was chosen before."""
     nothing, *rivals = explanations
     weights = _weights(nothing, nominal)
     scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
     scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
     none, unknown, *effects = probabilities(scores)
-    return Odds(none, unknown, tuple(effects), group_of(rivals, effects), nominal.alarm)
+    alarm = NO_ALARM if chosen else weights.get("alarm", NO_ALARM)
+    return Odds(none, unknown, tuple(effects), group_of(rivals, effects), alarm)
 
 
 def probabilities(scores: Sequence[float]) -> list[float]:

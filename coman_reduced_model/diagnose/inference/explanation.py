@@ -15,8 +15,8 @@ from .evidence import Fit
 from .floor import law_of
 
 MOST = 8.0  # what a feature counts at most: beyond, it is sure anyway
-LEAST_ALIKE = 6  # groups of a law, of which one can stand out
-APART = " apart"  # after the name of a law: how many times what its middle group leaves the worst one does
+OF_JOINTS, LEAST_JOINTS = ("spring", "torque"), 6  # laws that each joint has; joints, of which one can stand out
+APART = " apart"  # after the name of such a law: how many times what the middle joint leaves the worst one does
 UNKNOWN = "unknown"  # something that no effect of the catalogue explains
 
 
@@ -73,16 +73,28 @@ def compressed(nats: float) -> float:
 
 
 def by_law(leftover: Mapping[str, float]) -> dict[str, float]:
-    """Of the groups of each law, the one that is left most; of a law with many, how far it is apart from the others.
+    """Of the groups of each law, the one that is left most; and how far the worst joint stands out, see `standing_out`.
 
-    What one robot leaves and another does not varies more than what one joint leaves and the others do not.
+    Of values by law, the same again.
     """
-    groups: dict[str, list[float]] = {}
+    worst: dict[str, float] = {}
     for key, value in leftover.items():
-        groups.setdefault(law_of(key), []).append(value)
-    worst = {law: max(values) for law, values in groups.items()}
-    many = {law: median(values) for law, values in groups.items() if len(values) >= LEAST_ALIKE}
-    return worst | {f"{law}{APART}": worst[law] / middle for law, middle in many.items() if middle > 0.0}
+        worst[law_of(key)] = max(worst.get(law_of(key), 0.0), value)
+    return worst | {f"{law_of(key)}{APART}": times for key, times in standing_out(leftover).items()}
+
+
+def standing_out(leftover: Mapping[str, float]) -> dict[str, float]:
+    """The worst joint of each law of joints, and how many times what the middle one leaves it does.
+
+    How much all joints leave varies from robot to robot; how much one leaves beside the others of its robot does less.
+    """
+    groups: dict[str, dict[str, float]] = {}
+    for key, value in leftover.items():
+        if key.partition("/")[0] in OF_JOINTS:
+            groups.setdefault(law_of(key), {})[key] = value
+    many = [group for group in groups.values() if len(group) >= LEAST_JOINTS and median(group.values()) > 0.0]
+    worst = [(max(group, key=lambda key: group[key]), group) for group in many]
+    return {key: group[key] / median(group.values()) for key, group in worst}
 
 
 def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> tuple[float, str]:

@@ -62,7 +62,7 @@ def search(
             return finding
         explanations = compare(finding, cache, rivals_of(finding, options))
         explanations = [each for each in explanations if each.option is None or possible(known, each)]
-        found = odds(explanations, finding.nominal)
+        found = odds(explanations, finding.nominal, bool(finding.chosen))
         finding.steps.append((explanations, found))
         if found.verdict != "effect":
             return finding

@@ -15,7 +15,7 @@ from .case import Case, examine
 from .case_cache import CaseCache
 from .check import Checked
 from .compare import CLOCKS, confirmation
-from .explanation import APART, UNKNOWN, by_law, worst_leftover
+from .explanation import APART, UNKNOWN, standing_out, worst_leftover
 from .finding import Finding
 from .floor import law_of
 from .gauss_newton import settled
@@ -139,14 +139,13 @@ def probabilities(finding: Finding) -> dict[str, float]:
 
 
 def too_much(finding: Finding, leftover: dict[str, float]) -> list[str]:
-    """Groups of residuals that are larger than on nominal robots, or than the other groups of their law are there.
+    """Groups of residuals that are larger than on nominal robots by more than FAR standard deviations, worst first."""
+    found = [(worst_leftover({key: value}, finding.nominal)[0], key) for key, value in leftover.items()]
+    return [key for z, key in sorted(found, reverse=True) if z > FAR]
 
-    By more than FAR standard deviations; worst first.
-    """
-    found = {key: worst_leftover({key: value}, finding.nominal)[0] for key, value in leftover.items()}
-    for law, value in by_law(leftover).items():
-        if law.endswith(APART):
-            mine = (key for key in leftover if law_of(key) == law.removesuffix(APART))
-            worst = max(mine, key=lambda key: leftover[key])
-            found[worst] = max(found[worst], worst_leftover({law: value}, finding.nominal)[0])
-    return [key for key in sorted(found, key=lambda key: (-found[key], key)) if found[key] > FAR]
+
+def apart(finding: Finding, leftover: dict[str, float]) -> dict[str, float]:
+    """Joints that stand out of those of their robot by more than FAR standard deviations: group, and how many times."""
+    found = standing_out(leftover)
+    far = {key: worst_leftover({f"{law_of(key)}{APART}": times}, finding.nominal)[0] for key, times in found.items()}
+    return {key: found[key] for key in sorted(far, key=lambda key: -far[key]) if far[key] > FAR}

@@ -24,7 +24,7 @@ from ..inference.isolability import isolability, taken_for
 from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
-from ..inference.verdict import Found, too_much
+from ..inference.verdict import Found, apart, too_much
 from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
 from .words import sentence
@@ -64,6 +64,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "laws": laws(finding.before[0]),
         "localisation": localisation(finding),
         "too_much": too_much(finding, found.leftover),
+        "apart": {key: round(times, 2) for key, times in apart(finding, found.leftover).items()},
         "leftover": {key: round(value, 2) for key, value in sorted(found.leftover.items(), key=lambda item: -item[1])},
         "gap": {
             "train": gap(finding.before[0], finding.train, finding, predicted.train),

@@ -20,26 +20,28 @@ from ..inference.search import MOST
 from ..result import Diagnosis
 from .alike import groups, taken_for
 from .figures import Pair, com_error, law, pairs, residuals
-from .words import FAR_HEAD, channel, channel_unit, effect_sentence, far, figure, known, place, shown, spaced
+from .words import (
+    FAR_HEAD,
+    channel,
+    channel_unit,
+    effect_sentence,
+    far,
+    figure,
+    known,
+    meaning,
+    place,
+    shown,
+    spaced,
+    stands_out,
+)
 
 _ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
 _HEADINGS = {
     "effect": "What is missing",
     "none": "No alarm",
-    "unknown": "Something is missing, and not sure what",
+    "unknown": "Something is missing, but it is not clear what",
     "not_excited": "This recording cannot decide",
-}
-_MEANING = {
-    "none": "The springs, masses and sensors of nominal robots scatter by some percent around the data sheet, and more "
-    "than one of a hundred of them look as doubtful as this one. An effect smaller than the limits below can still "
-    "be there, and the probabilities say what it might be.",
-    "unknown": "Hardly any nominal robot looks like this one, and no effect of the catalogue, nor a group that these "
-    "recordings cannot distinguish, is more likely than not to be the reason. The model was left as it is. The "
-    "residuals below show where to look.",
-    "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
-    "most effects can show. "
-    "Record a walk of ten seconds or more, better two of different gaits.",
 }
 _NOT_IN_MODEL = (
     "What the laws show of an effect stands, also where the model does without it. If it makes the predicted COM "
@@ -80,8 +82,8 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 def _verdict(result: dict[str, Any]) -> list[Part]:
     parts: list[Part] = []
-    if result["verdict"] in _MEANING:
-        parts.append(Text(_MEANING[result["verdict"]]))
+    if text := meaning(result):
+        parts.append(Text(text))
     effects = result["effects"] or result["suspected"]
     if result["suspected"]:
         parts.append(Text("These effects were looked at as explanations, and are not enough:"))
@@ -360,7 +362,8 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         ]
         caption = "In units of the noise floor, the middle recording."
         parts.append(Table(["left unexplained", "left", "nominal robots"], rows, caption))
-    parts += [Notice(line[:1].upper() + line[1:] + ".", "warn") for line in result["not_checked"]]
+    out = [stands_out(key, times) for key, times in result["apart"].items()]
+    parts += [Notice(line[:1].upper() + line[1:] + ".", "warn") for line in (*out, *result["not_checked"])]
     units = {(figure.effect, figure.key): figure.unit for figure in finding.known}
     rows = [
         [spaced(name), ", ".join(f"{spaced(key)} {shown(size, units[name, key])}" for key, size in sizes.items())]

@@ -27,9 +27,24 @@ CHANNELS = {
 }
 # What a unit is shown as: name and factor.
 _SHOWN = {"rad": ("degrees", 180.0 / math.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}
+_MEANING = {
+    "none": "What the nominal robot leaves unexplained is no more than nominal robots leave, whose springs, masses and "
+    "sensors scatter by some percent. An effect that is smaller than the limits below can still be there.",
+    "doubtful": "More is left unexplained than most nominal robots leave, but some leave as much: it is no alarm. The "
+    "probabilities say what it might be.",
+    "unknown": "Hardly any nominal robot leaves so much unexplained, and no effect of the catalogue, nor a group that "
+    "these recordings cannot distinguish, is more likely than not to be the reason. The model was left as it is. The "
+    "residuals below show where to look.",
+    "contradicted": "An effect would explain the recordings that it was found in, but not the one that confirms. The "
+    "model was left as it is.",
+    "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
+    "most effects can show. "
+    "Record a walk of ten seconds or more, better two of different gaits.",
+}
 FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
-LIKELY, MOST_LIKELY = 0.1, 3  # probability of an effect, and number of effects, that a sentence names without an alarm
+LIKELY, MOST_LIKELY = 0.1, 3  # probability from which a sentence names what is not sure, and how many
+OUTSIDE = "something outside the catalogue"
 HEAVY, SURE = 0.03, 3.0  # of the weight by the URDF, and standard deviations, beyond which it is said
 
 
@@ -49,9 +64,10 @@ def _verdict(result: Mapping[str, Any]) -> str:
     worst = next((channel(key.partition("|")[0]) for key in result["too_much"]), "")
     likely = _likely(result["probabilities"])
     if result["verdict"] == "none":
+        if doubtful(result):
+            text = "no alarm, as some nominal robots look like this too; but perhaps something is missing"
+            return f"{text}: {likely}" if likely else text
         text = "nothing is missing that this data could show"
-        if likely and result["probabilities"]["none"] < 0.5:
-            text = f"no alarm, as some nominal robots look like this too, but perhaps something is missing: {likely}"
         return f"{text}; but the {worst} leaves more than on nominal robots, unexplained" if worst else text
     if result["verdict"] == "not_excited":
         return "nothing was found, but this recording only stands: most effects could not show"
@@ -59,19 +75,38 @@ def _verdict(result: Mapping[str, Any]) -> str:
         if result.get("contradicted"):
             names = " and ".join(spaced(name) for name in result["contradicted"])
             return f"something is missing; {names} would explain it, but the confirming recording speaks against it"
-        where = f": most of it in the {worst}" if worst else ""
-        if likely and not worst:
-            return f"something is missing, and what is not sure: {likely}"
+        if likely and not likely.startswith(OUTSIDE):
+            return f"something is missing, but it is not clear what: {likely}"
+        where = f"most of it in the {worst}" if worst else ""
+        where = next((stands_out(key, times) for key, times in result["apart"].items()), where)
+        where = f": {where}" if where else ""
         return f"something is missing that no effect of the catalogue explains{where}"
     return "; ".join(effect_sentence(effect) for effect in result["effects"])
 
 
+def meaning(result: Mapping[str, Any]) -> str:
+    """What a verdict means that names nothing."""
+    verdict = str(result["verdict"])
+    if verdict == "unknown" and result["contradicted"]:
+        verdict = "contradicted"
+    return _MEANING.get("doubtful" if verdict == "none" and doubtful(result) else verdict, "")
+
+
+def doubtful(result: Mapping[str, Any]) -> bool:
+    """Whether something is more likely to be missing than nothing, alarm or not."""
+    return float(result["probabilities"].get("none", 1.0)) < 0.5
+
+
 def _likely(found: Mapping[str, float]) -> str:
-    """The effects that were compared first and are likely, the most probable first; none: an empty text."""
-    effects = [(name, p) for name, p in found.items() if name not in ("none", "unknown") and p >= LIKELY]
-    return " or ".join(
-        f"{spaced(name)} ({p:.0%})" for name, p in sorted(effects, key=lambda each: -each[1])[:MOST_LIKELY]
-    )
+    """What is likely to be missing by the first comparison, the most probable first; nothing: an empty text."""
+    names = {name: OUTSIDE if name == "unknown" else spaced(name) for name in found if name != "none"}
+    order = sorted((name for name in names if found[name] >= LIKELY), key=lambda name: -found[name])
+    return " or ".join(f"{names[name]} ({found[name]:.0%})" for name in order[:MOST_LIKELY])
+
+
+def stands_out(key: str, times: float) -> str:
+    """Of a joint that is apart from the others of its robot."""
+    return f"the {channel(key.partition('|')[0])} leaves {times:.1f} times what the middle joint does"
 
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:

@@ -16,7 +16,7 @@ def test_the_shipped_population_is_whole():
     assert all(value > 0.0 for value in nominal.widths.values())
     assert nominal.precise and set(nominal.precise) <= set(nominal.widths)
     for weights in nominal.decision.values():
-        assert {"one", "train", "select", "ways", "leftover", "apart", "pulled", "unknown"} == set(weights)
+        assert {"one", "train", "select", "ways", "leftover", "apart", "pulled", "unknown", "alarm"} == set(weights)
     assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
     assert nominal.interval_factor >= 1.0
     assert nominal.trust and all(law in nominal.leftover for law in nominal.trust)

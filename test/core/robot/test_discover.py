@@ -120,8 +120,10 @@ def test_one_leg_given_twice_is_refused():
     config = Config()
     left = config.robot.left
     twice = config.replaced({"robot.right.sole_frame": left.sole_frame, "robot.right.joints": list(left.joints)})
-    with pytest.raises(RobotError, match="not on a leg of its own"):
+    with pytest.raises(RobotError, match="robot.right.sole_frame: .* is not on a leg of its own"):
         Robot(urdf_of("coman"), twice.robot)
+    with pytest.raises(RobotError, match="robot.left.sole_frame: 'base_link' is not on a leg of its own"):
+        Robot(urdf_of("coman"), config.replaced({"robot.left.sole_frame": "base_link"}).robot)
 
 
 @pytest.mark.parametrize("root", ["base_link", "torso"])
@@ -133,6 +135,7 @@ def test_legs_are_the_same_with_any_base_frame_that_is_on_none_of_them(root):
     assert legs[0] == legs[1] and len(legs[0]) == 12
     found = find_legs(text, "text", base="torso", left="l_sole", right="r_sole")
     assert [*found.left.joints, *found.right.joints] == legs[0] and found.base_frame == "torso"
+    assert find_legs(text, "text", base="torso") == found
 
 
 def test_a_base_frame_on_a_leg_is_refused():

@@ -19,7 +19,14 @@ from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.compare import _settled, compare
 from coman_reduced_model.diagnose.inference.decide import odds
-from coman_reduced_model.diagnose.inference.explanation import Explanation, features, law_of, worst_leftover
+from coman_reduced_model.diagnose.inference.explanation import (
+    Explanation,
+    by_law,
+    features,
+    law_of,
+    standing_out,
+    worst_leftover,
+)
 from coman_reduced_model.diagnose.inference.finding import Finding
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
@@ -104,12 +111,20 @@ def test_one_joint_that_no_effect_explains_is_unknown(nominal):
     assert odds([alone], nominal).unknown > 0.5
     few = {key: alone.leftover[key] for key in list(usual)[:5]}
     assert features(0.0, 0.0, 1, few, {}, nominal)["apart"] == 0.0, "of five none stands out"
+    axes = {f"unloaded/{foot}/f{axis}|single": 1.0 for foot in ("left", "right") for axis in "xyz"}
+    assert not standing_out({**axes, "unloaded/left/fx|single": 9.0}), "axes of a sensor are no joints"
+    assert standing_out(alone.leftover) == {"spring/c|single": 12.0}
+    assert by_law(by_law(alone.leftover)) == by_law(alone.leftover)
+    assert by_law(alone.leftover) == {"spring|single": 12.0, "spring|single apart": 12.0}
 
 
 def test_no_alarm_without_little_doubt(nominal):
     explanations = [explanation(), explanation("payload", 20.0, 10.0)]
-    bold, careful = (odds(explanations, replace(nominal, alarm=alarm)) for alarm in (0.5, 0.001))
-    assert bold.named == careful.named > 0.5 and bold.verdict == "effect" and careful.verdict == "none"
+    careful = replace(nominal, decision={"selected": {**WEIGHTS, "alarm": 0.001}})
+    assert odds(explanations, nominal).verdict == "effect"  # weights without an alarm
+    found = odds(explanations, careful)
+    assert found.named == odds(explanations, nominal).named > 0.5 and found.verdict == "none"
+    assert odds(explanations, careful, chosen=True).verdict == "effect"  # beside another effect
 
 
 def test_what_cannot_be_told_apart_is_a_group(nominal):
