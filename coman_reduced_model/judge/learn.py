@@ -46,6 +46,7 @@ from ..processes import workers
 from .by_kind import kinds_of
 from .families import of_this_catalogue
 from .learn_variability import checked_case, learn_variability
+from .score import compared
 from .seeds import commit
 from .weights import SHOWN, Example, by_left_out, learn_decision
 
@@ -122,7 +123,7 @@ def interval_factor(examples: Sequence[Example]) -> float:
                 if (row["name"], row["where"]) != (effect["name"], effect["where"] or ""):
                     continue
                 for key, (nominal, x, deviation, logarithmic) in row["parameters"].items():
-                    truth = effect["parameters"].get(key)
+                    truth = compared(effect).get(key)
                     if isinstance(truth, float) and (not logarithmic or truth > 0.0):
                         true = np.log(truth / nominal) if logarithmic else truth - nominal
                         ratios.append(abs(x - true) / (1.96 * deviation))

@@ -30,6 +30,7 @@ from .sizes import shown
 
 OTHER = ("none", "unknown", "not_excited")
 NOMINAL = {"scale": 1.0}  # of every other parameter: 0
+UNLIKE = {"hysteresis": ("friction",), "stiffness_drift": ("time",)}  # parameters that the hidden forms do not share
 SHOWN = 5.0  # standard deviations that its own recordings leave, from which a hidden effect shows
 
 
@@ -68,6 +69,12 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     return {"result": result, "named": named, "place": places, "error": errors}
 
 
+def compared(effect: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters of a hidden effect that mean the same in the form that the diagnosis has."""
+    others = UNLIKE.get(str(effect["name"]), ())
+    return {name: value for name, value in effect["parameters"].items() if name not in others}
+
+
 def _class(effect: Mapping[str, Any]) -> str:
     return class_of(str(effect["name"]), effect.get("where"))
 
@@ -75,7 +82,7 @@ def _class(effect: Mapping[str, Any]) -> str:
 def _errors(real: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, float]:
     """Error of each parameter over its true distance from nominal; without a distance it is left out."""
     found = {}
-    for name, value in real["parameters"].items():
+    for name, value in compared(real).items():
         estimate = named.get("parameters", {}).get(name, {}).get("value")
         distance = abs(value - NOMINAL.get(name, 0.0)) if isinstance(value, float) else 0.0
         if distance > 0.0 and estimate is not None:

@@ -126,7 +126,7 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
 
 
 def verdict_of(p: Mapping[str, float], alarm: float) -> str:
-    """The class of effects that is named, `none` or `unknown`: as `Odds.verdict`, a class taken for a group."""
+    """The class of effects that is named, `none` or `unknown`: as inference/verdict.py, a class for a group."""
     if p["none"] > alarm:
         return "none"
     best = max(p, key=lambda name: p[name] if name != "none" else 0.0)

@@ -216,7 +216,8 @@ def test_springs_that_are_all_too_stiff_are_seen(bags, diagnose):
     """These walks do not distinguish them from springs that grow stiff."""
     train, held = bags("stiff_springs")
     result, _ = diagnose(train, "--holdout", held)
-    assert result["verdict"] != "none" and result["probabilities"]["none"] < 0.3
+    assert result["probabilities"]["none"] < 0.3  # too much for an alarm
+    assert "perhaps something is missing" in result["sentence"] and "joint stiffness" in result["sentence"]
     effects = [name for name in result["probabilities"] if name not in ("none", "unknown")]
     assert "joint_stiffness" in effects[:2]
 

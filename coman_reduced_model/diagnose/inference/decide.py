@@ -6,9 +6,8 @@ The score of an explanation is linear in its features, that of `unknown` is cons
     p_k = exp(s_k) / sum over none, unknown and the rivals
 
 The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py. So is `alarm`, the probability of
-`none` up to which something is said to be missing at all: about one nominal robot in a hundred gets there. A robot with
-an effect that was chosen is no nominal one: there the next effect has to be as likely as not, no more. So it is with
-weights of an earlier version too, which have no alarm.
+`none`, before anything was chosen, up to which something is said to be missing at all: about one nominal robot in a
+hundred gets there. Weights of an earlier version have none.
 """
 
 from __future__ import annotations
@@ -34,15 +33,14 @@ def score(features: Mapping[str, float], weights: Mapping[str, float], effect: b
     return float(s)
 
 
-def odds(explanations: Sequence[Explanation], nominal: Nominal, chosen: bool = False) -> Odds:
-    """Of nothing more (the first explanation) and its rivals; chosen: beside an effect that was chosen before."""
+def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
+    """Of nothing more (the first explanation) and its rivals."""
     nothing, *rivals = explanations
     weights = _weights(nothing, nominal)
     scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
     scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
     none, unknown, *effects = probabilities(scores)
-    alarm = NO_ALARM if chosen else weights.get("alarm", NO_ALARM)
-    return Odds(none, unknown, tuple(effects), group_of(rivals, effects), alarm)
+    return Odds(none, unknown, tuple(effects), group_of(rivals, effects), weights.get("alarm", NO_ALARM))
 
 
 def probabilities(scores: Sequence[float]) -> list[float]:

@@ -116,7 +116,7 @@ class Odds:
         none, unknown: that nothing more is missing; that something outside the catalogue is.
         effects: by rival, in the order of the explanations.
         group: indices of the rivals that cannot be distinguished from the best one, itself first.
-        alarm: `none` below which there is one: few nominal robots get there.
+        alarm: `none` up to which there is one: few nominal robots get there.
     """
 
     none: float
@@ -131,8 +131,11 @@ class Odds:
         return float(sum(self.effects[k] for k in self.group))
 
     @property
-    def verdict(self) -> str:
-        """`none` without an alarm; `effect` if the group is at least as likely as not, else `unknown`."""
-        if self.none > self.alarm:
-            return "none"
-        return "effect" if self.named >= 0.5 else UNKNOWN
+    def names(self) -> bool:
+        """Whether the group is at least as likely as not."""
+        return self.named >= 0.5
+
+    @property
+    def alarms(self) -> bool:
+        """Whether hardly any nominal robot gets there."""
+        return self.none <= self.alarm

@@ -36,7 +36,7 @@ LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEf
 def search(
     cache: CaseCache, assumed: Sequence[tuple[str, str]] | None = None, progress: Progress | None = None
 ) -> Finding:
-    """Choose effects one by one, by the probabilities of explanations.
+    """Choose effects one by one, as long as one is as likely as not; whether they are worth an alarm is the verdict's.
 
     Of a robot that only stands, nothing is chosen: what moves so little is settling, not physics.
 
@@ -62,9 +62,9 @@ def search(
             return finding
         explanations = compare(finding, cache, rivals_of(finding, options))
         explanations = [each for each in explanations if each.option is None or possible(known, each)]
-        found = odds(explanations, finding.nominal, bool(finding.chosen))
+        found = odds(explanations, finding.nominal)
         finding.steps.append((explanations, found))
-        if found.verdict != "effect":
+        if not found.names:
             return finding
         best = explanations[1 + found.group[0]]
         assert best.option is not None

@@ -15,7 +15,7 @@ from .case import Case, examine
 from .case_cache import CaseCache
 from .check import Checked
 from .compare import CLOCKS, confirmation
-from .explanation import APART, UNKNOWN, standing_out, worst_leftover
+from .explanation import APART, standing_out, worst_leftover
 from .finding import Finding
 from .floor import law_of
 from .gauss_newton import settled
@@ -119,10 +119,8 @@ def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against
         return "effect" if finding.chosen else "none"
     if not any(lifts_a_foot(recording.phase) for recording in train):
         return "not_excited"
-    if finding.chosen:
-        return "unknown" if finding.chosen[0].option.name in against else "effect"
-    if finding.steps and finding.steps[-1][1].verdict == UNKNOWN:
-        return "unknown"
+    if finding.steps and finding.steps[0][1].alarms:
+        return "effect" if finding.chosen and finding.chosen[0].option.name not in against else "unknown"
     return "none" if all(lifts_a_foot(recording.phase) for recording in train) else "not_excited"
 
 

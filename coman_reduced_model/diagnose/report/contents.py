@@ -51,7 +51,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
         for effect in effects:
-            effect.update(in_model=False, left_out="not enough to explain what is missing")
+            effect.update(in_model=False, left_out="no alarm" if found.verdict == "none" else "it is not enough")
     not_checked = list(checked.not_checked)
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")

@@ -86,7 +86,7 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         parts.append(Text(text))
     effects = result["effects"] or result["suspected"]
     if result["suspected"]:
-        parts.append(Text("These effects were looked at as explanations, and are not enough:"))
+        parts.append(Text("These effects were looked at as explanations, and are not sure enough:"))
     if effects:
         rows = [
             [

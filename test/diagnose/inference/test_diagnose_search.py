@@ -22,6 +22,7 @@ from coman_reduced_model.diagnose.inference.case import examine, prepare
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.check import limitations, with_common_streams
 from coman_reduced_model.diagnose.inference.effects import effect_entries, far_from_nominal, with_effects
+from coman_reduced_model.diagnose.inference.explanation import Odds
 from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding, judged, size
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.diagnose.report.words import effect_sentence
@@ -117,7 +118,10 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
     assert fitted == ([list(options[0].unknowns)] if len(left) == 1 else [])
     walk = SimpleNamespace(phase=np.array([Phase.LEFT]))
     monkeypatch.setattr(verdicts, "lifts_a_foot", lambda phase: True)
+    finding.steps = [([], Odds(0.1, 0.0, (), (), alarm=0.1))]
     assert verdicts.verdict(finding, [walk], assumed, against) == word
+    finding.steps = [([], Odds(0.1, 0.0, (), (), alarm=0.05))]
+    assert verdicts.verdict(finding, [walk], assumed, against) == ("effect" if assumed else "none")  # suspected
 
 
 def test_what_is_far_from_nominal_beside_the_effects_is_listed():

@@ -146,7 +146,7 @@ def diagnosis(
     with ThreadPoolExecutor(1) as helper:
         free_runs = FreeRuns(helper, predict=lambda path, config, *_: free_run(config, made_worse))
         predicted = predict_com(finding, checked, config, free_runs)
-    finding.steps.append(([], Odds(0.9 - unknown, unknown, (), (), 0.5)))
+    finding.steps.append(([], Odds(0.02 if found else 0.9 - unknown, unknown, (), (), 0.5)))
     word = verdict(finding, checked.recordings[:1], False, against)
     probabilities = {"none": 0.9 - unknown, "unknown": unknown, "backlash@LKneeSag": 0.1}
     result = Found(finding, finding.leftover(), word, probabilities, against)
