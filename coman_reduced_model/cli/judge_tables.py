@@ -182,6 +182,8 @@ def show_left_out(result: Mapping[str, Any], path: Path) -> None:
             words=2,
         )  # fmt: skip
     source = result["source"]
+    if held := result.get("intervals"):  # earlier versions did not count them
+        print(f"95 % intervals of hidden effects hold the true value, each learnt without its case: {share(held)}")
     print("redrawn: cases that were drawn again because the robot fell; lowered: at a lower level than wanted")
     print(f"learnt at commit {source['commit']} from {source['cases']} cases; all in {path}")
 

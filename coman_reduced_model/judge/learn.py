@@ -8,7 +8,7 @@
    each stride (learn_variability.py). --keep-widths: as in the file that ships.
 2. The first comparison of explanations of every case, and what the laws leave on clean ones; with widths of one half of
    the cases for the other half, as robots of users are not among those that widths were learnt from.
-3. The weights by which an effect is named, the alarm (weights.py), and the factor on intervals.
+3. The weights by which an effect is named, the alarm (weights.py), and the factors on intervals.
 4. Both again with a baseline of each robot, for cases with nominal recordings (`coman judge --baseline`).
 
 Kinds of worlds are left out one by one: the shares that are printed, and written beside the file as
@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from scipy.stats import t as student
 
 from ..core.base.nominal import Nominal, load_nominal
 from ..core.config.files import load_config
@@ -36,6 +37,7 @@ from ..diagnose.inference.case_cache import CaseCache
 from ..diagnose.inference.check import Checked
 from ..diagnose.inference.compare import compare
 from ..diagnose.inference.decide import ALL
+from ..diagnose.inference.effects import CONFIDENCE
 from ..diagnose.inference.explanation import by_law
 from ..diagnose.inference.finding import Finding
 from ..diagnose.inference.search import rivals_of
@@ -46,12 +48,14 @@ from ..processes import workers
 from .by_kind import kinds_of
 from .families import of_this_catalogue
 from .learn_variability import checked_case, learn_variability
-from .score import compared
+from .score import compared, rate
 from .seeds import commit
 from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
+SHARED = 2  # errors of an effect that those of all others are worth
+TENTHS = 10
 
 
 def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[str, Any]] | None:
@@ -114,9 +118,9 @@ def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]
     return out
 
 
-def interval_factor(examples: Sequence[Example]) -> float:
-    """By which intervals of true effects must be longer to hold 95 % of the true values."""
-    ratios = []
+def parameter_errors(examples: Sequence[Example]) -> dict[str, list[float]]:
+    """By effect, errors of the parameters of those that are hidden, where they are compared [standard deviations]."""
+    errors: dict[str, list[float]] = {}
     for example in examples:
         for effect in example.answer["effects"] if example.answer["kind"] in ("single", "pair") else ():
             for row in example.rows[1:]:
@@ -126,8 +130,37 @@ def interval_factor(examples: Sequence[Example]) -> float:
                     truth = compared(effect).get(key)
                     if isinstance(truth, float) and (not logarithmic or truth > 0.0):
                         true = np.log(truth / nominal) if logarithmic else truth - nominal
-                        ratios.append(abs(x - true) / (1.96 * deviation))
-    return max(float(np.quantile(ratios, 0.95)), 1.0) if ratios else 1.0
+                        errors.setdefault(effect["name"], []).append(abs(x - true) / deviation)
+    return errors
+
+
+def interval_factors(examples: Sequence[Example]) -> dict[str, float]:
+    """By effect, by which intervals of true effects must be longer to hold 95 % of the true values; `all` together.
+
+    Errors of an effect are taken for normal about zero, with a variance that is the middle effect's as long as few are
+    known, as if SHARED of them were: the interval is Student's.
+    """
+    errors = parameter_errors(examples)
+    if not errors:
+        return {"all": 1.0}
+    usual = float(np.median([np.mean(np.square(each)) for each in errors.values()]))
+    out = {"all": float(np.quantile(np.concatenate(list(errors.values())), 0.95)) / CONFIDENCE}
+    for name, each in sorted(errors.items()):
+        count = len(each) + SHARED
+        variance = (np.sum(np.square(each)) + SHARED * usual) / count
+        out[name] = float(student.ppf(0.975, count) * np.sqrt(variance)) / CONFIDENCE
+    return {name: max(value, 1.0) for name, value in out.items()}
+
+
+def coverage(examples: Sequence[Example]) -> dict[str, Any]:
+    """Share of true values within intervals whose factors were learnt from nine tenths of the cases, without theirs."""
+    inside: list[bool] = []
+    tenth = [int(np.random.default_rng([41, int(each.answer["seed"])]).integers(TENTHS)) for each in examples]
+    for k in range(TENTHS):
+        factors = interval_factors([each for each, i in zip(examples, tenth, strict=True) if i != k])
+        for name, errors in parameter_errors([e for e, i in zip(examples, tenth, strict=True) if i == k]).items():
+            inside += [bool(error < CONFIDENCE * factors.get(name, factors["all"])) for error in errors]
+    return rate(sum(inside), len(inside))
 
 
 def cases_of(run: Path) -> dict[str, dict[str, Any]]:
@@ -208,9 +241,9 @@ def _made_with(nominal: Nominal) -> str:
 
 
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
-    """What is learnt from examples: weights with their alarms, and the factor on intervals."""
+    """What is learnt from examples: weights with their alarms, and the factors on intervals."""
     decision = {name: learn_decision(examples, name == "selected") for name in ("selected", "alone")}
-    return {"decision": decision, "interval_factor": interval_factor(examples)}
+    return {"decision": decision, "interval_factor": interval_factors(examples)}
 
 
 def main() -> None:
@@ -227,7 +260,7 @@ def main() -> None:
     names = ("population", "with_baseline")
     kinds = {name: by_left_out(examples) for name, examples in zip(names, several, strict=True)}
     beside = asked.out.with_suffix(".left_out.json")
-    write_file(beside, to_json({"source": nominal.source, **kinds}))
+    write_file(beside, to_json({"source": nominal.source, "intervals": coverage(several[0]), **kinds}))
     for name, by_axis in kinds.items():
         for axis, found in by_axis.items():
             shares = (f"{key} {found[''][key]['hits']} of {found[''][key]['of']}" for key in SHOWN)
@@ -254,6 +287,7 @@ def header() -> str:
 # decision: weights by which an effect is named, with recordings that help to choose and alone; alarm: probability that
 #     nothing is missing, up to which one in a hundred of these robots gets. with_baseline: the same where the robot's
 #     own baseline is known.
+# interval_factor: by effect, by which 95 % intervals of the fit are longer, and of all together.
 # monitor: by law (of one robot also by channel), by judge/learn_monitor.py: unit; single, double: noise, the usual
 #     standard deviation of a phase mean from phase to phase in that support; by_robot, by_channel: how much the
 #     logarithm of that noise varies from robot to robot, and between channels of a law of one robot; drift of a level

@@ -12,7 +12,7 @@ import pytest
 from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.diagnose.inference.decide import NO_ALARM
-from coman_reduced_model.judge.learn import interval_factor, learn_leftover, with_leftover
+from coman_reduced_model.judge.learn import coverage, interval_factors, learn_leftover, with_leftover
 from coman_reduced_model.judge.learn_variability import learn_repeats
 from coman_reduced_model.judge.score import rate
 from coman_reduced_model.judge.weights import (
@@ -129,8 +129,24 @@ def test_what_repeats_is_the_median_of_clean_robots():
 
 
 def test_intervals_become_as_long_as_they_must_be():
-    assert interval_factor([]) == 1.0
+    assert interval_factors([]) == {"all": 1.0}
     exact = [example("single", 30.0, error=0.1) for _ in range(20)]
-    assert interval_factor(exact) == 1.0
-    rough = [example("single", 30.0, error=float(e)) for e in np.linspace(-6.0, 6.0, 41)]
-    assert interval_factor(rough) == pytest.approx(0.95 * 6.0 / 1.96, rel=0.1)
+    assert interval_factors(exact) == {"all": 1.0, "payload": 1.0}
+    rough = [example("single", 30.0, error=float(e)) for e in 3.0 * np.random.default_rng(2).normal(size=400)]
+    found = interval_factors(rough)
+    assert found["payload"] == pytest.approx(3.0, rel=0.1) == found["all"]
+
+
+def test_intervals_of_one_effect_do_not_become_longer_by_those_of_another():
+    rough = [example("single", 30.0, error=float(e)) for e in np.linspace(-8.0, 8.0, 40)]
+    other = {"name": "backlash", "where": "", "parameters": {"mass": 1.0}}
+    exact = [
+        replace(
+            each, answer={**each.answer, "effects": [other]}, rows=[each.rows[0], {**each.rows[1], "name": "backlash"}]
+        )
+        for each in (example("single", 30.0, error=float(e)) for e in np.random.default_rng(3).normal(size=40))
+    ]
+    found = interval_factors([*rough, *exact])
+    assert found["backlash"] < 1.5 < 2.0 < found["all"] < found["payload"]
+    both = [replace(each, answer={**each.answer, "seed": seed}) for seed, each in enumerate([*rough, *exact])]
+    assert 0.9 <= coverage(both)["share"] <= 1.0 and coverage(both)["of"] == 80

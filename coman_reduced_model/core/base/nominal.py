@@ -42,7 +42,7 @@ class Nominal:
             the laws leave on nominal robots [noise floors].
         decision: weights of the features by which an effect is named, and `alarm`, the probability of `none` up to
             which something is said to be missing (diagnose/inference/decide.py).
-        interval_factor: by which a 95 % interval of the fit is longer.
+        interval_factor: by effect, by which a 95 % interval of the fit is longer; `all`: of any other.
         with_baseline: `decision` and `interval_factor` where a robot's own baseline is known.
         parameters: of one robot, by name of a parameter (`mass@LHipYaw`): what is usual for it, and the spread.
         monitor: by law, see core/monitor/channels.py.
@@ -57,7 +57,7 @@ class Nominal:
     trust: Mapping[str, float] = field(default_factory=dict)
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     decision: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    interval_factor: float = 1.0
+    interval_factor: Mapping[str, float] = field(default_factory=lambda: {"all": 1.0})
     with_baseline: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     monitor: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -116,6 +116,17 @@ def _row(row: Mapping[str, Any]) -> dict[str, Any]:
     return {"unit": str(row["unit"]), **numbers}
 
 
+def _factors(document: Mapping[str, Any]) -> dict[str, float]:
+    """Factors on intervals; a file of an earlier version has one for all effects."""
+    found = document.get("interval_factor") or 1.0
+    return {"all": 1.0} | {k: float(v) for k, v in (found if isinstance(found, Mapping) else {"all": found}).items()}
+
+
+def _with_factors(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What replaces fields of a record; nothing, if there is none."""
+    return {**document, "interval_factor": _factors(document)} if document else {}
+
+
 def _share(name: str, value: Any) -> float:
     """A value above 0 and up to 1."""
     if not 0.0 < float(value) <= 1.0:
@@ -149,8 +160,8 @@ def _load(path: str) -> Nominal:
                 name: {key: float(value) for key, value in weights.items()}
                 for name, weights in (document.get("decision") or {}).items()
             },
-            interval_factor=float(document.get("interval_factor") or 1.0),
-            with_baseline=document.get("with_baseline") or {},
+            interval_factor=_factors(document),
+            with_baseline=_with_factors(document.get("with_baseline") or {}),
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
             monitor={name: _row(row) for name, row in (document.get("monitor") or {}).items()},
         )

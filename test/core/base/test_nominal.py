@@ -18,7 +18,7 @@ def test_the_shipped_population_is_whole():
     for weights in nominal.decision.values():
         assert {"one", "train", "select", "ways", "leftover", "apart", "pulled", "unknown", "alarm"} == set(weights)
     assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
-    assert nominal.interval_factor >= 1.0
+    assert nominal.interval_factor["all"] > 1.0 and all(value >= 1.0 for value in nominal.interval_factor.values())
     assert nominal.trust and all(law in nominal.leftover for law in nominal.trust)
     assert all(median > 0.0 and scatter > 0.0 for median, scatter in nominal.leftover.values())
 
