@@ -308,7 +308,8 @@ def left_out(shared: Path) -> tuple[str, str]:
         show_left_out(json.loads(path.read_text(encoding="utf-8")), Path(path.name))
     return "Kinds of worlds left out", (
         "The weights by which an effect is named, learnt again without each kind of world in turn, and judged on the "
-        "cases of that kind. What a case is compared by (widths, trust, what laws leave) was learnt on all of them.\n\n"
+        "cases of that kind. What a case is compared by (widths, trust, what laws leave) was learnt on half of all "
+        "cases, without it; the alarm is that of the other kinds.\n\n"
         f"```text\n{trimmed(printed.getvalue())}\n```"
     )
 
