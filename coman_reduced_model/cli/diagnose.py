@@ -96,7 +96,11 @@ def _show(result: dict[str, Any], out: Path) -> None:
         for channel in [*com, *others[:8]]
     ]
     which = "held-out" if result["gap"]["holdout"] else "training"
-    print_table(f"Gap on the {which} bags, RMS in SI units", ["channel", "before", "after", "noise floor"], rows)
+    suspected = ", ".join(spaced(effect["name"]) for effect in result["suspected"])
+    after_what = f"; after: with {suspected}, which is suspected" if suspected else ""
+    print_table(
+        f"Gap on the {which} bags, RMS in SI units{after_what}", ["channel", "before", "after", "noise floor"], rows
+    )
     print_table(
         "Ranking by evidence, the natural logarithm of a ratio of probabilities (4.6 nats: 100 to 1)",
         ["effect", "where", "evidence [nats]", "held-out [nats]"],

@@ -84,6 +84,8 @@ def _cases_in(folder: Path, out: Path, part: str) -> list[Path]:
     cases = sorted(path.parent for path in folder.glob("*/train"))
     if not cases:
         raise ConfigError(f"{folder}: no case in it (wanted: CASE/train, CASE/heldout_*, answers.json)")
+    if missing := {case.name for case in cases}.difference(read_answers(folder)):
+        raise ConfigError(f"{folder / 'answers.json'}: no answer to {', '.join(sorted(missing))}")
     try:
         (out / part).mkdir(parents=True, exist_ok=True)
         keep_to_one_commit(RunFolder(out))
@@ -109,8 +111,6 @@ def watch_folder(
     """
     cases = _cases_in(folder, out, "predictions")
     answers = read_answers(folder)
-    if missing := {case.name for case in cases}.difference(answers):
-        raise ConfigError(f"{folder / 'answers.json'}: no answer to {', '.join(sorted(missing))}")
     bags = [(case, bag) for case in cases for bag in sorted(each for each in case.iterdir() if each.is_dir())]
     tasks = [(bag, _target(out, case, bag), _data_sheet(case, config)) for case, bag in bags]
     run_all(_predict, tasks, jobs, progress, "walks")

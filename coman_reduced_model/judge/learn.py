@@ -21,7 +21,7 @@ import argparse
 import hashlib
 import json
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -191,7 +191,6 @@ def learn(
             ]
             others = [learn_variability([e for f, e in clean if f != fold], nominal, pool) for fold in range(FOLDS)]
             nominal = learn_variability([each for _, each in clean], nominal, pool)
-        made = _made_with(nominal)
         places = [
             (run / "bags" / name, run / "learn" / f"{name}.{_made_with(others[fold])}.json", others[fold])
             for fold, (run, name, _) in zip(folds, cases, strict=True)
@@ -203,8 +202,12 @@ def learn(
             if rows
         ]
         nominal, others, examples = with_leftover(nominal, others, compared)
+        made = [_made_with(other, other.leftover) for other in others]
         known = [
-            (answer, (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.{made}.pkl", others[fold]))
+            (
+                answer,
+                (run / "bags" / name, run / "healthy" / name, run / "learn" / f"{name}.{made[fold]}.pkl", others[fold]),
+            )
             for fold, (run, name, answer) in zip(folds, cases, strict=True)
             if (run / "healthy" / name).is_dir()
         ]
@@ -233,17 +236,16 @@ def with_leftover(
     return nominal, of_folds, [replace(example, nominal=of_folds[fold]) for fold, example in compared]
 
 
-def _made_with(nominal: Nominal) -> str:
+def _made_with(nominal: Nominal, *more: Mapping[str, Any]) -> str:
     """Part of the names of files that depend on these figures, and on what is kept of a comparison."""
-    figures = nominal.widths, nominal.precise, nominal.trust, nominal.repeats
+    figures = nominal.widths, nominal.precise, nominal.trust, nominal.repeats, *more
     text = json.dumps([ALL, *(dict(sorted(each.items())) for each in figures)])
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
 def _decisions(examples: Sequence[Example]) -> dict[str, Any]:
     """What is learnt from examples: weights with their alarms, and the factors on intervals."""
-    decision = {name: learn_decision(examples, name == "selected") for name in ("selected", "alone")}
-    return {"decision": decision, "interval_factor": interval_factors(examples)}
+    return {"decision": learn_decision(examples), "interval_factor": interval_factors(examples)}
 
 
 def main() -> None:

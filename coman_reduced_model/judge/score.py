@@ -170,6 +170,8 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     """Outcome, truth and times of one case."""
     answer, run = case["answer"], case.get("run") or {}
     best = gap_reduction(case.get("oracle"))
+    suspected = (case["verdict"] or {}).get("suspected")  # it is in the gap, and not in the model
+    gained = 0.0 if suspected else gap_reduction(case["verdict"])
     return {
         **outcome(answer, case["verdict"]),
         "case": case["name"],
@@ -180,7 +182,7 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
         "cpu_seconds": run.get("cpu_seconds"),
         "rank": rank_of_truth(answer, case.get("ranking")),
         "size_shown": shown(answer["effects"][0], case.get("ranking")) if answer["kind"] == "single" else None,
-        "gap_share": gap_reduction(case["verdict"]) / best if best > 0.0 else None,
+        "gap_share": gained / best if best > 0.0 else None,
         "baselines": {
             method: outcome(answer, verdict)["result"]
             for method, verdict in (case.get("baselines") or {}).items()

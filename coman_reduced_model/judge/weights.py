@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,18 +48,21 @@ class Example:
         kind = self.answer["kind"]
         return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
 
-    def alone(self) -> Example:
-        """The same without recordings that help to choose."""
-        return replace(self, rows=[{**row, "confirmed": None} for row in self.rows])
+
+def learn_decision(examples: Sequence[Example]) -> dict[str, dict[str, float]]:
+    """Weights with selecting recordings that show an effect, and without (`alone`); with their alarms."""
+    decision = {name: learn_weights(examples, name == "selected") for name in ("selected", "alone")}
+    alarms = {"selected": learn_alarm(examples, decision)}
+    alarms["alone"] = learn_alarm(examples, dict.fromkeys(decision, decision["alone"]))
+    return {name: {**weights, "alarm": alarms[name]} for name, weights in decision.items()}
 
 
-def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, float]:
-    """Weights of the features, by the mean log loss of the truth; each kind of case counts with its share. The alarm.
+def learn_weights(examples: Sequence[Example], selected: bool) -> dict[str, float]:
+    """Weights of the features, by the mean log loss of the truth; each kind of case counts with its share.
 
     Args:
-        selected: with recordings that help to choose; else the same cases without.
+        selected: the evidence of selecting recordings counts; else it has no weight.
     """
-    examples = examples if selected else [example.alone() for example in examples]
     names = [*EFFECT, *ALL, UNKNOWN]
     free = [name for name in names if selected or name != "select"]
     cases = [(_features(each), each) for each in examples]
@@ -69,14 +72,14 @@ def learn_decision(examples: Sequence[Example], selected: bool) -> dict[str, flo
 
     def loss(values: Array) -> float:
         weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
-        logs = [-np.log(max(truth_probability(f, each, weights), 1e-6)) for f, each in cases]
+        both = {"selected": weights, "alone": weights}
+        logs = [-np.log(max(truth_probability(f, each, both), 1e-6)) for f, each in cases]
         return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
 
     start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
     bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
     found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
-    weights = dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
-    return {**weights, "alarm": learn_alarm(examples, weights)}
+    return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
 
 
 def _features(example: Example) -> list[dict[str, float]]:
@@ -87,28 +90,38 @@ def _features(example: Example) -> list[dict[str, float]]:
     return out
 
 
-def outcome(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> dict[str, float]:
-    """Probability of `none`, `unknown` and of each class of effects."""
+def _which(row: Mapping[str, Any]) -> str:
+    """Of the weights: with selecting recordings that show the effect, or without."""
+    return "selected" if row["confirmed"] is not None and np.isfinite(row["confirmed"]) else "alone"
+
+
+def outcome(
+    found: Sequence[Mapping[str, float]], example: Example, decision: Mapping[str, Mapping[str, float]]
+) -> dict[str, float]:
+    """Probability of `none`, `unknown` and of each class of effects, as `odds` of the diagnosis has them."""
     names = ["none", UNKNOWN, *(class_of(row["name"], row["where"]) for row in example.rows[1:])]
-    scores = [score(found[0], weights, False), weights[UNKNOWN]]
-    scores += [score(each, weights, True) for each in found[1:]]
+    weights = [decision[_which(row)] for row in example.rows]
+    scores = [score(found[0], weights[0], False), weights[0][UNKNOWN]]
+    scores += [score(each, mine, True) for each, mine in zip(found[1:], weights[1:], strict=True)]
     out: dict[str, float] = {}
     for name, value in zip(names, probabilities(scores), strict=True):
         out[name] = out.get(name, 0.0) + value
     return out
 
 
-def truth_probability(found: Sequence[Mapping[str, float]], example: Example, weights: Mapping[str, float]) -> float:
+def truth_probability(
+    found: Sequence[Mapping[str, float]], example: Example, decision: Mapping[str, Mapping[str, float]]
+) -> float:
     """Of anything that is right; where no rival is, of naming nothing."""
-    p = outcome(found, example, weights)
+    p = outcome(found, example, decision)
     names = example.truth if example.truth & set(p) else {"none", UNKNOWN}
     return sum(p.get(name, 0.0) for name in names)
 
 
-def learn_alarm(examples: Sequence[Example], weights: Mapping[str, float]) -> float:
+def learn_alarm(examples: Sequence[Example], decision: Mapping[str, Mapping[str, float]]) -> float:
     """Probability of `none` up to which FALSE_ALARMS of the clean cases get, by these weights."""
     clean = [example for example in examples if example.answer["kind"] == "clean"]
-    none = [outcome(_features(example), example, weights)["none"] for example in clean]
+    none = [outcome(_features(example), example, decision)["none"] for example in clean]
     return float(np.quantile(none, FALSE_ALARMS)) if none else NO_ALARM
 
 
@@ -120,9 +133,10 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
             others = [example for example in examples if example.answer["worlds"][axis] != kind]
             if len(others) < 10:
                 continue
-            weights = learn_decision(others, True)
+            decision = learn_decision(others)
             for example in inside:
-                yield axis, kind, example, outcome(_features(example), example, weights), weights["alarm"]
+                alarm = decision[_which(example.rows[0])]["alarm"]
+                yield axis, kind, example, outcome(_features(example), example, decision), alarm
 
 
 def verdict_of(p: Mapping[str, float], alarm: float) -> str:

@@ -11,7 +11,9 @@ import pytest
 
 from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.diagnose.inference.decide import NO_ALARM
+from coman_reduced_model.diagnose.inference.decide import NO_ALARM, odds
+from coman_reduced_model.diagnose.inference.explanation import Explanation
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate
 from coman_reduced_model.judge.learn import coverage, interval_factors, learn_leftover, with_leftover
 from coman_reduced_model.judge.learn_variability import learn_repeats
 from coman_reduced_model.judge.score import rate
@@ -57,8 +59,9 @@ def examples():
 
 
 def test_weights_separate_what_the_features_separate(examples):
-    weights = learn_decision(examples, selected=True)
-    found = [(each, outcome(_features(each), each, weights)) for each in examples]
+    decision = learn_decision(examples)
+    weights = decision["selected"]
+    found = [(each, outcome(_features(each), each, decision)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
     said = summary([(*each, 0.5) for each in found])
     assert said["cases"] == 60
@@ -90,10 +93,24 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
 
 
 def test_an_alarm_is_what_one_clean_robot_in_a_hundred_raises(examples):
-    weights = learn_decision(examples, selected=True)
-    none = sorted(outcome(_features(each), each, weights)["none"] for each in examples[:30])
-    assert none[0] < weights["alarm"] < none[1]  # of thirty the lowest, about
-    assert learn_alarm(examples[30:], weights) == NO_ALARM  # without a clean robot nothing is known of alarms
+    decision = learn_decision(examples)
+    none = sorted(outcome(_features(each), each, decision)["none"] for each in examples[:30])
+    assert none[0] < decision["selected"]["alarm"] < none[1]  # of thirty the lowest, about
+    assert learn_alarm(examples[30:], decision) == NO_ALARM  # without a clean robot nothing is known of alarms
+
+
+@pytest.mark.parametrize("confirmed", [30.0, np.nan])
+def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
+    """Of an effect that selecting recordings show, and of one that they do not."""
+    decision = learn_decision(examples)
+    case = examples[35]
+    case = replace(case, rows=[case.rows[0], {**case.rows[1], "confirmed": confirmed}])
+    given = [(row["gain"], row["confirmed"], row["ways"], row["leftover"], row["pulled"]) for row in case.rows]
+    options = [None, Candidate("payload", "", ())]
+    explanations = [Explanation(option, None, *values) for option, values in zip(options, given, strict=True)]
+    found = odds(explanations, replace(case.nominal, decision=decision))
+    p = outcome(_features(case), case, decision)
+    assert (found.none, found.unknown, *found.effects) == pytest.approx((p["none"], p["unknown"], p["payload"]))
 
 
 @pytest.mark.parametrize(
@@ -115,7 +132,7 @@ def test_a_fold_is_compared_with_what_laws_leave_on_the_others(examples):
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):
-    assert learn_decision(examples, selected=False)["select"] == 0.0
+    assert learn_decision(examples)["alone"]["select"] == 0.0
 
 
 def test_what_laws_leave_is_learnt_from_clean_robots_alone(examples):

@@ -53,12 +53,11 @@ def test_figures_by_kind_are_of_the_rows_of_that_kind_only():
 
 
 def test_the_shipped_file_says_on_which_kinds_it_was_learnt():
-    """Worlds of MuJoCo alone, by judge/seeds.yaml; of these, all kinds that are drawn."""
+    """All kinds that are drawn, of both engines, by judge/seeds.yaml."""
     kinds = load_nominal().source["kinds"]
-    drawn = {axis: [name for name, kind in of.items() if kind.weight] for axis, of in AXES.items()}
-    assert kinds == {**drawn, "engine": ["mujoco"]}
-    notes = [entry.purpose for entry in spent("worlds") if "weights again" in entry.purpose]
-    assert notes and all("MuJoCo alone" in purpose for purpose in notes)
+    assert kinds == {axis: [name for name, kind in of.items() if kind.weight] for axis, of in AXES.items()}
+    *_, last = [entry.purpose for entry in spent("worlds") if "learning all again" in entry.purpose]
+    assert "MuJoCo and Drake" in last
 
 
 # --- runs ---
@@ -285,6 +284,13 @@ def test_answers_of_another_form_are_refused_in_one_line(tmp_path, foreign, caps
     assert coman([*arguments, "--workflow", f"{sys.executable} {tool}"]) == 2
     message = capsys.readouterr().err.splitlines()[-1]
     assert "answers.json" in message and "not of the form" in message
+
+
+@pytest.mark.parametrize("what", ["diagnosis", "prediction"])
+def test_a_case_without_an_answer_is_refused_before_any_work(tmp_path, foreign, capsys, what):
+    (foreign / "four" / "train").mkdir(parents=True)
+    assert coman(["judge", what, "--cases", str(foreign), "--out", str(tmp_path / "out")]) == 2
+    assert "answers.json: no answer to four" in capsys.readouterr().err
 
 
 def test_a_folder_without_cases_is_refused(tmp_path):

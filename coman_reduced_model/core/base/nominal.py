@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -117,14 +117,30 @@ def _row(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _factors(document: Mapping[str, Any]) -> dict[str, float]:
-    """Factors on intervals; a file of an earlier version has one for all effects."""
+    """Factors on intervals, from 1 on; a file of an earlier version has one for all effects."""
     found = document.get("interval_factor") or 1.0
-    return {"all": 1.0} | {k: float(v) for k, v in (found if isinstance(found, Mapping) else {"all": found}).items()}
+    factors = {"all": 1.0} | {k: float(v) for k, v in (found if isinstance(found, Mapping) else {"all": found}).items()}
+    for name, value in factors.items():
+        if not 1.0 <= value < inf:
+            raise ValueError(f"interval_factor of {name}: {value}, not from 1 on")
+    return factors
 
 
-def _with_factors(document: Mapping[str, Any]) -> dict[str, Any]:
+def _decision(document: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Weights; an alarm is a probability."""
+    found = {
+        name: {key: float(value) for key, value in weights.items()}
+        for name, weights in (document.get("decision") or {}).items()
+    }
+    for weights in found.values():
+        if "alarm" in weights:
+            _share("alarm", weights["alarm"])
+    return found
+
+
+def _with_baseline(document: Mapping[str, Any]) -> dict[str, Any]:
     """What replaces fields of a record; nothing, if there is none."""
-    return {**document, "interval_factor": _factors(document)} if document else {}
+    return {"decision": _decision(document), "interval_factor": _factors(document)} if document else {}
 
 
 def _share(name: str, value: Any) -> float:
@@ -156,12 +172,9 @@ def _load(path: str) -> Nominal:
             repeats={name: float(value) for name, value in (document.get("repeats") or {}).items()},
             trust={name: _share(f"trust of {name}", value) for name, value in (document.get("trust") or {}).items()},
             leftover={k: (float(a), float(b)) for k, (a, b) in (document.get("leftover") or {}).items()},
-            decision={
-                name: {key: float(value) for key, value in weights.items()}
-                for name, weights in (document.get("decision") or {}).items()
-            },
+            decision=_decision(document),
             interval_factor=_factors(document),
-            with_baseline=_with_factors(document.get("with_baseline") or {}),
+            with_baseline=_with_baseline(document.get("with_baseline") or {}),
             parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
             monitor={name: _row(row) for name, row in (document.get("monitor") or {}).items()},
         )

@@ -52,7 +52,7 @@ def find_legs(urdf: str, source: str, base: str = "", left: str = "", right: str
     tree = _Tree(urdf, source)
     if bool(left) != bool(right):
         raise RobotError(f"{source}: one sole frame is given: {_BY_HAND}")
-    pair = (tree.frame(left), tree.frame(right)) if left else _lowest_pair(tree, tree.frame(base) if base else None)
+    pair = (tree.frame(left), tree.frame(right)) if left else _lowest_pair(tree)
     first, second = tree.apart(*pair)
     if not first or not second:
         raise RobotError(f"{source}: {left!r} and {right!r} are not on two legs: no joint moves one of them alone")
@@ -61,6 +61,8 @@ def find_legs(urdf: str, source: str, base: str = "", left: str = "", right: str
         pair = pair[1], pair[0]
     base_frame = tree.names[tree.frame(base)] if base else tree.names[tree.common_link(*pair)]
     chains = [Chain(tree.names[f], tree.movable(each)) for f, each in zip(pair, tree.apart(*pair), strict=True)]
+    if base and set(tree.support(tree.frame(base))).intersection((*first, *second)):
+        raise RobotError(f"{source}: {base!r} is on a leg: wanted a link of the trunk (--base)")
     notes += _not_modelled(tree, pair)
     return Legs(base_frame, chains[0], chains[1], tree.length(*pair), tuple(notes))
 
@@ -146,19 +148,14 @@ class _Tree:
         return upright[0]
 
 
-def _lowest_pair(tree: _Tree, base: int | None) -> tuple[int, int]:
+def _lowest_pair(tree: _Tree) -> tuple[int, int]:
     """The sole frames of the mirrored pair of legs that ends lowest.
 
     Raises:
         RobotError: there is none, or several.
     """
     level = [i for i in tree.links if tree.poses[i].rotation[2, 2] > _LEVEL]
-    above = set() if base is None else set(tree.support(base))
-    pairs = [
-        pair
-        for pair in combinations(level, 2)
-        if tree.mirrored(*pair) and not any(above.intersection(leg) for leg in tree.apart(*pair))
-    ]
+    pairs = [pair for pair in combinations(level, 2) if tree.mirrored(*pair)]
     if not pairs:
         raise RobotError(
             f"{tree.source}: no legs found (a mirrored pair of chains of {_JOINTS} joints or more, ending in frames "

@@ -36,7 +36,7 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
     """
     nothing = _Trial(finding, None, finding.train, finding.hold)
     alone = nothing.with_noise_of(nothing)
-    places = Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(finding.known)})
+    places = places_of(finding.known)
     out = [_explanation(nothing, nothing.judged([alone]), (0.0, np.nan if not finding.hold else 0.0), 1)]
     for option in rivals:
         trial = _Trial(finding, option, *_settled(finding, cache, option))
@@ -51,6 +51,11 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
         gains = found.train - without[0], found.select - without[1]
         out.append(_explanation(trial, found, gains, places[option.effect]))
     return out
+
+
+def places_of(known: list[Unknown]) -> Counter[str]:
+    """By effect, at how many places it could be."""
+    return Counter(effect for effect, _ in {(each.effect, each.place) for each in candidates(known)})
 
 
 @dataclass(frozen=True)

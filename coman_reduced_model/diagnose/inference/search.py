@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which effects are missing: one after the other, as long as one is more probable than that nothing more is missing."""
+"""Which effects are missing: one after the other, as long as one, with what looks alike, is as likely as not."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..data.recording import lifts_a_foot
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of
 from .case_cache import CaseCache
-from .compare import CLOCKS, compare
-from .decide import odds
+from .compare import CLOCKS, compare, places_of
+from .decide import nats_for_alarm, odds
 from .evidence import Score, scores
 from .explanation import Explanation
 from .finding import ChosenEffect, Finding
@@ -26,7 +26,6 @@ from .prior import prior_variance
 MOST = 3  # effects at once
 RIVALS, PLACES = 6, 2  # effects that are compared closely; places of each
 WORTH_A_LOOK = 1.0  # nats, as linear about nominal, from which an effect is compared
-ENOUGH = 6.0  # nats that make an effect visible; only for the limits that the report gives
 # Effects that look alike in a walk: one of a class is enough.
 CLASSES = {name: effect.ambiguity.name for name, effect in CATALOGUE.items() if effect.ambiguity}
 # A payload with its place is both mass and COM: two loads of the trunk are one.
@@ -151,10 +150,10 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
 
 
 def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
-    """By parameter of an effect, the deviation from nominal that adds ENOUGH evidence beside the chosen effects."""
+    """By parameter of an effect, the deviation from nominal that would raise an alarm, beside the chosen effects."""
     fit = evidence_of(finding.train).fit(finding.released)
     before = prior_variance(finding.known, finding.released, fit.precise)
-    variance = np.diag(fit.covariance)
+    variance, places = np.diag(fit.covariance), places_of(finding.known)
     out = []
     for i, unknown in enumerate(finding.known):
         if not unknown.effect or not unknown.offered or unknown.shape or i in finding.released:
@@ -166,5 +165,6 @@ def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
         # A deviation d is worth d^2/2 (1/(noise + spread^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + before[i]) - 1.0 / (noise + unknown.reach**2)
         price = 0.5 * np.log((noise + unknown.reach**2) / (noise + before[i]))
-        out.append((unknown, float(np.sqrt(2.0 * (ENOUGH + price) / max(worth, 1e-30)))))
+        enough = nats_for_alarm(finding.nominal, places[unknown.effect], bool(finding.hold))
+        out.append((unknown, float(np.sqrt(2.0 * (enough + price) / max(worth, 1e-30)))))
     return out

@@ -121,7 +121,8 @@ def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against
         return "not_excited"
     if finding.steps and finding.steps[0][1].alarms:
         return "effect" if finding.chosen and finding.chosen[0].option.name not in against else "unknown"
-    return "none" if all(lifts_a_foot(recording.phase) for recording in train) else "not_excited"
+    walk = all(lifts_a_foot(recording.phase) for recording in train)
+    return "none" if walk or finding.chosen else "not_excited"
 
 
 def probabilities(finding: Finding) -> dict[str, float]:

@@ -51,7 +51,8 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
         for effect in effects:
-            effect.update(in_model=False, left_out="no alarm" if found.verdict == "none" else "it is not enough")
+            denied = "the confirming recording speaks against it"
+            effect.update(in_model=False, left_out="no alarm" if found.verdict == "none" else denied)
     not_checked = list(checked.not_checked)
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
@@ -230,7 +231,7 @@ def _means_of_pieces(values: Array, pieces: Integers) -> Array:
 
 
 def undetectable(finding: Finding) -> dict[str, dict[str, float]]:
-    """By effect (at its best place) and parameter, the deviation that would just be accepted."""
+    """By effect (at its best place) and parameter, the deviation that would just raise an alarm."""
     assert finding.fit is not None
     out: dict[str, dict[str, float]] = {}
     for parameter, value in smallest(finding):

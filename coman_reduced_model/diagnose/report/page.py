@@ -369,9 +369,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         [spaced(name), ", ".join(f"{spaced(key)} {shown(size, units[name, key])}" for key, size in sizes.items())]
         for name, sizes in sorted(result["undetectable_below"].items())
     ]
-    caption = (
-        "The deviation from nominal that would just be found by these recordings, at the place where it shows best."
-    )
+    caption = "The deviation from nominal that would just raise an alarm here, at the place where it shows best."
     if rows:
         parts.append(
             Table(["effect", "could hide below"], rows, caption, words=2, folded="What could still hide in the noise")

@@ -28,13 +28,14 @@ CHANNELS = {
 # What a unit is shown as: name and factor.
 _SHOWN = {"rad": ("degrees", 180.0 / math.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}
 _MEANING = {
-    "none": "What the nominal robot leaves unexplained is no more than nominal robots leave, whose springs, masses and "
-    "sensors scatter by some percent. An effect that is smaller than the limits below can still be there.",
+    "none": "By all laws together, what the nominal robot leaves unexplained is no more than nominal robots leave, "
+    "whose springs, masses and sensors scatter by some percent. An effect smaller than the limits below can still be "
+    "there.",
     "doubtful": "More is left unexplained than most nominal robots leave, but some leave as much: it is no alarm. The "
     "probabilities say what it might be.",
-    "unknown": "Hardly any nominal robot leaves so much unexplained, and no effect of the catalogue, nor a group that "
-    "these recordings cannot distinguish, is more likely than not to be the reason. The model was left as it is. The "
-    "residuals below show where to look.",
+    "unknown": "That nothing is missing is too improbable, and no effect of the catalogue, nor a group that these "
+    "recordings cannot distinguish, is as likely as not. The model was left as it is. The residuals below show where "
+    "to look.",
     "contradicted": "An effect would explain the recordings that it was found in, but not the one that confirms. The "
     "model was left as it is.",
     "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
@@ -62,25 +63,25 @@ def sentence(result: Mapping[str, Any]) -> str:
 
 def _verdict(result: Mapping[str, Any]) -> str:
     worst = next((channel(key.partition("|")[0]) for key in result["too_much"]), "")
+    most = next((stands_out(key, times) for key, times in result["apart"].items()), "")
+    most = most or (f"more is left in the {worst}, than on nominal robots" if worst else "")
     likely = _likely(result["probabilities"])
+    denied = " and ".join(spaced(name) for name in result["contradicted"])
     if result["verdict"] == "none":
+        text = "nothing is missing that this data could show"
         if doubtful(result):
             text = "no alarm, as some nominal robots look like this too; but perhaps something is missing"
-            return f"{text}: {likely}" if likely else text
-        text = "nothing is missing that this data could show"
-        return f"{text}; but the {worst} leaves more than on nominal robots, unexplained" if worst else text
+            text += f": {likely}" if likely else ""
+            text += f"; the confirming recording speaks against {denied}" if denied else ""
+        return f"{text}; but {most}, unexplained" if most else text
     if result["verdict"] == "not_excited":
         return "nothing was found, but this recording only stands: most effects could not show"
     if result["verdict"] == "unknown":
-        if result.get("contradicted"):
-            names = " and ".join(spaced(name) for name in result["contradicted"])
-            return f"something is missing; {names} would explain it, but the confirming recording speaks against it"
-        if likely and not likely.startswith(OUTSIDE):
+        if denied:
+            return f"something is missing; {denied} would explain it, but the confirming recording speaks against it"
+        if result["probabilities"].get("unknown", 0.0) < 0.5 and likely:
             return f"something is missing, but it is not clear what: {likely}"
-        where = f"most of it in the {worst}" if worst else ""
-        where = next((stands_out(key, times) for key, times in result["apart"].items()), where)
-        where = f": {where}" if where else ""
-        return f"something is missing that no effect of the catalogue explains{where}"
+        return "something is missing that no effect of the catalogue explains" + (f": {most}" if most else "")
     return "; ".join(effect_sentence(effect) for effect in result["effects"])
 
 
@@ -106,7 +107,7 @@ def _likely(found: Mapping[str, float]) -> str:
 
 def stands_out(key: str, times: float) -> str:
     """Of a joint that is apart from the others of its robot."""
-    return f"the {channel(key.partition('|')[0])} leaves {times:.1f} times what the middle joint does"
+    return f"{times:.1f} times as much is left in the {channel(key.partition('|')[0])}, as in the middle joint"
 
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:

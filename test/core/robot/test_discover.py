@@ -73,7 +73,7 @@ def test_what_is_given_is_taken():
         ({"left": "l_sole"}, "one sole frame is given"),
         ({"left": "l_sole", "right": "nowhere"}, "no frame 'nowhere'"),
         ({"left": "l_sole", "right": "l_foot"}, "not on two legs"),
-        ({"base": "l_foot"}, "no legs found"),
+        ({"base": "l_foot"}, "'l_foot' is on a leg"),
         ({"base": "nowhere"}, "no frame 'nowhere'"),
     ],
 )
@@ -139,8 +139,10 @@ def test_legs_are_the_same_with_any_base_frame_that_is_on_none_of_them(root):
 
 
 def test_a_base_frame_on_a_leg_is_refused():
-    text = urdf_of("coman")
+    text = urdf(with_upper_body(COMAN))
     shank = next(each.find("child").get("link") for each in ElementTree.fromstring(text).iterfind("joint")
                  if each.get("name") == "LKneeSag")  # fmt: skip
     with pytest.raises(RobotError, match=f"robot.base_frame: '{shank}' is on the left leg, below 'LHip"):
         Robot(text, Config().replaced({"robot.base_frame": shank}).robot)
+    with pytest.raises(RobotError, match=f"'{shank}' is on a leg"):
+        find_legs(text, "text", base=shank)  # and the arms are no legs

@@ -18,7 +18,7 @@ from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.compare import _settled, compare
-from coman_reduced_model.diagnose.inference.decide import odds
+from coman_reduced_model.diagnose.inference.decide import nats_for_alarm, odds
 from coman_reduced_model.diagnose.inference.explanation import (
     Explanation,
     by_law,
@@ -124,6 +124,18 @@ def test_no_alarm_without_little_doubt(nominal):
     assert odds(explanations, nominal).alarms  # weights without an alarm
     found = odds(explanations, careful)
     assert found.named == odds(explanations, nominal).named and found.names and not found.alarms
+
+
+@pytest.mark.parametrize("ways", [1, 12])
+@pytest.mark.parametrize("selected", [True, False])
+def test_evidence_for_an_alarm_raises_one(nominal, ways, selected):
+    decision = {name: {**weights, "alarm": 0.1} for name, weights in nominal.decision.items()}
+    nominal = replace(nominal, decision=decision)
+    for times, raised in ((1.01, True), (0.99, False)):
+        nats = times * nats_for_alarm(nominal, ways, selected)
+        of_effect = replace(explanation("payload", nats, nats if selected else np.nan), ways=ways)
+        nothing = explanation(confirmed=0.0 if selected else np.nan)
+        assert odds([nothing, of_effect], nominal).alarms == raised
 
 
 def test_what_cannot_be_told_apart_is_a_group(nominal):
