@@ -190,7 +190,10 @@ def show_left_out(result: Mapping[str, Any], path: Path) -> None:
 
 def _show_shares(result: Mapping[str, Any]) -> None:
     """Seeds, and the shares of workflow and baselines beside their targets."""
-    methods = {"workflow": result["workflow"], **result["baselines"]}
+    methods = {"workflow": result["workflow"]}
+    if "or_suspected" in result:  # earlier versions did not count them
+        methods["or suspected"] = result["or_suspected"]
+    methods |= result["baselines"]
     count = ", ".join(f"{number} {kind}" for kind, number in result["cases"].items())
     seeds, of = result["seeds"], len(result["rows"])
     state = f"{of - seeds['fresh']} of {of} spent" if seeds["spent"] else "fresh"
@@ -199,6 +202,7 @@ def _show_shares(result: Mapping[str, Any]) -> None:
         ["", "target", *methods],
         [[title, target, *(share(method[key]) for method in methods.values())] for key, title, target in _ROWS],
     )
+    print("or suspected: if what is suspected without an alarm counted as named")
     for entry in seeds["spent"]:
         print(f"spent: {entry['seeds']} {entry['purpose']} ({entry['commit']})")
 

@@ -143,6 +143,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "lowered": sum(row["lowered"] for row in rows),
         },
         "workflow": _shares(rows, lambda row: row["result"]),
+        "or_suspected": _shares(rows, lambda row: row["or_suspected"]),
         "baselines": {m: _shares(rows, partial(_by_baseline, m)) for m in methods},
         "by_level": {
             level: rate(*_count(rows, partial(_of_level, level), "right")) for level in ("weak", "medium", "strong")
@@ -170,10 +171,14 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     """Outcome, truth and times of one case."""
     answer, run = case["answer"], case.get("run") or {}
     best = gap_reduction(case.get("oracle"))
-    suspected = (case["verdict"] or {}).get("suspected")  # it is in the gap, and not in the model
-    gained = 0.0 if suspected else gap_reduction(case["verdict"])
+    verdict = case["verdict"] or {}
+    suspected = verdict.get("suspected")
+    gained = 0.0 if suspected else gap_reduction(case["verdict"])  # what is suspected is in the gap, not in the model
+    found = outcome(answer, case["verdict"])
+    taken = {"verdict": "effect", "effects": suspected} if suspected and verdict["verdict"] == "none" else None
     return {
-        **outcome(answer, case["verdict"]),
+        **found,
+        "or_suspected": outcome(answer, taken)["result"] if taken else found["result"],
         "case": case["name"],
         **{key: answer[key] for key in ("seed", "kind", "families", "levels", "robot", "attempt", "worlds")},
         "lowered": answer["levels"] != answer["wanted"],

@@ -129,6 +129,34 @@ def test_the_figures_of_known_verdicts():
     assert workflow["both_of_a_pair"]["interval"][0] < 0.5 < workflow["both_of_a_pair"]["interval"][1]
 
 
+def test_what_is_suspected_without_an_alarm_is_counted_apart():
+    """It is no name and no false alarm, and shrinks no gap; what it would be is a column of its own."""
+
+    def suspected(name: str, verdict: str = "none") -> dict:
+        gap = {"holdout": {"before": {"x": 3.0}, "after": {"x": 1.0}, "floor": {"x": 1.0}}}
+        return {"verdict": verdict, "effects": [], "suspected": verdict_of((name, ""))["effects"], "gap": gap}
+
+    rows = [
+        (hidden("clean"), suspected("payload")),
+        (hidden("single", ("backlash", "")), suspected("backlash")),
+        (hidden("single", ("backlash", "")), suspected("payload")),
+        (hidden("single", ("backlash", "")), suspected("backlash", "unknown")),  # the confirming walk speaks against it
+    ]
+    judged = [
+        {"name": str(k), "answer": answer, "verdict": verdict, "oracle": suspected("backlash")}
+        for k, (answer, verdict) in enumerate(rows)
+    ]
+    result = score(judged)
+    hits = {
+        name: [
+            result[name][key]["hits"] for key in ("right_on_medium_and_strong", "wrong_name", "false_alarms_on_clean")
+        ]
+        for name in ("workflow", "or_suspected")
+    }
+    assert hits == {"workflow": [0, 0, 0], "or_suspected": [1, 1, 1]}
+    assert result["gap_reduction"]["median_share_of_oracle"] == 0.0
+
+
 def test_worlds_of_kinds_that_nothing_was_learnt_on_have_figures_of_their_own(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "150")
     nominal = replace(load_nominal(), source={"kinds": {"engine": ["mujoco"], "contact": ["creeping"]}})
