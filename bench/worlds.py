@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How clean robots of each kind of world differ from the plain virtual robot, and how often they fall.
 
-    python bench/worlds.py [--draws 24] [--pictures DIR]        # some ten minutes on two cores
+    python bench/worlds.py [--draws 24] [--pictures DIR]        # a minute or two on two cores; 240 draws: ten
 
 First each kind alone, all else as in the plain world: a walk of 6 s. Then worlds drawn by seed, each walking both gaits
 of the paper for 8 s: falls by kind, and speed.
