@@ -99,7 +99,7 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         ]  # fmt: skip
         caption = (
             "Values with intervals that are longer than 1.96 standard deviations of the linearised posterior by a "
-            "factor, by which those of this effect held 95 % of the true values on robots with known faults. Evidence: "
+            "factor, by robots with known faults, with which they are to hold 95 % of the true values. Evidence: "
             "natural logarithm of the ratio of the probabilities of the data with the effect and with no more than "
             "nominal variability (4.6 nats are 100 to 1), of the training recordings, of those that help to choose, "
             "and of the one that confirms. The probability is that of the effect and all that these recordings cannot "
