@@ -115,14 +115,12 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
 
 def show_folder(result: Mapping[str, Any], out: Path) -> None:
     """Outcomes by kind, and each case."""
-    kinds = [("all", "", result["all"])]
-    kinds += [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     print_table(
         "cases of others",
         ["axis", "kind", "right", "missed", "wrong", "false alarms"],
         [
             [axis, kind, *(share(found[key]) for key in ("right", "miss", "wrong", "false_alarms"))]
-            for axis, kind, found in kinds
+            for axis, kind, found in _all_and_kinds(result)
         ],
         words=2,
     )
@@ -143,15 +141,13 @@ def show_walks(result: Mapping[str, Any], out: Path) -> None:
 
 def show_watched(result: Mapping[str, Any], out: Path) -> None:
     """What the monitor says of recordings of others, by kind."""
-    kinds = [("all", "", result["all"])]
-    kinds += [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
     print_table(
         "monitor on recordings of others: walks with an alarm",
         ["axis", "kind", "clean [h]", "alarms in an hour", "clean robots", "effect from the beginning", "none"],
         [
             [axis, kind, f"{found['clean']['hours']:.2f}", _per_hour(found["clean"]),
              *(share(found[which]["walks_with_alarm"]) for which in ("clean", "faulty")), str(found["failed"])]
-            for axis, kind, found in kinds
+            for axis, kind, found in _all_and_kinds(result)
         ],
         words=2,
     )  # fmt: skip
@@ -159,6 +155,12 @@ def show_watched(result: Mapping[str, Any], out: Path) -> None:
         channels = ", ".join(f"{name} {n}" for name, n in result["all"][which]["channels"].items())
         print(f"channels on {which} robots, each once a walk: {channels or 'none'}")
     print(f"none: nothing could be predicted. A robot's walks count one by one; all in {out}/walks.json")
+
+
+def _all_and_kinds(result: Mapping[str, Any]) -> list[tuple[str, str, Any]]:
+    """Rows of cases of others: axis, kind, measure; of all of them first."""
+    kinds = [(axis, kind, found) for axis, by in result["by_kind"].items() for kind, found in by.items()]
+    return [("all", "", result["all"]), *kinds]
 
 
 def show_left_out(result: Mapping[str, Any], path: Path) -> None:
@@ -202,7 +204,8 @@ def _show_shares(result: Mapping[str, Any]) -> None:
         ["", "target", *methods],
         [[title, target, *(share(method[key]) for method in methods.values())] for key, title, target in _ROWS],
     )
-    print("or suspected: if what is suspected without an alarm counted as named")
+    if "or_suspected" in result:
+        print("or suspected: if what is suspected without an alarm counted as named")
     for entry in seeds["spent"]:
         print(f"spent: {entry['seeds']} {entry['purpose']} ({entry['commit']})")
 

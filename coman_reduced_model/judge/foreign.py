@@ -25,7 +25,7 @@ from .by_kind import by_kind
 from .commands import run_diagnosis
 from .folder import RunFolder, stored
 from .monitor import alarms
-from .prediction import figures_of, predicted
+from .prediction import figures_of, predict_walk
 from .prediction import measure as measure_walks
 from .run import DIAGNOSE, keep_to_one_commit, run_all
 from .score import OTHER, rate
@@ -112,8 +112,8 @@ def watch_folder(
     cases = _cases_in(folder, out, "predictions")
     answers = read_answers(folder)
     bags = [(case, bag) for case in cases for bag in sorted(each for each in case.iterdir() if each.is_dir())]
-    tasks = [(bag, _target(out, case, bag), _data_sheet(case, config)) for case, bag in bags]
-    run_all(_predict, tasks, jobs, progress, "walks")
+    tasks = [(bag, _data_sheet(case, config), _target(out, case, bag)) for case, bag in bags]
+    run_all(predict_walk, tasks, jobs, progress, "walks")
     rows = []
     for case, bag in bags:
         answer, found = answers[case.name], stored(_target(out, case, bag))
@@ -139,11 +139,6 @@ def watch_folder(
 
 def _target(out: Path, case: Path, bag: Path) -> Path:
     return out / "predictions" / case.name / f"{bag.name}.json"
-
-
-def _predict(bag: Path, target: Path, config: Path) -> None:
-    if stored(target) is None:
-        write_file(target, to_json(predicted(bag, config)))
 
 
 def _data_sheet(case: Path, config: Path | None) -> Path:

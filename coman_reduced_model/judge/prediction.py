@@ -60,9 +60,13 @@ def _predict_case(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> Non
     name, failed = make_case(folder, seed, **fixed)
     for bag in BAGS:
         target = folder.out / "predictions" / name / f"{bag}.json"
-        if stored(target) is None:
-            known = {"failed": failed} if failed else None
-            write_file(target, to_json(known or predicted(folder.bags(name) / bag, folder.bags(name) / "robot.yaml")))
+        predict_walk(folder.bags(name) / bag, folder.bags(name) / "robot.yaml", target, failed)
+
+
+def predict_walk(bag: Path, config: Path, target: Path, failed: str = "") -> None:
+    """Write what `predicted` says of a bag, or why it could not be recorded; what exists is kept."""
+    if stored(target) is None:
+        write_file(target, to_json({"failed": failed} if failed else predicted(bag, config)))
 
 
 def predicted(bag: Path, config: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,15 @@ class Example:
         kind = self.answer["kind"]
         return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
 
+    @cached_property
+    def features(self) -> list[dict[str, float]]:
+        """Of each row, as `Explanation.features`."""
+        out = []
+        for row in self.rows:
+            confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
+            out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], self.nominal))
+        return out
+
 
 def learn_decision(examples: Sequence[Example]) -> dict[str, dict[str, float]]:
     """Weights with selecting recordings that show an effect, and without (`alone`); with their alarms."""
@@ -65,7 +75,6 @@ def learn_weights(examples: Sequence[Example], selected: bool) -> dict[str, floa
     """
     names = [*EFFECT, *ALL, UNKNOWN]
     free = [name for name in names if selected or name != "select"]
-    cases = [(_features(each), each) for each in examples]
     kinds = Counter(str(each.answer["kind"]) for each in examples)
     shares = np.array([SHARES[each.answer["kind"]] / kinds[each.answer["kind"]] for each in examples])
     shares /= shares.sum()
@@ -73,7 +82,7 @@ def learn_weights(examples: Sequence[Example], selected: bool) -> dict[str, floa
     def loss(values: Array) -> float:
         weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
         both = {"selected": weights, "alone": weights}
-        logs = [-np.log(max(truth_probability(f, each, both), 1e-6)) for f, each in cases]
+        logs = [-np.log(max(truth_probability(each, both), 1e-6)) for each in examples]
         return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
 
     start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
@@ -82,38 +91,26 @@ def learn_weights(examples: Sequence[Example], selected: bool) -> dict[str, floa
     return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
 
 
-def _features(example: Example) -> list[dict[str, float]]:
-    out = []
-    for row in example.rows:
-        confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
-        out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], example.nominal))
-    return out
-
-
 def _which(row: Mapping[str, Any]) -> str:
     """Of the weights: with selecting recordings that show the effect, or without."""
     return "selected" if row["confirmed"] is not None and np.isfinite(row["confirmed"]) else "alone"
 
 
-def outcome(
-    found: Sequence[Mapping[str, float]], example: Example, decision: Mapping[str, Mapping[str, float]]
-) -> dict[str, float]:
+def outcome(example: Example, decision: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Probability of `none`, `unknown` and of each class of effects, as `odds` of the diagnosis has them."""
     names = ["none", UNKNOWN, *(class_of(row["name"], row["where"]) for row in example.rows[1:])]
     weights = [decision[_which(row)] for row in example.rows]
-    scores = [score(found[0], weights[0], False), weights[0][UNKNOWN]]
-    scores += [score(each, mine, True) for each, mine in zip(found[1:], weights[1:], strict=True)]
+    scores = [score(example.features[0], weights[0], False), weights[0][UNKNOWN]]
+    scores += [score(each, mine, True) for each, mine in zip(example.features[1:], weights[1:], strict=True)]
     out: dict[str, float] = {}
     for name, value in zip(names, probabilities(scores), strict=True):
         out[name] = out.get(name, 0.0) + value
     return out
 
 
-def truth_probability(
-    found: Sequence[Mapping[str, float]], example: Example, decision: Mapping[str, Mapping[str, float]]
-) -> float:
+def truth_probability(example: Example, decision: Mapping[str, Mapping[str, float]]) -> float:
     """Of anything that is right; where no rival is, of naming nothing."""
-    p = outcome(found, example, decision)
+    p = outcome(example, decision)
     names = example.truth if example.truth & set(p) else {"none", UNKNOWN}
     return sum(p.get(name, 0.0) for name in names)
 
@@ -121,7 +118,7 @@ def truth_probability(
 def learn_alarm(examples: Sequence[Example], decision: Mapping[str, Mapping[str, float]]) -> float:
     """Probability of `none` up to which FALSE_ALARMS of the clean cases get, by these weights."""
     clean = [example for example in examples if example.answer["kind"] == "clean"]
-    none = [outcome(_features(example), example, decision)["none"] for example in clean]
+    none = [outcome(example, decision)["none"] for example in clean]
     return float(np.quantile(none, FALSE_ALARMS)) if none else NO_ALARM
 
 
@@ -136,7 +133,7 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
             decision = learn_decision(others)
             for example in inside:
                 alarm = decision[_which(example.rows[0])]["alarm"]
-                yield axis, kind, example, outcome(_features(example), example, decision), alarm
+                yield axis, kind, example, outcome(example, decision), alarm
 
 
 def verdict_of(p: Mapping[str, float], alarm: float) -> str:

@@ -20,7 +20,6 @@ from coman_reduced_model.judge.score import rate
 from coman_reduced_model.judge.weights import (
     AXES,
     Example,
-    _features,
     by_left_out,
     learn_alarm,
     learn_decision,
@@ -61,7 +60,7 @@ def examples():
 def test_weights_separate_what_the_features_separate(examples):
     decision = learn_decision(examples)
     weights = decision["selected"]
-    found = [(each, outcome(_features(each), each, decision)) for each in examples]
+    found = [(each, outcome(each, decision)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
     said = summary([(*each, 0.5) for each in found])
     assert said["cases"] == 60
@@ -94,7 +93,7 @@ def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
 
 def test_an_alarm_is_what_one_clean_robot_in_a_hundred_raises(examples):
     decision = learn_decision(examples)
-    none = sorted(outcome(_features(each), each, decision)["none"] for each in examples[:30])
+    none = sorted(outcome(each, decision)["none"] for each in examples[:30])
     assert none[0] < decision["selected"]["alarm"] < none[1]  # of thirty the lowest, about
     assert learn_alarm(examples[30:], decision) == NO_ALARM  # without a clean robot nothing is known of alarms
 
@@ -109,7 +108,7 @@ def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
     options = [None, Candidate("payload", "", ())]
     explanations = [Explanation(option, None, *values) for option, values in zip(options, given, strict=True)]
     found = odds(explanations, replace(case.nominal, decision=decision))
-    p = outcome(_features(case), case, decision)
+    p = outcome(case, decision)
     assert (found.none, found.unknown, *found.effects) == pytest.approx((p["none"], p["unknown"], p["payload"]))
 
 

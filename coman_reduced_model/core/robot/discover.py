@@ -59,7 +59,7 @@ def find_legs(urdf: str, source: str, base: str = "", left: str = "", right: str
     notes = [] if left else _odd_names(tree, pair)
     if not left and tree.y_of_other(*pair) > 0.0:
         pair = pair[1], pair[0]
-    base_frame = tree.names[tree.frame(base)] if base else tree.names[tree.common_link(*pair)]
+    base_frame = base or tree.names[tree.common_link(*pair)]
     chains = [Chain(tree.names[f], tree.movable(each)) for f, each in zip(pair, tree.apart(*pair), strict=True)]
     if base and set(tree.support(tree.frame(base))).intersection((*first, *second)):
         raise RobotError(f"{source}: {base!r} is on a leg: wanted a link of the trunk (--base)")

@@ -92,9 +92,12 @@ def standing_out(leftover: Mapping[str, float]) -> dict[str, float]:
     for key, value in leftover.items():
         if key.partition("/")[0] in OF_JOINTS:
             groups.setdefault(law_of(key), {})[key] = value
-    many = [group for group in groups.values() if len(group) >= LEAST_JOINTS and median(group.values()) > 0.0]
-    worst = [(max(group, key=lambda key: group[key]), group) for group in many]
-    return {key: group[key] / median(group.values()) for key, group in worst}
+    out = {}
+    for group in groups.values():
+        middle, worst = median(group.values()), max(group, key=group.__getitem__)
+        if len(group) >= LEAST_JOINTS and middle > 0.0:
+            out[worst] = group[worst] / middle
+    return out
 
 
 def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> tuple[float, str]:
