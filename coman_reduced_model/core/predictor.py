@@ -216,7 +216,7 @@ class Predictor:
         else:
             dynamics.stop()
             found = [Flags.NO_REFERENCE | Flags.NOT_INITIALISED]
-        estimate = self._estimate(sample, support, com, com_vel)
+        estimate = self._estimate(now)
         found.append(self.observer.flags)
         if len(self._horizons):
             horizons, ahead_flags = self._ahead(now, ready, estimate)
@@ -253,9 +253,9 @@ class Predictor:
         stale = sample.left_wrench is None or sample.right_wrench is None
         return sample, flags | Flags.STALE_WRENCH if stale else flags
 
-    def _estimate(self, sample: Sample, support: SupportState, com: Array, com_vel: Array) -> Estimate:
+    def _estimate(self, now: Now) -> Estimate:
         """By the observer; nothing by computed wrenches, which hold the balance by construction."""
-        return Estimate() if self.computed else self.observer.update(sample, self.link, support, com, com_vel)
+        return Estimate() if self.computed else self.observer.update(now)
 
     def _possible(self, com: Array, com_vel: Array) -> bool:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.types import Array, Foot, Sample, SupportState
+from ..measured.slope import LEVEL
 from ..robot.robot import Posture
 
 STANDS = 1.0  # [s] after which a phase is part of no step
@@ -58,6 +59,11 @@ class Now:
     def foot(self) -> Foot:
         """The support foot."""
         return self.support.support_foot
+
+    @property
+    def aslant(self) -> Array | None:
+        """(3,) direction of gravity less that on level ground, in the axes of the sole; None: the ground is level."""
+        return None if self.down is LEVEL else self.T_odom_sole[:3, :3].T @ (self.down - LEVEL)
 
     @property
     def standing(self) -> bool:

@@ -11,7 +11,6 @@ from ..base.types import Array, Flags, Foot, Phase
 from ..config.schema import Config
 from ..effects.catalogue import Effect
 from ..effects.hooks import Now, Push
-from ..measured.slope import LEVEL
 from ..robot.robot import Posture, Robot
 from .cartesian import Model, Terms
 from .dynamics import Dynamics
@@ -72,8 +71,8 @@ class PointMass(Dynamics):
         deflections = {} if self.model.springs.nominal else self._deflections(now, posture, references)
         self._terms = terms = self.model.terms(posture, support, references, now.landed, deflections)
         self._push(terms, now, posture)
-        if now.down is not LEVEL:
-            terms.force += self.model.mass * self.model.gravity * (now.T_odom_sole[:3, :3].T @ (now.down - LEVEL))
+        if (aslant := now.aslant) is not None:
+            terms.force += self.model.mass * self.model.gravity * aslant
         self._references = references
         self._pull = self.reference, self.reference_vel = references[foot]
         self.flags = Flags.NEAR_SINGULAR if terms.near_singular else Flags.OK

@@ -34,20 +34,21 @@ class Memory(NamedTuple):
     white: Array  # (3,) its variance without what lasts [m^2], times the share of the memory that is known
     walks: Array  # (2, 3) how the external force wanders, on both feet and on one [N^2 / s]
     wandered: Array  # (3,) sum of the corrections of that force, fading [N]
-    force: Array  # (3,) of the ground at the last sample [N]
+    force: Array  # (3,) of the ground at the last sample, and `Noise.aslant` [N]
     constant: Array  # (3,) variance of an external force by what is constant [N^2]
     scalars: Array  # (3,) share of the memory of `white` that is known; mean NIS; NIS of the last sample [1]
     squares: Array  # (3,) mean of the last squared innovations, each in its own variance [1]
 
 
 class Noise(NamedTuple):
-    """What does not change from sample to sample."""
+    """What does not change from sample to sample, but for the slope of the ground."""
 
     mass: float  # [kg]
     gravity: float  # [m/s^2]
     force: float  # that neither sensors nor gains explain [N^2 s]
     gain: float  # [1] spread of the gains of wrenches
     delay: float  # [s] and of their delays
+    aslant: Array  # (3,) weight of the robot less what it is on level ground, in the axes of the support sole [N]
 
 
 SIZES = (SIZE, SIZE * SIZE, 9, 9, 12, 3, 6, 3, 3, 3, 3, 3)  # of the fields of `Memory`
@@ -85,7 +86,7 @@ def take(
     """
     memory, (what, dt, alone) = memory_of(block), step
     white, lasting = _measured(memory)
-    force = net_force(R, R_other, own, other)
+    force = net_force(R, R_other, own, other) + noise.aslant
     if what == BEGINS:
         _begin(memory, lasting, com, com_vel)
     else:

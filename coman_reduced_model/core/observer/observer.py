@@ -23,13 +23,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..base.compiled import all_finite
-from ..base.types import Array, Estimate, Flags, Foot, Phase, Sample, SupportState
+from ..base.types import Array, Estimate, Flags, Foot, Phase
 from .masses import masses_covariance
 from .memory import BEGINS, CHANGES, GOES_ON, ROWS, SIZES, Noise, learn_posture, learn_steps, memory_of
 from .moment import SIZE, follow, look, moment_of
 
 if TYPE_CHECKING:
     from ..base.nominal import Nominal
+    from ..effects.hooks import Now
     from ..robot.robot import Posture, Robot
 
 GAP = 0.1  # [s] without a sample or a wrench after which it begins again
@@ -60,7 +61,7 @@ class Observer:
         weight = robot.mass * gravity
         self._robot, self._nominal, self._weight = robot, nominal, weight
         gain, delay = widths["wrench_scale.scale.spread"], widths["wrench_delay.delay.spread"]
-        self._noise = Noise(robot.mass, gravity, (FORCE * weight) ** 2, gain, delay)
+        self._noise = Noise(robot.mass, gravity, (FORCE * weight) ** 2, gain, delay, np.zeros(3))
         self._zero_variance = np.zeros(robot.model.nv)
         self._zero_variance[robot.idx_v] = widths["encoder_bias.bias.spread"] ** 2
         slope, mass = weight * widths["ground_slope.spread"], weight * widths["mass.spread"] / 3.0
@@ -93,16 +94,10 @@ class Observer:
         self._stamp_ns = self._looked_ns = 0
         self.nis, self.flags = 3.0, Flags.OK
 
-    def update(self, sample: Sample, link: Posture, support: SupportState, com: Array, com_vel: Array) -> Estimate:
-        """Take one sample.
-
-        Args:
-            sample: its wrenches and joints.
-            link: the posture by its link side.
-            support: which foot supports, and whether alone.
-            com, com_vel: measured (3,) in the frame of its sole [m], [m/s].
-        """
-        foot = support.support_foot
+    def update(self, now: Now) -> Estimate:
+        """Take one sample; nothing is estimated without wrenches of both feet."""
+        sample, link, support, com, com_vel = now.sample, now.link, now.support, now.com, now.com_vel
+        foot, aslant = support.support_foot, now.aslant
         dt, before = (sample.stamp_ns - self._stamp_ns) * 1e-9, self._foot
         self._stamp_ns = sample.stamp_ns
         learn_steps(self._encoders, sample.q)
@@ -110,6 +105,7 @@ class Observer:
             self._foot = Foot.NONE  # it begins again
             return Estimate()
         self._foot, other = foot, foot.other
+        self._noise.aslant[:] = 0.0 if aslant is None else self._weight * aslant
         what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
         since_ns = sample.stamp_ns - self._looked_ns
         due = since_ns >= EVERY_NS or what != GOES_ON

@@ -126,6 +126,15 @@ def test_a_robot_that_stands_on_a_slope_stays_there():
     assert np.abs(level[-1].residual).max() > 2e-3 or level[-1].flags.diverged
 
 
+def test_weight_on_a_slope_is_no_external_force():
+    weight = robot().mass * 9.81
+    _, known = standing_on(PITCH, "measured")
+    assert np.abs(known[-1].estimate.force).max() < 2e-3 * weight
+    assert np.abs(known[-1].estimate.moment).max() < 2e-3 * weight
+    _, level = standing_on(PITCH, "level")
+    assert abs(level[-1].estimate.force[0]) == pytest.approx(weight * np.sin(PITCH), rel=0.05)
+
+
 def test_a_landing_shows_a_step_and_odom_goes_up_with_the_foot():
     q = BENT.copy()
     q[[0, 3, 4]] = -0.6, 1.2, -0.6  # the left leg is shorter: its sole stands higher

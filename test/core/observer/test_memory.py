@@ -39,7 +39,7 @@ def run(chatter: float, n: int = 4000) -> Run:
     memory.walks[:], memory.constant[:] = (0.1 * WEIGHT) ** 2, 1.0
     memory.scalars[1], memory.squares[:] = 3.0, 1.0
     memory.rounding[:] = STEP**2 / 12.0 * np.eye(3)
-    noise = Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0)
+    noise = Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0, np.zeros(3))
     out, found = np.empty((ROWS, 3)), []
     for k in range(n):
         wrench = np.concatenate([MASS * (felt[k] + [0.0, 0.0, GRAVITY]), np.zeros(3)])
