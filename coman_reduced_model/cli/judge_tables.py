@@ -54,7 +54,7 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
     print(
         f"verdicts sealed as {result['verdicts_sha256'][:16]} before the answers were opened; all in {out}/score.json"
     )
-    _show_how_to_record(result["seeds"])
+    _show_how_to_record(result["seeds"], result["commit"])
 
 
 def show_prediction(result: Mapping[str, Any], out: Path, file: str = "prediction") -> None:
@@ -252,13 +252,13 @@ def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mappi
         print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed, words=4)
 
 
-def _show_how_to_record(seeds: Mapping[str, Any]) -> None:
+def _show_how_to_record(seeds: Mapping[str, Any], commit: str) -> None:
     """The line that records seeds as spent, if some were fresh."""
     from ..judge.seeds import FILE, entry_to_add
 
     if seeds["fresh"]:
         print(f"these seeds are spent now; add to {FILE.name} under worlds, with the purpose:")
-        print(entry_to_add((seeds["first"], seeds["last"])))
+        print(entry_to_add((seeds["first"], seeds["last"]), commit))
 
 
 def _error(found: Mapping[str, Any]) -> float:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,19 +72,28 @@ def describe(use: str, seeds: Sequence[int]) -> str:
     return f"{number} of {len(seeds)} spent: {'; '.join(map(str, entries))}"
 
 
-def entry_to_add(seeds: Sequence[int], purpose: str = "reported") -> str:
-    """The line of the file that records these seeds as spent at the present commit."""
-    return f'  - {{seeds: "{min(seeds)}:{max(seeds) + 1}", purpose: "{purpose}", commit: "{commit()}"}}'
+def entry_to_add(seeds: Sequence[int], at: str, purpose: str = "reported") -> str:
+    """The line of the file that records these seeds as spent at a commit."""
+    return f'  - {{seeds: "{min(seeds)}:{max(seeds) + 1}", purpose: "{purpose}", commit: "{at}"}}'
 
 
 @cache
 def commit() -> str:
-    """Commit of the checkout that this file belongs to; without one, the version."""
-    checkout = FILE.resolve().parents[2]
+    """Commit of the checkout that this file belongs to, with a hash of its changes; without one, the version."""
+    return commit_of(FILE.resolve().parents[2])
+
+
+def commit_of(checkout: Path) -> str:
+    """The same of a checkout."""
     if not (checkout / ".git").exists():
         return version()
-    command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--exclude", "*"]
+
+    def git(*command: str) -> str:
+        return subprocess.run(["git", "-C", str(checkout), *command], capture_output=True, text=True, check=True).stdout
+
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+        name = git("describe", "--always", "--dirty", "--exclude", "*").strip()
+        changes = git("diff", "HEAD") if name.endswith("-dirty") else ""
     except (OSError, subprocess.CalledProcessError):
         return version()
+    return f"{name}-{hashlib.sha256(changes.encode()).hexdigest()[:6]}" if changes else name

@@ -40,6 +40,7 @@ _FLAGS = {
     "UNKNOWN_GROUND": "neither IMU nor plan knows the slope, and forces show one or are computed; or a foot is aslant",
     "COMPUTED_WRENCH": "the foot wrenches are computed (streams.wrench_source), not measured",
     "SIMPLER_AHEAD": "ahead, simpler predictions were better than the model on some axis, and (partly) published",
+    "INCONSISTENT": "the innovations of the estimate are far larger than its covariance says",
     "REJECTED_STATE": "the free run diverged and was restarted, or a prediction ahead was beyond physics",
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from coman_reduced_model.judge import seeds as judge_seeds
 from coman_reduced_model.judge.cases import BAGS, answer, draw_case
 from coman_reduced_model.judge.folder import RunFolder
 from coman_reduced_model.judge.run import choose_seeds, run
-from coman_reduced_model.judge.seeds import describe, entry_to_add, fresh_range, spent
+from coman_reduced_model.judge.seeds import commit_of, describe, entry_to_add, fresh_range, spent
+from coman_reduced_model.resources import version
 
 FILE = ROOT / "coman_reduced_model" / "judge" / "seeds.yaml"
 NO_VERDICT = [sys.executable, "-c", ""]
@@ -58,7 +60,9 @@ def test_every_entry_has_a_range_a_purpose_and_a_commit():
         assert [set(entry) for entry in entries] == [{"seeds", "purpose", "commit"}] * len(entries)
         assert len(spent(use)) == len(entries)
         for entry in entries:
-            assert entry["purpose"].strip() and re.fullmatch(r"[0-9a-f]{7,40}(-dirty)?|\d+\.\d+\.\d+", entry["commit"])
+            assert entry["purpose"].strip() and re.fullmatch(
+                r"[0-9a-f]{7,40}(-dirty(-[0-9a-f]{6})?)?|\d+\.\d+\.\d+", entry["commit"]
+            )
 
 
 @pytest.mark.parametrize(
@@ -91,11 +95,28 @@ def test_a_label_says_how_many_seeds_are_spent_and_on_what(listed):
 
 
 def test_the_line_to_add_makes_seeds_spent(listed):
-    line = entry_to_add(range(40, 70), "reported")
+    line = entry_to_add(range(40, 70), "abc1236")
     listed.write_text(f"worlds:\n{line}\n")
     spent.cache_clear()
     assert describe("worlds", [40]).startswith("1 of 1 spent: 40:70 reported (")
     assert describe("worlds", [39]) == describe("worlds", [70]) == "fresh"
+
+
+def test_two_changed_checkouts_are_of_two_versions(tmp_path):
+    def git(*command: str) -> None:
+        subprocess.run(["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b", *command], check=True)
+
+    file = tmp_path / "law.py"
+    file.write_text("1")
+    assert commit_of(tmp_path) == version()
+    git("init", "-q")
+    git("add", "law.py")
+    git("commit", "-qm", "a")
+    clean, found = commit_of(tmp_path), []
+    for text in ("2", "3", "1"):
+        file.write_text(text)
+        found.append(commit_of(tmp_path))
+    assert found[2] == clean and len({*found}) == 3 and all(each.startswith(f"{clean}-dirty-") for each in found[:2])
 
 
 def test_an_interrupted_run_keeps_its_seeds_when_the_next_fresh_range_has_moved(tmp_path, listed):
