@@ -178,7 +178,7 @@ def learn(
 ) -> tuple[Nominal, list[Example], list[Example]]:
     """A new record of nominal variability, the examples that it was learnt from, and those with baselines."""
     cases = [(run, name, answer) for run in runs for name, answer in cases_of(run).items()]
-    folds = [int(np.random.default_rng([37, int(answer["seed"])]).integers(FOLDS)) for *_, answer in cases]
+    folds = [fold_of(answer) for *_, answer in cases]
     for run in runs:
         (run / "learn").mkdir(exist_ok=True)
     with workers(jobs) as pool:
@@ -212,7 +212,8 @@ def learn(
             if (run / "healthy" / name).is_dir()
         ]
         own = list(pool.map(with_baseline, *zip(*(task for _, task in known), strict=True))) if known else []
-    baselines = [Example(answer, *each) for (answer, _), each in zip(known, own, strict=True) if each]
+    examples = with_factors(examples)
+    baselines = with_factors([Example(answer, *each) for (answer, _), each in zip(known, own, strict=True) if each])
     seeds = sorted(int(example.answer["seed"]) for example in examples)
     source = {**nominal.source, "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
     source["kinds"] = kinds_of(
@@ -224,6 +225,20 @@ def learn(
         source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
         nominal = replace(nominal, source=source, with_baseline=_decisions(baselines))
     return nominal, examples, baselines
+
+
+def fold_of(answer: Mapping[str, Any]) -> int:
+    """Of a case, by its seed."""
+    return int(np.random.default_rng([37, int(answer["seed"])]).integers(FOLDS))
+
+
+def with_factors(examples: Sequence[Example]) -> list[Example]:
+    """The examples with the factors on intervals that the other folds give."""
+    several = [[each for each in examples if fold_of(each.answer) != fold] for fold in range(FOLDS)]
+    factors = [interval_factors(each) for each in several]
+    return [
+        replace(each, nominal=replace(each.nominal, interval_factor=factors[fold_of(each.answer)])) for each in examples
+    ]
 
 
 def with_leftover(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -50,45 +50,46 @@ class Example:
         return {ANSWERS[kind]} if kind in ANSWERS else {class_of(e["name"], e["where"]) for e in self.answer["effects"]}
 
     @cached_property
+    def alone(self) -> Example:
+        """The same without selecting recordings."""
+        return replace(self, rows=[{**row, "confirmed": None} for row in self.rows])
+
+    @cached_property
     def features(self) -> list[dict[str, float]]:
         """Of each row, as `Explanation.features`."""
         out = []
         for row in self.rows:
             confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
-            out.append(features(row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"], self.nominal))
+            found = row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"]
+            out.append(features(row["name"], *found, self.nominal))
         return out
 
 
 def learn_decision(examples: Sequence[Example]) -> dict[str, dict[str, float]]:
     """Weights with selecting recordings that show an effect, and without (`alone`); with their alarms."""
-    decision = {name: learn_weights(examples, name == "selected") for name in ("selected", "alone")}
+    decision = {"selected": learn_weights(examples), "alone": learn_weights([each.alone for each in examples])}
     alarms = {"selected": learn_alarm(examples, decision)}
-    alarms["alone"] = learn_alarm(examples, dict.fromkeys(decision, decision["alone"]))
+    alarms["alone"] = learn_alarm([each.alone for each in examples], decision)
     return {name: {**weights, "alarm": alarms[name]} for name, weights in decision.items()}
 
 
-def learn_weights(examples: Sequence[Example], selected: bool) -> dict[str, float]:
-    """Weights of the features, by the mean log loss of the truth; each kind of case counts with its share.
-
-    Args:
-        selected: the evidence of selecting recordings counts; else it has no weight.
-    """
+def learn_weights(examples: Sequence[Example]) -> dict[str, float]:
+    """Weights of the features, by the mean log loss of the truth; each kind of case counts with its share."""
     names = [*EFFECT, *ALL, UNKNOWN]
-    free = [name for name in names if selected or name != "select"]
     kinds = Counter(str(each.answer["kind"]) for each in examples)
     shares = np.array([SHARES[each.answer["kind"]] / kinds[each.answer["kind"]] for each in examples])
     shares /= shares.sum()
 
     def loss(values: Array) -> float:
-        weights = dict.fromkeys(names, 0.0) | dict(zip(free, values, strict=True))
+        weights = dict(zip(names, values, strict=True))
         both = {"selected": weights, "alone": weights}
         logs = [-np.log(max(truth_probability(each, both), 1e-6)) for each in examples]
         return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
 
-    start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in free])
-    bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in free]
+    start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in names])
+    bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in names]
     found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
-    return dict.fromkeys(names, 0.0) | dict(zip(free, map(float, found.x), strict=True))
+    return dict(zip(names, map(float, found.x), strict=True))
 
 
 def _which(row: Mapping[str, Any]) -> str:
@@ -141,7 +142,7 @@ def verdict_of(p: Mapping[str, float], alarm: float) -> str:
     if p["none"] > alarm:
         return "none"
     best = max(p, key=lambda name: p[name] if name != "none" else 0.0)
-    return best if p[best] >= 0.5 else UNKNOWN
+    return best if p[best] >= 0.5 * (1.0 - p["none"]) else UNKNOWN
 
 
 def summary(found: Sequence[tuple[Example, Mapping[str, float], float]]) -> dict[str, Any]:

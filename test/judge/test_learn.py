@@ -11,10 +11,17 @@ import pytest
 
 from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.diagnose.inference.decide import NO_ALARM, odds
+from coman_reduced_model.diagnose.inference.decide import NO_ALARM, nats_for_alarm, odds
 from coman_reduced_model.diagnose.inference.explanation import Explanation
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate
-from coman_reduced_model.judge.learn import coverage, interval_factors, learn_leftover, with_leftover
+from coman_reduced_model.judge.learn import (
+    coverage,
+    fold_of,
+    interval_factors,
+    learn_leftover,
+    with_factors,
+    with_leftover,
+)
 from coman_reduced_model.judge.learn_variability import learn_repeats
 from coman_reduced_model.judge.score import rate
 from coman_reduced_model.judge.weights import (
@@ -28,7 +35,9 @@ from coman_reduced_model.judge.weights import (
     verdict_of,
 )
 
-NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)})
+NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)}, interval_factor={"all": 1.0})
+WEIGHTS = {"one": -2.0, "evidence": 1.0, "ways": 0.5, "leftover": 0.1, "apart": 0.3, "pulled": 0.5, "unknown": -3.0}
+DECISION = dict.fromkeys(("selected", "alone"), {**WEIGHTS, "alarm": 0.3})
 
 
 def example(kind: str, gain: float, left: float = 1.0, error: float = 0.0) -> Example:
@@ -66,7 +75,7 @@ def test_weights_separate_what_the_features_separate(examples):
     assert said["cases"] == 60
     assert said["right"]["share"] == 1.0 and said["right"]["of"] == 20 and said["wrong"]["share"] == 0.0
     assert said["false_alarms"]["hits"] <= 2 and said["false_alarms"]["of"] == 30 and said["unknown"]["of"] == 10
-    assert all(weights[name] >= 0.0 for name in ("train", "select", "leftover", "pulled"))
+    assert all(weights[name] >= 0.0 for name in ("evidence", "leftover", "pulled"))
 
 
 def test_kinds_of_worlds_are_left_out_one_by_one(examples, capsys):
@@ -114,9 +123,9 @@ def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
 
 @pytest.mark.parametrize(
     ("none", "payload", "alarm", "said"),
-    [(0.2, 0.7, 0.1, "none"), (0.05, 0.7, 0.1, "payload"), (0.05, 0.4, 0.1, "unknown"), (0.55, 0.4, 0.6, "unknown")],
+    [(0.2, 0.7, 0.1, "none"), (0.05, 0.7, 0.1, "payload"), (0.05, 0.4, 0.1, "unknown"), (0.55, 0.4, 0.6, "payload")],
 )
-def test_nothing_is_named_without_an_alarm(none, payload, alarm, said):
+def test_a_name_needs_an_alarm_and_to_be_as_likely_as_all_else_that_may_be_missing(none, payload, alarm, said):
     assert verdict_of({"none": none, "payload": payload, "unknown": 1.0 - none - payload}, alarm) == said
 
 
@@ -131,7 +140,34 @@ def test_a_fold_is_compared_with_what_laws_leave_on_the_others(examples):
 
 
 def test_without_selecting_recordings_their_evidence_has_no_weight(examples):
-    assert learn_decision(examples)["alone"]["select"] == 0.0
+    other = [replace(each, rows=[{**row, "confirmed": -5.0} for row in each.rows]) for each in examples]
+    assert learn_decision(other)["alone"] == learn_decision(examples)["alone"]
+
+
+def test_evidence_counts_the_less_the_further_estimates_of_an_effect_are_off():
+    sure, unsure = (replace(NOMINAL, interval_factor={"all": 1.0, "payload": f}) for f in (1.0, 4.0))
+    found = [replace(example("single", 40.0), nominal=each).features[1]["evidence"] for each in (sure, unsure)]
+    assert found[1] == pytest.approx(replace(example("single", 10.0), nominal=sure).features[1]["evidence"])
+    assert found[1] < found[0]
+    nats = [nats_for_alarm(replace(each, decision=DECISION), "payload", 1, True) for each in (sure, unsure)]
+    assert nats[1] == pytest.approx(4.0 * nats[0]) and nats[0] > 0.0
+
+
+def test_training_and_selecting_recordings_must_both_show_an_effect():
+    case = example("single", 40.0)
+    denied = replace(case, rows=[case.rows[0], {**case.rows[1], "confirmed": -3.0}])
+    alone = replace(case, rows=[case.rows[0], {**case.rows[1], "confirmed": None}])
+    assert denied.features[1]["evidence"] < 0.0 < alone.features[1]["evidence"] == case.features[1]["evidence"]
+
+
+def test_factors_of_a_fold_are_those_of_the_others():
+    cases = [example("single", 30.0, error=float(e)) for e in np.random.default_rng(4).normal(size=60)]
+    cases = [replace(each, answer={**each.answer, "seed": seed}) for seed, each in enumerate(cases)]
+    own = [each for each in cases if fold_of(each.answer) == 0]
+    rough = [each if each in own else replace(each, rows=example("single", 30.0, error=9.0).rows) for each in cases]
+    found = with_factors(rough)
+    factors = {fold_of(each.answer): each.nominal.interval_factor["payload"] for each in found}
+    assert factors[0] > 4.0 > 2.0 > factors[1]
 
 
 def test_what_laws_leave_is_learnt_from_clean_robots_alone(examples):

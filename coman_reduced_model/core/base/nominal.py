@@ -77,6 +77,10 @@ class Nominal:
             values["precise"] = precise * times / per
         return values | {"widths": used, "relative": times / per}
 
+    def factor_of(self, effect: str) -> float:
+        """By which intervals of an effect are longer."""
+        return self.interval_factor.get(effect, self.interval_factor["all"])
+
     def plain(self) -> dict[str, Any]:
         """As a file has it."""
         return {name: _plain(getattr(self, name)) for name in SECTIONS if getattr(self, name)}
@@ -93,7 +97,7 @@ def _plain(value: Any) -> Any:
 def load_nominal(path: str | Path = "") -> Nominal:
     """Read a file; default: the shipped population. A file of one robot is complete in itself, but for `monitor`.
 
-    Widths that it lacks, as an earlier version did not know them, are those of the population.
+    Widths that it lacks, as an earlier version did not know them, are those of the population, and so are weights.
 
     Raises:
         ConfigError: it cannot be read, or is no such file.
@@ -102,7 +106,9 @@ def load_nominal(path: str | Path = "") -> Nominal:
     if not path:
         return population
     nominal = _load(str(path))
-    return replace(nominal, widths={**population.widths, **nominal.widths})
+    widths = {**population.widths, **nominal.widths}
+    known = all("evidence" in weights for weights in nominal.decision.values())
+    return replace(nominal, widths=widths, **({} if known else population.with_baseline))
 
 
 def _row(row: Mapping[str, Any]) -> dict[str, Any]:

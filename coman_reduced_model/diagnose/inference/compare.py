@@ -112,6 +112,8 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
         at, _, _ = settle(_nearer(finding, cache, rival), cache, released)
         return cache.at(at, "train"), cache.at(at, "hold")
     at, train, _ = settle(finding, cache, released, 1)
+    if np.array_equal(at, finding.at):
+        return train, finding.hold
     select = [
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]

@@ -43,10 +43,12 @@ class Explanation:
 
     def features(self, nominal: Nominal) -> dict[str, float]:
         """By name: what decides, see decide.py."""
-        return features(self.gain, self.confirmed, self.ways, self.leftover, self.pulled, nominal)
+        effect = self.option.effect if self.option else ""
+        return features(effect, self.gain, self.confirmed, self.ways, self.leftover, self.pulled, nominal)
 
 
 def features(
+    effect: str,
     gain: float,
     confirmed: float,
     ways: int,
@@ -54,12 +56,15 @@ def features(
     pulled: Mapping[str, float],
     nominal: Nominal,
 ) -> dict[str, float]:
-    """Of the values that an `Explanation` has."""
+    """Of the values that an `Explanation` has.
+
+    Training and selecting recordings must both show an effect: the smaller evidence counts. It counts the less, the
+    further estimates of this effect are usually off, beside what they claim (`interval_factor`).
+    """
     laws = by_law(leftover)
     apart = {law: laws.pop(law) for law in list(laws) if law.endswith(APART)}
     return {
-        "train": compressed(gain),
-        "select": 0.0 if np.isnan(confirmed) else compressed(confirmed),
+        "evidence": compressed(float(np.fmin(gain, confirmed)) / nominal.factor_of(effect)),
         "ways": -float(np.log(ways)),
         "leftover": worst_leftover(laws, nominal)[0],
         "apart": worst_leftover(apart, nominal)[0],
@@ -135,8 +140,8 @@ class Odds:
 
     @property
     def names(self) -> bool:
-        """Whether the group is at least as likely as not."""
-        return self.named >= 0.5
+        """Whether the group is at least as likely as not; with an alarm, where something is missing."""
+        return self.named >= 0.5 * (1.0 - self.none if self.alarms else 1.0)
 
     @property
     def alarms(self) -> bool:

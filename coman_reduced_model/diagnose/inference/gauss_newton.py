@@ -35,13 +35,16 @@ def settle(
     A step is at most one reach long, and half as long after each change of sign: a spring of a quarter of its nominal
     stiffness is far from linear. After a long way, as with delays, all derivatives are computed again, in at most
     `rounds` linearisations, as long as the evidence grows: values that the next linearisation would leave again for
-    worse ones are kept.
+    worse ones are kept. So is where the finding is, if what is linear there explains more than the effect itself does:
+    a spring that softens in steps is no cubic one.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
     at[list(released)] = finding.at[list(released)]
     near = finding.at
     best: tuple[Array, list[Case], Fit] | None = None
+    if np.array_equal(at, near):
+        best = at, cases, evidence_of(cases).fit(released)
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases)
         if not left or all(abs(at[i] - near[i]) <= FAR_OFF * known[i].reach for i in released):

@@ -16,7 +16,7 @@ def test_the_shipped_population_is_whole():
     assert all(value > 0.0 for value in nominal.widths.values())
     assert nominal.precise and set(nominal.precise) <= set(nominal.widths)
     for weights in nominal.decision.values():
-        assert {"one", "train", "select", "ways", "leftover", "apart", "pulled", "unknown", "alarm"} == set(weights)
+        assert {"one", "evidence", "ways", "leftover", "apart", "pulled", "unknown", "alarm"} == set(weights)
     assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
     assert nominal.interval_factor["all"] > 1.0 and all(value >= 1.0 for value in nominal.interval_factor.values())
     assert nominal.trust and all(law in nominal.leftover for law in nominal.trust)
@@ -30,6 +30,18 @@ def test_what_is_written_is_what_is_read(tmp_path):
     assert again.plain() == load_nominal().plain()
     assert again.width("mass", "spread", times=2.0)["precise"] == pytest.approx(2.0 * again.precise["mass.spread"])
     assert again.width("mass", "spread", times=2.0)["spread"] == pytest.approx(2.0 * again.widths["mass.spread"])
+
+
+def test_weights_of_an_earlier_version_are_those_of_the_population(tmp_path):
+    path, population = tmp_path / "mine.yaml", load_nominal()
+    plain = population.plain() | {"interval_factor": 7.0}
+    path.write_text(yaml.safe_dump(plain))
+    assert load_nominal(path).interval_factor == {"all": 7.0}
+    plain["decision"] = dict.fromkeys(plain["decision"], {"one": -2.0, "train": 0.5, "select": 0.6, "unknown": -2.0})
+    path.write_text(yaml.safe_dump(plain))
+    again = load_nominal(path)
+    assert again.decision == population.with_baseline["decision"]
+    assert again.interval_factor == population.with_baseline["interval_factor"]
 
 
 def test_widths_that_a_file_of_an_earlier_version_lacks_are_those_of_the_population(tmp_path):
