@@ -208,7 +208,6 @@ class Predictor:
             sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down,
             self.link.tilt(foot) if self.model.turning else _NAN2, self.support.lifting, self._touchdown(support),
         )  # fmt: skip
-
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
         horizons: list[HorizonPrediction] = []
         if ready:
@@ -278,7 +277,8 @@ class Predictor:
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
             flags = Flags.REJECTED_STATE
         kind = HELD if not ready else REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
-        published = self.judge.update(now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind)
+        sample, lag = now.sample, dynamics.lag_ns
+        published = self.judge.update(sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind, lag)
         if not ready:
             return [], flags
         if self.judge.simpler_is_better:

@@ -26,11 +26,12 @@ EXPECTED = 0.001, 0.01  # [m] that what is expected to be best, and all else, is
 LEAST = 1e-5  # [m] that any prediction is taken to be off by
 SWEEPS = 60  # of the search for the weights, at most
 STAYS = 1e-13  # of the weights: a sweep that changes less is the last one
+OWN = 2  # of the predictors are the model's: as it is, and corrected
 NOW = 0.1  # [s] that one error counts for at most: it stands for the time since the last one
 
 
 class Experience(NamedTuple):
-    """Of n horizons and k predictors, the model first: fading sums of products of errors, and of their times.
+    """Of n horizons and k predictors, the model's OWN first: fading sums of products of errors, and of their times.
 
     Axes are those of the sole that predicted.
     """
@@ -117,15 +118,17 @@ def weigh(experience: Experience) -> None:
             moments, times = experience.moments[h, axis], experience.times[h, axis]
             if not times[0, 0] > KNOWN:  # nothing to compare the others with
                 continue
-            best = np.inf
+            own, best = np.inf, np.inf
             for i in range(k):
                 usable[i] = times[i, i] > KNOWN
                 for j in range(k):
                     less = 1.0 if i == j else 1.0 - SHRUNK
                     C[i, j] = less * moments[i, j] / times[i, j] if times[i, j] > 0.0 else 0.0
-                if i > 0 and usable[i]:
+                if usable[i] and i < OWN:
+                    own = min(own, C[i, i])
+                elif usable[i]:
                     best = min(best, C[i, i])
-            experience.worse[h, axis] = times[0, 0] > LONG and C[0, 0] > WORSE**2 * best
+            experience.worse[h, axis] = times[0, 0] > LONG and own > WORSE**2 * best
             least_squares(C, usable, experience.weights[h, axis])
 
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Predictions h seconds ahead: blended, and judged when the measurement arrives, all on the same samples."""
+"""Predictions h seconds ahead: blended, and judged when the measurement arrives, all on the same samples.
+
+A model that is wrong in a stride is wrong in the next one in the same way. So the blend has one more predictor while
+the robot repeats itself: the model less its error of one stride before.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
-from .blend import KNOWN, Experience, begin_with, blend, learn, no_experience, weigh
+from .blend import KNOWN, OWN, Experience, begin_with, blend, learn, no_experience, weigh
 from .statistics import NINETY
 
 Ints = NDArray[np.int64]
@@ -19,9 +23,12 @@ Experiences = tuple[Experience, Experience, Experience]
 # What the model goes through, each with an experience of its own: nothing that moves, the stride before, planned steps.
 HELD, REPEATED, STEPPING = range(3)
 # published: the blend of the model and its baselines. clairvoyant: a rigid robot that knows what its motors will do.
-PREDICTORS = ("published", "model", *BASELINES, "clairvoyant")
+# corrected: the model less its error one stride before, where a stride is repeated.
+PREDICTORS = ("published", "model", "corrected", *BASELINES, "clairvoyant")
 WITH_REFERENCE = ("planned", "deflected", "clairvoyant")
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
+_REMEMBERED = 2048  # errors of the model a horizon: 10 s and more
+_SPACING_NS, _NEAR_NS = 5_000_000, 50_000_000  # between them; within which two of them say what was between
 _EVERY_NS = 20_000_000  # between new weights of the blend
 
 
@@ -31,20 +38,28 @@ class Pending(NamedTuple):
     ahead_ns: Ints  # (n,) the horizons [ns]
     targets: Ints  # (n, slots) stamps that are predicted [ns]
     poses: Array  # (n, slots, 4, 4) of the sole that predicted, in odom
-    predicted: Array  # (n, slots, 8, 3) by PREDICTORS, in odom [m]
+    predicted: Array  # (n, slots, 9, 3) by PREDICTORS, in odom [m]
     sigma: Array  # (n, slots, 3) what the published ones were expected to be off by, in the sole [m]
     kinds: Ints  # (n, slots) index of the experience that they belong to
     first: Ints  # (n,) oldest slot
     used: Ints  # (n,) slots in use
 
 
+class Past(NamedTuple):
+    """Errors of the model through repeated strides, a ring of slots for each of n horizons."""
+
+    stamps: Ints  # (n, slots) at which it predicted [ns]
+    errors: Array  # (n, slots, 3) in the axes of the sole that predicted [m]; NaN where it repeated none
+    taken: Ints  # (n,) so far
+
+
 class Errors(NamedTuple):
     """Squared errors so far, and what the next ones are interpolated from."""
 
-    sums: Array  # (n, 8, 3) [m^2]
+    sums: Array  # (n, 9, 3) [m^2]
     judged: Ints  # (n, 3) how many
     expected: Ints  # (2, n, 3) of the published ones with a sigma: how many were within 90 %, and how many there were
-    needed: NDArray[np.bool_]  # (8,) predictors without which nothing counts
+    needed: NDArray[np.bool_]  # (9,) predictors without which nothing counts
     last: Array  # (2, 3) measured and reference COM in odom at the last sample [m]
 
 
@@ -78,17 +93,20 @@ class HorizonJudge:
             np.zeros((n, predictors, 3)),
             np.zeros((n, 3), dtype=np.int64),
             np.zeros((2, n, 3), dtype=np.int64),
-            np.array([rigid or name not in WITH_REFERENCE for name in PREDICTORS]),
+            np.array([name != "corrected" and (rigid or name not in WITH_REFERENCE) for name in PREDICTORS]),
             np.full((2, 3), np.nan),
         )
-        k = 1 + len(BASELINES)
+        self._past = Past(
+            np.zeros((n, _REMEMBERED), dtype=np.int64), np.zeros((n, _REMEMBERED, 3)), np.zeros(n, dtype=np.int64)
+        )
+        k = OWN + len(BASELINES)
         # A model without a reference makes nothing of a plan: what follows the plan is expected to be better.
-        best = 0 if rigid else 1 + BASELINES.index("deflected")
+        best = 0 if rigid else OWN + BASELINES.index("deflected")
         # Through a stride that is repeated, or through planned steps, the model is another one than without, and so are
         # simpler predictions: each kind has its own errors.
         held, repeated, stepping = (no_experience(n, k, best) for _ in range(3))
         self.experiences: Experiences = (held, repeated, stepping)
-        self._known = hold((self._pending, self._errors, *self.experiences))
+        self._known = hold((self._pending, self._errors, self._past, *self.experiences))
         self._kind, self._repeated = 0, False
         self._simpler = False, False, False  # whether a baseline has been better than the model, by kind
         self._last_ns = self._weighed_ns = 0
@@ -107,6 +125,7 @@ class HorizonJudge:
         reference: Array,
         ahead: Array,
         kind: int = HELD,
+        lag_ns: int = 0,
     ) -> Array:
         """Judge what is due at this sample and take its predictions in.
 
@@ -116,6 +135,7 @@ class HorizonJudge:
             measured, reference: (3,) COM now [m], in the sole frame; reference NaN if there is none.
             ahead: (6, n, 3) predictions [m] in the sole frame, of the model and by BASELINES; NaN where none.
             kind: HELD, REPEATED or STEPPING: what the model went through.
+            lag_ns: REPEATED: how long ago it was where it is now.
 
         Returns:
             What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
@@ -128,7 +148,7 @@ class HorizonJudge:
         made = np.empty((ahead.shape[1], 5, 3))
         self._simpler = _update(
             self._known, stamp_ns, self._last_ns, T_odom_sole, measured, reference, ahead, made,
-            (self._blended, reweigh), self._kind,
+            (self._blended, reweigh), (self._kind, lag_ns),
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
@@ -147,8 +167,8 @@ class HorizonJudge:
         return found
 
     def model_share(self, h: int) -> Array:
-        """(3,) [1] of the model in the published prediction at the horizon of an index, by axis."""
-        return self.experiences[self._kind].weights[h, :, 0].copy()
+        """(3,) [1] of the model, corrected or not, in the published prediction at the horizon of an index, by axis."""
+        return np.asarray(self.experiences[self._kind].weights[h, :, :OWN].sum(axis=1))
 
     @property
     def simpler_is_better(self) -> bool:
@@ -156,10 +176,14 @@ class HorizonJudge:
         return self._simpler[self._kind]
 
     def rmse(self) -> dict[str, dict[str, Array]]:
-        """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged."""
+        """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged.
+
+        The corrected model has none of its own: it is not known all the time.
+        """
         with np.errstate(invalid="ignore", divide="ignore"):
             means = np.sqrt(self._errors.sums / self._errors.judged[:, None, :])
-        return {f"{h:g}": dict(zip(PREDICTORS, means[i], strict=True)) for i, h in enumerate(self.horizons)}
+        names = [(k, name) for k, name in enumerate(PREDICTORS) if name != "corrected"]
+        return {f"{h:g}": {name: means[i, k] for k, name in names} for i, h in enumerate(self.horizons)}
 
     def skill(self) -> dict[str, Array]:
         """1 - RMSE of what is published / RMSE of the best baseline, (3,) a horizon; NaN where nothing was judged."""
@@ -191,30 +215,36 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 @compiled
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
-    options: tuple[bool, bool], kind: int,
+    options: tuple[bool, bool], through: tuple[int, int],
 ) -> tuple[bool, bool, bool]:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights.
+    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights; through: kind and lag.
 
     Returns whether a baseline has been better than the model, by kind.
     """
-    (blended, reweigh), known = options, held.value
-    pending, errors, experiences = known[0], known[1], known[2:]
+    (blended, reweigh), (kind, lag_ns), known = options, through, held.value
+    pending, errors, past, experiences = known[0], known[1], known[2], known[3:]
     experience = experiences[kind]
     published = made[:, 0]
     published[:] = ahead[0]
+    every = np.empty((1 + ahead.shape[0], ahead.shape[1], 3))
+    every[0], every[OWN:] = ahead[0], ahead[1:]
     now = np.empty((2, 3))
     _to_odom(pose, measured, now[0])
     _to_odom(pose, reference, now[1])
-    _judge_due(pending, errors, experiences, stamp_ns, last_ns, now)
+    _judge_due(pending, errors, past, experiences, stamp_ns, last_ns, now)
+    for h in range(ahead.shape[1]):
+        _error_at(past, h, stamp_ns - lag_ns, kind == REPEATED, every[1, h])
+        for i in range(3):
+            every[1, h, i] = ahead[0, h, i] - every[1, h, i]
     if reweigh:
         for each in experiences:
             weigh(each)
     if blended:
-        blend(experience, ahead, published)
+        blend(experience, every, published)
     for h in range(made.shape[0]):
         _covariance(experiences, h, made[h, 1:4])
-        made[h, 4] = experience.weights[h, :, 0]
-    _add(pending, made, kind, stamp_ns, pose, ahead)
+        made[h, 4] = experience.weights[h, :, 0] + experience.weights[h, :, 1]
+    _add(pending, made, kind, stamp_ns, pose, every)
     errors.last[:] = now
     still, repeated, stepping = experiences
     return still.worse.any(), repeated.worse.any(), stepping.worse.any()
@@ -236,7 +266,7 @@ def _covariance(experiences: Experiences, h: int, out: Array) -> None:
 
 @compiled
 def _judge_due(
-    pending: Pending, errors: Errors, experiences: Experiences, stamp_ns: int, last_ns: int,
+    pending: Pending, errors: Errors, past: Past, experiences: Experiences, stamp_ns: int, last_ns: int,
     now: Array,
 ) -> None:  # fmt: skip
     """Judge the predictions of stamps up to this one by measured and reference COM now (2, 3), in odom [m]."""
@@ -253,13 +283,50 @@ def _judge_due(
             values[-1] = true[1]  # the rigid robot is at its reference
             off = _errors_of(pending.poses[h, slot], values, true[0])
             _add_errors(errors, h, off, pending.sigma[h, slot])
-            learn(experiences[pending.kinds[h, slot]], h, off[1:-1], off[0], dt)
+            kind = pending.kinds[h, slot]
+            _remember_error(past, h, pending.targets[h, slot] - pending.ahead_ns[h], off[1], kind == REPEATED)
+            learn(experiences[kind], h, off[1:-1], off[0], dt)
             dt = 0.0  # of several that are due, the first one stands for the time
 
 
 @compiled
+def _remember_error(past: Past, h: int, stamp_ns: int, off: Array, repeated: bool) -> None:
+    """Keep the error (3,) [m] of what the model predicted at a stamp."""
+    count, slots = past.taken[h], past.stamps.shape[1]
+    if count and stamp_ns - past.stamps[h, (count - 1) % slots] < _SPACING_NS:
+        return
+    past.stamps[h, count % slots] = stamp_ns
+    for i in range(3):
+        past.errors[h, count % slots, i] = off[i] if repeated else np.nan
+    past.taken[h] = count + 1
+
+
+@compiled
+def _error_at(past: Past, h: int, stamp_ns: int, repeating: bool, out: Array) -> None:
+    """Fill in the error (3,) [m] of what the model predicted at a stamp; NaN where it is not known."""
+    out[:] = np.nan
+    count, slots = past.taken[h], past.stamps.shape[1]
+    low, high = max(count - slots, 0), count
+    while low < high:  # the first one that is not before the stamp
+        middle = (low + high) // 2
+        if past.stamps[h, middle % slots] < stamp_ns:
+            low = middle + 1
+        else:
+            high = middle
+    if not repeating or low == count or low == max(count - slots, 0):
+        return
+    before, after = (low - 1) % slots, low % slots
+    gap = past.stamps[h, after] - past.stamps[h, before]
+    if gap > _NEAR_NS:
+        return
+    w = (stamp_ns - past.stamps[h, before]) / gap
+    for i in range(3):
+        out[i] = (1.0 - w) * past.errors[h, before, i] + w * past.errors[h, after, i]
+
+
+@compiled
 def _errors_of(pose: Array, values: Array, measured: Array) -> Array:
-    """Errors (8, 3) of all predictors in odom, along the axes of the sole that predicted."""
+    """Errors (9, 3) of all predictors in odom, along the axes of the sole that predicted."""
     off = np.zeros(values.shape)
     for k in range(values.shape[0]):
         for i in range(3):
@@ -270,7 +337,7 @@ def _errors_of(pose: Array, values: Array, measured: Array) -> Array:
 
 @compiled
 def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
-    """Square the errors (8, 3) of all predictors."""
+    """Square the errors (9, 3) of all predictors."""
     for i in range(3):
         complete = True
         for k in range(off.shape[0]):
@@ -286,7 +353,7 @@ def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
 
 @compiled
 def _add(pending: Pending, made: Array, kind: int, stamp_ns: int, pose: Array, ahead: Array) -> None:
-    """Take in what is published (n, 5, 3), and all predictions (6, n, 3); dropped if all slots are in use."""
+    """Take in what is published (n, 5, 3), and all predictions (7, n, 3); dropped if all slots are in use."""
     capacity = pending.targets.shape[1]
     for h in range(pending.targets.shape[0]):
         if pending.used[h] < capacity:

@@ -23,7 +23,7 @@ class Dynamics(ABC):
         state: (6,) COM and velocity of the free run in the support sole; None while there is none.
         tilt: (2,) roll and pitch of the trunk in the free run [rad]; NaN if the model knows none.
         flags: what else is to be said of the last sample.
-        repeating: the robot repeats its last stride, and what is said ahead follows from it.
+        lag_ns: how long ago the stride began that the robot repeats, from which what is said ahead follows; 0: none.
         stepping: else: what is said ahead follows from how the plan moves COM and feet.
     """
 
@@ -32,7 +32,12 @@ class Dynamics(ABC):
         self.state: Array | None = None
         self.tilt = np.full(2, np.nan)
         self.flags = Flags.OK
-        self.repeating = self.stepping = False
+        self.lag_ns, self.stepping = 0, False
+
+    @property
+    def repeating(self) -> bool:
+        """Whether what is said ahead follows from the last stride."""
+        return self.lag_ns > 0
 
     @property
     def aslant_landings(self) -> int:

@@ -11,10 +11,11 @@ from scipy.integrate import solve_ivp
 
 from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.evaluation.baselines import predict_baselines
-from coman_reduced_model.core.evaluation.horizons import PREDICTORS, WITH_REFERENCE, HorizonJudge
+from coman_reduced_model.core.evaluation.horizons import HELD, PREDICTORS, REPEATED, WITH_REFERENCE, HorizonJudge
 from coman_reduced_model.core.model.horizon import drop_impossible, predict_horizons
 from coman_reduced_model.core.model.reference import look
 
+JUDGED = [name for name in PREDICTORS if name != "corrected"]
 MASS = 17.3
 M = MASS * np.eye(3)
 K = MASS * np.array([[1400.0, 0.0, 2000.0], [0.0, 2500.0, 0.0], [2000.0, 0.0, 5300.0]])
@@ -186,7 +187,7 @@ def brute_force(stamps, T, measured, reference, predictions, horizons, rigid, re
             causal = [world(i, predictions[i, n, k]) for n in range(6)]
             errors = np.array([causal[0], *causal, rigid_com]) - truth  # the model is published as it is
             errors = errors @ T[i, :3, :3]  # axes of the sole that predicted
-            needed = errors if rigid else errors[[n for n, name in enumerate(PREDICTORS) if name not in WITH_REFERENCE]]
+            needed = errors if rigid else errors[[n for n, name in enumerate(JUDGED) if name not in WITH_REFERENCE]]
             if not np.isnan(needed).any():
                 squares[h].append(errors**2)
     return squares
@@ -212,10 +213,42 @@ def test_judge_agrees_with_brute_force(seed, rigid, restarts):
         if not len(found):
             continue
         rmse = np.sqrt(found.mean(axis=0))
-        for n, name in enumerate(PREDICTORS):
+        for n, name in enumerate(JUDGED):
             np.testing.assert_allclose(judge.rmse()[f"{h:g}"][name], rmse[n], rtol=1e-9)
         best = np.nanmin(rmse[2:-1], axis=0)
         np.testing.assert_allclose(judge.skill()[f"{h:g}"], 1.0 - rmse[0] / best, rtol=1e-9)
+
+
+def repeated_errors(kind: int, lag_error: float = 0.0, seconds: float = 9.0) -> np.ndarray:
+    """Errors (n,) in x of what is published 0.1 s ahead, while the model errs with a stride of 1.4 s as in the last one.
+
+    Simpler predictions are off by more; one sample in 5 ms. The judge is told the stride `lag_error` [s] too long.
+    """
+    judge, stride, errors = HorizonJudge((0.1,)), 1.4, []
+    rng = np.random.default_rng(5)
+    for i in range(round(seconds / 0.005)):
+        t = 0.005 * i
+        ahead = np.full((6, 1, 3), np.nan)
+        off = 3e-3 * np.sin(2.0 * np.pi * t / stride) + 1e-3 * np.cos(6.0 * np.pi * t / stride) + 1e-5 * rng.normal()
+        ahead[0], ahead[2], ahead[4] = off, 4e-3 * rng.normal(), 4e-3 * rng.normal()
+        lag = round(1e9 * (stride + lag_error))
+        made = judge.update(10**9 + 5_000_000 * i, np.eye(4), np.zeros(3), np.full(3, np.nan), ahead, kind, lag)
+        errors.append(made[0, 0, 0])
+        assert made[0, 4, 0] <= 1.0 + 1e-12
+    return np.array(errors)
+
+
+def test_what_the_model_misses_in_each_stride_is_taken_off():
+    off = repeated_errors(REPEATED)
+    first, later = slice(40, 300), slice(1200, None)
+    assert np.std(off[later]) < 0.1 * np.std(off[first])
+    assert np.std(repeated_errors(HELD)[later]) > 0.7 * np.std(off[first])  # it repeats nothing
+
+
+def test_a_stride_that_is_found_wrong_does_no_harm():
+    """A correction at the wrong time is as wrong as it is right: the blend hardly takes it."""
+    wrong, none = (np.std(repeated_errors(*each)[1200:]) for each in ((REPEATED, 0.35), (HELD,)))
+    assert wrong < 1.05 * none
 
 
 def test_nothing_judged_is_nan_not_zero():

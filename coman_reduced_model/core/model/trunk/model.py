@@ -167,7 +167,7 @@ class TrunkModel(Dynamics):
         self._stride.add(now, terms, self.reference)
         self._planned.add(now, self._ground, self._down)
         course = self._stride.ahead(now, terms, self._filtered, horizons)
-        self.repeating = course is not None
+        self.lag_ns = 0 if course is None else self._stride.lag_ns
         if course is None:
             course = self._planned.ahead(now, terms, self._filtered, horizons)
         self.stepping = course is not None and not self.repeating

@@ -43,7 +43,7 @@ class Stride:
     def reset(self) -> None:
         """Forget the past."""
         self._n = self._last_ns = 0  # remembered samples; stamp of the last one
-        self._lag_ns = 0  # to the stride before; 0: no stride known
+        self.lag_ns = 0  # to the stride before; 0: no stride known
         self._repeated_ns = 0  # the same of the last stride that was repeated
         self._phase = Phase.FLIGHT
         self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
@@ -70,7 +70,7 @@ class Stride:
             least = round((WINDOW + SEARCH[-1]) * 1e9)  # a stride is longer than what it is found by
             known = stamp - self._past.stamp[0] - least
             guesses = np.array([lag for lag in lags if least < lag < known], dtype=np.int64)
-            self._lag_ns = find_lag(stamp, guesses, self._past, self._n) if len(guesses) else 0
+            self.lag_ns = find_lag(stamp, guesses, self._past, self._n) if len(guesses) else 0
 
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """What comes at horizons (k,) ascending [s]; None: the robot does not repeat itself.
@@ -116,8 +116,8 @@ class Stride:
 
     def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
         past, n, stamp = self._past, self._n, now.sample.stamp_ns
-        then = stamp - self._lag_ns
-        if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
+        then = stamp - self.lag_ns
+        if not self.lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
             return None
         plan, preview = now.sample.reference, _NO_PREVIEW
         if plan is not None and plan.preview_dt > 0.0:
@@ -126,7 +126,7 @@ class Stride:
         course = self._follow(stamp, then, points, terms, state, now.T_odom_sole, preview)
         if not len(course):
             return None
-        self._repeated_ns = self._lag_ns
+        self._repeated_ns = self.lag_ns
         return course
 
     def _follow(
