@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The stride before as the motors' future: how long it is, and what predictions through it are worth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,10 +10,13 @@ from scipy.spatial.transform import Rotation
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.stream_names import REFERENCE
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.evaluation.baselines import BASELINES
 from coman_reduced_model.core.model.trunk.memory import STEP, Memory, find_lag, keep, mismatch
 from coman_reduced_model.core.model.trunk.stride import follow, replanned
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.sim.record import record
+from coman_reduced_model.sim.worlds import record_world
+from coman_reduced_model.sim.worlds.draw import draw_world, plain_kinds
 
 
 def memory(stamp, **columns):
@@ -120,6 +125,25 @@ def test_it_beats_a_rigid_robot_whose_motors_are_known_while_it_turns(tmp_path):
     for h in ("0.1", "0.2", "0.4"):
         assert rmse[h]["model"][0] < 0.8 * rmse[h]["clairvoyant"][0]
         assert rmse[h]["model"][1] < 0.9 * rmse[h]["clairvoyant"][1]
+
+
+def test_a_stabilised_robot_that_turns_is_predicted_without_a_plan(tmp_path):
+    """Its controller moves the motors beside the plan, of which it says nothing: in steady strides, 0.2 s ahead."""
+    kinds = {"controller": "imu_control", "streams": "no_reference", "gait": "turn"}
+    world = replace(draw_world(0, plain_kinds() | kinds), duration_s=14.0)
+    assert record_world(world, tmp_path / "walk").fallen_s is None
+    with Session(tmp_path / "walk", Config().replaced({"prediction.horizons": [0.2]})) as session:
+        first_ns = 0
+        for prediction in session.predictions():
+            first_ns = first_ns or prediction.stamp_ns
+            if prediction.stamp_ns - first_ns < 6e9:
+                session.pipeline.judge.count_from_now()
+            if prediction.stamp_ns - first_ns > 11e9:  # before it stops
+                break
+        rmse = session.pipeline.judge.rmse()["0.2"]
+    best = np.min([rmse[name] for name in BASELINES], axis=0)
+    skill = 1.0 - rmse["published"] / best
+    assert (skill > [0.6, 0.8, 0.6]).all(), skill
 
 
 def test_stride_and_planned_steps_start_from_the_joints_and_anything_else_from_the_estimate():

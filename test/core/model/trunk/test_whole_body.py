@@ -134,10 +134,20 @@ def test_a_seventh_joint_changes_nothing(share):
             out[seventh], out[hip] = share * out[hip], (1.0 - share) * out[hip]
         return out
 
-    com, *_ = errors(other, seven, [mapped(sample, with_sevenths) for sample in samples])
+    mine = [mapped(sample, with_sevenths) for sample in samples]
+    com, *_ = errors(other, seven, mine)
     known = np.isfinite(expected)
     assert known.sum() > 1000 and (known == np.isfinite(com)).all()
     assert (rms_mm(com - expected) < 0.1 * rms_mm(error)).all()
+    ahead = [two_tenths_ahead(*each) for each in ((robot, config, samples), (other, seven, mine))]
+    assert rms_mm(ahead[1] - ahead[0]).max() < 0.1
+
+
+def two_tenths_ahead(robot, config, samples) -> np.ndarray:
+    """(n, 3) what is published of the COM in 0.2 s [m]."""
+    predictor = Predictor(robot, config.replaced({"prediction.horizons": [0.2]}))
+    found = [[each.com for each in predictor.update(replace(sample)).horizons] for sample in samples]
+    return np.array([each[0] if each else np.full(3, np.nan) for each in found])
 
 
 def split(values: tuple[float, ...], share: float) -> list[float]:
@@ -167,9 +177,11 @@ def test_arms_in_no_motor_state_follow_their_links(walk):
     assert (rms_mm(error) < [0.5, 0.3, 0.15]).all(), rms_mm(error)
 
 
-def test_arms_that_swing_together_raise_no_alarm(tmp_path):
+@pytest.mark.parametrize("name", ["coman", "small"])
+def test_arms_that_swing_together_raise_no_alarm(tmp_path, name):
     """As long as joint and motor states show them."""
-    robot, config, samples = recorded(World(upper_body=True, upper=MOVING, duration_s=20.0, tolerances=False), tmp_path)
+    world = World(robot=name, upper_body=True, upper=MOVING, duration_s=20.0, tolerances=False)
+    robot, config, samples = recorded(world, tmp_path)
     assert not alarms(robot, config, samples)
     legs, half = np.isin(np.arange(len(robot.joint_names)), [*robot.legs.values()]), len(samples) // 2
     hidden = samples[:half] + [mapped(sample, lambda values: values * legs) for sample in samples[half:]]
