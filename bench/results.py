@@ -368,7 +368,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
     "feedforward": script("The plan's deflection as a feedforward", ("feedforward",), ("feedforward_live",)),
-    "engines": script("Two physics engines", ("engines",)),
+    "engines": script("Two physics engines", ("engines",), ("cases",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results", "--draws", "240")),
     "archive": archive,
     "fuzz": fire.fuzz,
