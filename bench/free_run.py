@@ -306,7 +306,7 @@ def means_of_worlds(rows: Sequence[Figures]) -> list[Figures]:
     means = []
     for title, some in (
         ("all worlds by seed", [row for row in rows if row.by_seed]),
-        ("those with a kind that nothing was learnt on", [row for row in rows if row.new_kind]),
+        ("those with a kind that config/nominal.yaml was not learnt on", [row for row in rows if row.new_kind]),
     ):
         if some:
             shares = {h: np.nanmean([row.within[h] for row in some], axis=0) for h in some[0].within}

@@ -329,7 +329,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     ),
     "observer": script(
         "Consistency of the estimate",
-        ("observer", "bags/test1", "bags/test2", "bags/stand", "--worlds", *(str(seed) for seed in range(7000, 7012))),
+        ("observer", "bags/test1", "bags/test2", "bags/stand", "--worlds", *(str(seed) for seed in range(7400, 7424))),
     ),
     "phases": script(
         "Support phases and odometry",
