@@ -170,12 +170,13 @@ def _judge_diagnosis(
     options: Mapping[str, Any],
     json: bool,
 ) -> None:
+    from ..judge.folder import RunFolder
     from ..judge.run import DIAGNOSE, run
     from ..judge.score import score_run
 
-    with progress("judging") as report:
+    with progress("judging") as report, RunFolder(out.absolute()).timed("diagnosis", jobs):
         names = run(out, seeds, kinds, jobs, command or DIAGNOSE, progress=report, **options)
-        result = score_run(out, names)
+    result = score_run(out, names)
     if json:
         print_json(result)
     else:
@@ -186,16 +187,18 @@ def _judge_on_clean(
     what: str, out: Path, seeds: Sequence[int], jobs: int, fixed: Mapping[str, Any], hours: float, json: bool
 ) -> None:
     """The prediction, or the monitor, whose false alarms are those of the same walks, and of long ones."""
+    from ..judge.folder import RunFolder
     from ..judge.hours import run_hours
     from ..judge.monitor import run_onsets, score_monitor
     from ..judge.prediction import run_predictions, score_predictions
 
-    with progress("predicting") as report:
+    folder = RunFolder(out.absolute())
+    with progress("predicting") as report, folder.timed(what, jobs):
         names = run_predictions(out, seeds, jobs, report, **fixed)
     if what == "prediction":
         result = score_predictions(out, names)
     else:
-        with progress("watching") as report:
+        with progress("watching") as report, folder.timed(what, jobs):
             run_onsets(out, seeds, jobs, report, **fixed)
             long = run_hours(out, seeds, hours, jobs, report, **fixed)
         result = score_monitor(out, names, seeds, long)

@@ -54,6 +54,7 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
     print(
         f"verdicts sealed as {result['verdicts_sha256'][:16]} before the answers were opened; all in {out}/score.json"
     )
+    _show_took(result)
     _show_how_to_record(result["seeds"], result["commit"])
 
 
@@ -80,6 +81,7 @@ def show_prediction(result: Mapping[str, Any], out: Path, file: str = "predictio
     )
     ours = f"{_LEARNT}. {_REDRAWN}. " if "learnt" in result else ""
     print(f"{ours}none: nothing could be predicted; all in {out}/{file}.json")
+    _show_took(result)
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
@@ -111,6 +113,7 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
         "have"
     )
     print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
+    _show_took(result)
 
 
 def show_folder(result: Mapping[str, Any], out: Path) -> None:
@@ -250,6 +253,12 @@ def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mappi
     listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
     if listed:
         print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed, words=4)
+
+
+def _show_took(result: Mapping[str, Any]) -> None:
+    """How long all of it took, recordings that were not there included; nothing, where that is not known."""
+    if took := result.get("took"):
+        print(f"took {took['seconds'] / 60.0:.0f} minutes, {took['jobs']} processes at a time, with what it recorded")
 
 
 def _show_how_to_record(seeds: Mapping[str, Any], commit: str) -> None:

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,6 +55,30 @@ class RunFolder:
     def rounds(self) -> Path:
         """Hashes of earlier verdicts on the same bags."""
         return self.out / "rounds.txt"
+
+    @property
+    def times(self) -> Path:
+        """What was judged, for how long [s] and in how many processes; a line each time that the run went on."""
+        return self.out / "time.txt"
+
+    @contextmanager
+    def timed(self, what: str, jobs: int) -> Iterator[None]:
+        """Write down how long the part inside took, however it ends."""
+        began = time.monotonic()
+        try:
+            yield
+        finally:
+            if self.out.is_dir():
+                with self.times.open("a", encoding="utf-8") as file:
+                    file.write(f"{what} {time.monotonic() - began:.0f} {jobs}\n")
+
+    def took(self, what: str) -> dict[str, float] | None:
+        """Seconds of all that was judged so, and the most processes; None: not known."""
+        lines = self.times.read_text(encoding="utf-8").splitlines() if self.times.is_file() else []
+        found = [line.split() for line in lines if line.split()[:1] == [what]]
+        if not found:
+            return None
+        return {"seconds": sum(float(each[1]) for each in found), "jobs": max(int(each[2]) for each in found)}
 
     def bags(self, case: str) -> Path:
         return self.out / "bags" / case

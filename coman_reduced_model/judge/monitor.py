@@ -162,6 +162,7 @@ def score_monitor(
     nominal = load_nominal()
     result = {
         "version": version(),
+        "took": folder.took("monitor"),
         "learnt": {
             "alarms": by_what_was_learnt(clean, nominal, alarms, "monitor"),
             "delays": by_what_was_learnt(onsets, nominal, delays, "monitor"),

@@ -86,6 +86,7 @@ def score_predictions(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
     rows = prediction_rows(folder, names)
     result = {
         "version": version(),
+        "took": folder.took("prediction"),
         "cases": len(names),
         "walks": len(rows),
         "all": measure(rows),

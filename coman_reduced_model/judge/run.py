@@ -2,6 +2,7 @@
 """One run of the judge: bags, verdicts, baselines, oracles, and only then the answers.
 
     OUT/commit.txt      the commit that the run was begun at: figures of different versions are not pooled
+    OUT/time.txt        how long it took, each time that it went on
     OUT/worlds.yaml     the kinds of worlds that are not drawn (--world)
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/healthy/CASE/   with --baseline: the same robot without what is hidden

@@ -339,6 +339,7 @@ def test_the_command_prints_figures_and_keeps_them(judged, spy, capsys):
     assert coman([*arguments, "--only", "clean"]) == 0
     printed = capsys.readouterr().out
     assert "false alarms on clean robots" in printed and "0 % (0/1" in printed
+    assert "took 0 minutes" in printed and layout.took("diagnosis")["seconds"] < 60.0 and layout.took("monitor") is None
     assert coman([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((layout.out / "score.json").read_text())
     assert coman([*arguments, "--only", "dirty"]) == 2
