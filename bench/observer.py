@@ -11,7 +11,8 @@ NIS and NEES are 3 on average if all is as assumed. Errors are correlated in tim
 the NIS of steps, whose mean has the same band: the middle of each single support. The error of the position is made by
 what is constant in a walk, zeros of encoders and masses of links: a walk counts once for it, however many steps it has,
 and its band is that of a single draw. Motors and springs take no part in the estimate, so `prediction.reference` is
-`none`. Walks in which the robot falls are left out.
+`none`. Walks in which the robot falls are left out. The external force counts from the first quarter of a walk on, each
+walk once.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import coman_reduced_model as coman
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Array, Integers
 from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
+from coman_reduced_model.core.evaluation.statistics import NINETY
 from coman_reduced_model.judge.by_kind import new_kinds
 from coman_reduced_model.sim.worlds.draw import world_of
 from coman_reduced_model.sim.worlds.run import record_world
@@ -56,6 +58,7 @@ def main() -> int:
     arguments = parser.parse_args()
     rows = [row(Path(bag).name, judged(bag, arguments.config)) for bag in arguments.bags]
     walks: dict[str, Consistency] = {}
+    forces: list[Array] = []  # of the worlds, in which nothing pushes
     with tempfile.TemporaryDirectory() as folder:
         for seed in arguments.worlds:
             bag = f"{folder}/{seed}"
@@ -63,23 +66,30 @@ def main() -> int:
             if record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
                 rows.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
                 continue
-            walks[seed] = judged(bag, arguments.config)
+            walks[seed] = judged(bag, arguments.config, forces)
             rows.append(row(f"world {seed}", walks[seed], kinds(seed)))
     print(table(HEAD, rows))
     if walks:
         print(f"\n{pooled(list(walks.values()))}")
+        shares = np.mean([np.mean(np.abs(each) < NINETY, axis=0) for each in forces], axis=0)
+        words = ", ".join(f"{100 * each:.0f}" for each in shares)
+        print(f"\nExternal force, of which there is none: within its 90 % interval, x, y, z: {words} %.")
     if new := [walk for seed, walk in walks.items() if new_kinds({"worlds": world_of(seed).kinds}, load_nominal())]:
         print(f"\n{NEW}", *in_bands(new), sep="\n")
     return 0
 
 
-def judged(bag: str, config: str | None) -> Consistency:
-    """A recording, predicted and judged."""
+def judged(bag: str, config: str | None, forces: list[Array] | None = None) -> Consistency:
+    """A recording, predicted and judged; to `forces`, the external force over its standard deviation (n, 3)."""
     found = Consistency(truth_of(bag))
     settings = coman.load_config(config).replaced({"prediction.reference": "none", "prediction.horizons": []})
     with coman.Session(bag, settings) as session:
-        for prediction in session.predictions():
-            found.add(prediction)
+        predictions = list(session.predictions())
+    for prediction in predictions:
+        found.add(prediction)
+    if forces is not None:
+        estimates = [p.estimate for p in predictions[len(predictions) // 4 :] if np.isfinite(p.estimate.force[0])]
+        forces.append(np.array([each.force / np.sqrt(np.diag(each.force_covariance)) for each in estimates]))
     return found
 
 

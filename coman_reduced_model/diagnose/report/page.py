@@ -220,11 +220,12 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
 def _strongest(pair: Pair, figures: list[int]) -> list[str]:
     """Channels that these figures change most, of those that are smaller for it, in units of the noise floor."""
     made: dict[str, float] = {}
-    before, after = pair.left
+    assert pair.finding.fit is not None
+    (before, after), x = pair.left, pair.finding.fit.x[figures]
     for key, columns in pair.before.problem.columns.items():
         level, name = pair.before.floor.get(key, 0.0), key.partition("|")[0]
         if level > 0.0 and key in after:
-            share = float(np.mean((columns[:, figures] @ pair.finding.at[figures]) ** 2)) / level**2
+            share = float(np.mean((columns[:, figures] @ x) ** 2)) / level**2
             less = float(np.mean(after[key] ** 2)) < float(np.mean(before[key] ** 2))
             made[name] = made.get(name, 0.0) + (share if less else 0.0)
     largest = max(made.values(), default=0.0)
