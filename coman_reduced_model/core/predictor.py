@@ -10,6 +10,7 @@ import numpy as np
 
 from .base.limits import DIVERGED, TOPPLED
 from .base.nominal import load_nominal
+from .base.pose import LEVEL
 from .base.types import (
     Array,
     DeflectionPrediction,
@@ -32,7 +33,7 @@ from .evaluation.horizons import HELD, REPEATED, STEPPING, HorizonJudge
 from .measured.computed_wrenches import ComputedWrenches
 from .measured.odometry import FootOdometry
 from .measured.sensor_zeros import SensorZeros
-from .measured.slope import LEVEL, Slope
+from .measured.slope import Slope
 from .measured.support import SupportDetector
 from .measured.zmp import zmp_from_wrenches
 from .model.cartesian import Model
@@ -245,9 +246,8 @@ class Predictor:
             self.sample = sample
         else:
             self.sample, flags = sample, Flags.COMPUTED_WRENCH
-            down = LEVEL
-            if self.slope is not None and self._foot != Foot.NONE:
-                down = self._T_odom_sole[:3, :3].T @ self.slope.down
+            turn = self._T_odom_sole[:3, :3].T
+            down = LEVEL if self.slope is None or self._foot == Foot.NONE else turn @ self.slope.down
             sample = self.computed.filled(sample, self.link, self._foot, down)
         stale = sample.left_wrench is None or sample.right_wrench is None
         return sample, flags | Flags.STALE_WRENCH if stale else flags

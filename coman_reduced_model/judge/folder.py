@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..errors import ConfigError, OutputError
+
 
 def stored(path: Path) -> Any:
     """The value of a JSON file; None: there is none, or one that was left unfinished."""
@@ -63,12 +65,15 @@ class RunFolder:
 
     @contextmanager
     def timed(self, what: str, jobs: int) -> Iterator[None]:
-        """Write down how long the part inside took, however it ends."""
-        began = time.monotonic()
+        """Write down how long the part inside took, however it ends, unless it was refused."""
+        began, refused = time.monotonic(), False
         try:
             yield
+        except (ConfigError, OutputError):
+            refused = True
+            raise
         finally:
-            if self.out.is_dir():
+            if not refused:
                 with self.times.open("a", encoding="utf-8") as file:
                     file.write(f"{what} {time.monotonic() - began:.0f} {jobs}\n")
 

@@ -5,7 +5,8 @@
     python -m coman_reduced_model.judge.learn RUN... --out config/nominal.yaml --jobs 2
 
 1. How much nominal robots vary, from the clean cases, how far laws are trusted, and what they leave that repeats with
-   each stride (learn_variability.py). --keep-widths: as in the file that ships.
+   each stride (learn_variability.py): from each half of the cases; what ships is the mean. --keep-widths: as in the
+   file that ships.
 2. The first comparison of explanations of every case, and what the laws leave on clean ones; with widths of one half of
    the cases for the other half, as robots of users are not among those that widths were learnt from.
 3. The weights by which an effect is named, the alarm (weights.py), and the factors on intervals.
@@ -54,6 +55,7 @@ from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
+COMPARISON = 2  # grows where comparisons that are kept in files would come out otherwise
 SHARED = 2  # errors of an effect that those of all others are worth
 TENTHS = 10
 
@@ -190,7 +192,7 @@ def learn(
                 if answer["kind"] == "clean"
             ]
             others = [learn_variability([e for f, e in clean if f != fold], nominal, pool) for fold in range(FOLDS)]
-            nominal = learn_variability([each for _, each in clean], nominal, pool)
+            nominal = mean_of(others)
         places = [
             (run / "bags" / name, run / "learn" / f"{name}.{_made_with(others[fold])}.json", others[fold])
             for fold, (run, name, _) in zip(folds, cases, strict=True)
@@ -227,6 +229,23 @@ def learn(
     return nominal, examples, baselines
 
 
+def mean_of(records: Sequence[Nominal]) -> Nominal:
+    """The geometric mean of all that `learn_variability` learns."""
+
+    def mean(name: str) -> dict[str, float]:
+        each = [getattr(record, name) for record in records]
+        shared = [key for key in each[0] if all(key in one for one in each)]
+        return {key: float(np.exp(np.mean([np.log(one[key]) for one in each]))) for key in shared}
+
+    widths = [record.source["widths"] for record in records]
+    precise = {part: sum(one["precise"][part] for one in widths) for part in widths[0]["precise"]}
+    counts = {**widths[0], "robots": sum(one["robots"] for one in widths), "precise": precise}
+    return replace(
+        records[0], source={**records[0].source, "widths": counts}, widths=mean("widths"), precise=mean("precise"),
+        trust=mean("trust"), repeats=mean("repeats"),
+    )  # fmt: skip
+
+
 def fold_of(answer: Mapping[str, Any]) -> int:
     """Of a case, by its seed."""
     return int(np.random.default_rng([37, int(answer["seed"])]).integers(FOLDS))
@@ -254,7 +273,7 @@ def with_leftover(
 def _made_with(nominal: Nominal, *more: Mapping[str, Any]) -> str:
     """Part of the names of files that depend on these figures, and on what is kept of a comparison."""
     figures = nominal.widths, nominal.precise, nominal.trust, nominal.repeats, *more
-    text = json.dumps([ALL, *(dict(sorted(each.items())) for each in figures)])
+    text = json.dumps([COMPARISON, ALL, *(dict(sorted(each.items())) for each in figures)])
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 

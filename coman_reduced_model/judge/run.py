@@ -202,7 +202,8 @@ def _keep_to_baselines(folder: RunFolder, baseline: bool) -> None:
 
 
 def _drop_verdicts(folder: RunFolder) -> None:
-    """Remove all verdicts; `rounds.txt` keeps their hash."""
+    """Remove all verdicts, and what they took; `rounds.txt` keeps their hash."""
+    folder.times.unlink(missing_ok=True)
     if folder.hashes.is_file():
         digest = hashlib.sha256(folder.hashes.read_bytes()).hexdigest()
         with folder.rounds.open("a", encoding="utf-8") as file:

@@ -14,6 +14,7 @@ import yaml
 
 from ..resources import version
 
+PACKAGE = "coman_reduced_model"  # new files elsewhere, such as runs, change nothing
 FILE = Path(__file__).with_name("seeds.yaml")
 
 
@@ -88,12 +89,14 @@ def commit_of(checkout: Path) -> str:
     if not (checkout / ".git").exists():
         return version()
 
-    def git(*command: str) -> str:
-        return subprocess.run(["git", "-C", str(checkout), *command], capture_output=True, text=True, check=True).stdout
+    def git(*command: str) -> bytes:
+        return subprocess.run(["git", "-C", str(checkout), *command], capture_output=True, check=True).stdout
 
     try:
-        name = git("describe", "--always", "--dirty", "--exclude", "*").strip()
-        changes = git("diff", "HEAD") if name.endswith("-dirty") else ""
+        name = git("describe", "--always", "--exclude", "*").decode().strip()
+        changes = git("diff", "--no-ext-diff", "--no-color", "HEAD")
+        for path in git("ls-files", "--others", "--exclude-standard", "-z", PACKAGE).decode().split("\0")[:-1]:
+            changes += path.encode() + (checkout / path).read_bytes()
     except (OSError, subprocess.CalledProcessError):
         return version()
-    return f"{name}-{hashlib.sha256(changes.encode()).hexdigest()[:6]}" if changes else name
+    return f"{name}-dirty-{hashlib.sha256(changes).hexdigest()[:6]}" if changes else name

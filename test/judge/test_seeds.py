@@ -117,6 +117,11 @@ def test_two_changed_checkouts_are_of_two_versions(tmp_path):
         file.write_text(text)
         found.append(commit_of(tmp_path))
     assert found[2] == clean and len({*found}) == 3 and all(each.startswith(f"{clean}-dirty-") for each in found[:2])
+    (tmp_path / "judged").write_text("a run is no version")
+    assert commit_of(tmp_path) == clean
+    (tmp_path / "coman_reduced_model").mkdir()
+    (tmp_path / "coman_reduced_model" / "new.py").write_bytes(b"\xff")
+    assert commit_of(tmp_path).startswith(f"{clean}-dirty-")
 
 
 def test_an_interrupted_run_keeps_its_seeds_when_the_next_fresh_range_has_moved(tmp_path, listed):

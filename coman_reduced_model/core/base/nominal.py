@@ -107,8 +107,10 @@ def load_nominal(path: str | Path = "") -> Nominal:
         return population
     nominal = _load(str(path))
     widths = {**population.widths, **nominal.widths}
-    known = all("evidence" in weights for weights in nominal.decision.values())
-    return replace(nominal, widths=widths, **({} if known else population.with_baseline))
+    if _known(nominal.decision):
+        return replace(nominal, widths=widths)
+    usual = {"decision": population.decision, "interval_factor": population.interval_factor}
+    return replace(nominal, widths=widths, **(population.with_baseline or usual))
 
 
 def _row(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -145,8 +147,14 @@ def _decision(document: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 
 def _with_baseline(document: Mapping[str, Any]) -> dict[str, Any]:
-    """What replaces fields of a record; nothing, if there is none."""
-    return {"decision": _decision(document), "interval_factor": _factors(document)} if document else {}
+    """What replaces fields of a record; nothing, if there is none, or that of an earlier version."""
+    decision = _decision(document)
+    return {"decision": decision, "interval_factor": _factors(document)} if _known(decision) else {}
+
+
+def _known(decision: Mapping[str, Mapping[str, float]]) -> bool:
+    """Whether weights are of features that this version knows."""
+    return bool(decision) and all("evidence" in weights for weights in decision.values())
 
 
 def _share(name: str, value: Any) -> float:

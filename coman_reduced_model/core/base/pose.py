@@ -9,6 +9,8 @@ import numpy as np
 
 from .types import Array
 
+LEVEL = np.array([0.0, 0.0, -1.0])  # direction of gravity in odom on level ground
+
 
 def matrix(px: float, py: float, pz: float, x: float, y: float, z: float, w: float) -> Array:
     """(4, 4) of a position [m] and a quaternion; NaN where the quaternion is zero or not finite."""

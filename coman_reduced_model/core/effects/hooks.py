@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..base.pose import LEVEL
 from ..base.types import Array, Foot, Sample, SupportState
-from ..measured.slope import LEVEL
 from ..robot.robot import Posture
 
 STANDS = 1.0  # [s] after which a phase is part of no step

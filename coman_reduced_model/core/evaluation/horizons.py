@@ -112,8 +112,8 @@ class HorizonJudge:
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
-        """Drop the pending predictions: the stream broke off. What is known of their errors is kept."""
-        self._pending.used[:] = 0
+        """Drop the pending predictions, and the strides before: the stream broke off. What the blend knows is kept."""
+        self._pending.used[:] = self._past.taken[:] = 0
         self._errors.last[:] = np.nan
         self._weighed_ns = 0
 
@@ -215,13 +215,13 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 @compiled
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
-    options: tuple[bool, bool], through: tuple[int, int],
+    options: tuple[bool, bool], stride: tuple[int, int],
 ) -> tuple[bool, bool, bool]:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights; through: kind and lag.
+    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights; stride: kind and lag.
 
     Returns whether a baseline has been better than the model, by kind.
     """
-    (blended, reweigh), (kind, lag_ns), known = options, through, held.value
+    (blended, reweigh), (kind, lag_ns), known = options, stride, held.value
     pending, errors, past, experiences = known[0], known[1], known[2], known[3:]
     experience = experiences[kind]
     published = made[:, 0]
@@ -243,7 +243,8 @@ def _update(
         blend(experience, every, published)
     for h in range(made.shape[0]):
         _covariance(experiences, h, made[h, 1:4])
-        made[h, 4] = experience.weights[h, :, 0] + experience.weights[h, :, 1]
+        for i in range(3):
+            made[h, 4, i] = experience.weights[h, i, :OWN].sum()
     _add(pending, made, kind, stamp_ns, pose, every)
     errors.last[:] = now
     still, repeated, stepping = experiences

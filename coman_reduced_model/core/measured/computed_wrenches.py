@@ -26,11 +26,11 @@ import pinocchio as pin
 
 from ..base.compiled import apply, compiled, inverse_positive
 from ..base.input_warning import InputWarning, WarningKind
+from ..base.pose import LEVEL
 from ..base.stream_names import JOINTS
 from ..base.types import Array, Booleans, Foot, Sample
 from ..config.schema import Config
 from ..streams.differentiate import Differentiator
-from .slope import LEVEL
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..base.compiled import apply, compiled
+from ..base.pose import LEVEL
 from ..base.types import Array, Foot, Sample
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot
 
-LEVEL = np.array([0.0, 0.0, -1.0])
 LEAST = 0.026  # [rad] of a slope that is believed: 1.5 degrees
 GONE = 0.6  # of that: below it, the ground is level again
 MEMORY = 2.0  # [s]

@@ -23,7 +23,8 @@ class Dynamics(ABC):
         state: (6,) COM and velocity of the free run in the support sole; None while there is none.
         tilt: (2,) roll and pitch of the trunk in the free run [rad]; NaN if the model knows none.
         flags: what else is to be said of the last sample.
-        lag_ns: how long ago the stride began that the robot repeats, from which what is said ahead follows; 0: none.
+        lag_ns: how long ago it was where it is now, in the stride before, from which what is said ahead follows;
+            0: it repeats none.
         stepping: else: what is said ahead follows from how the plan moves COM and feet.
     """
 

@@ -68,7 +68,7 @@ def _weights(explanation: Explanation, nominal: Nominal) -> Mapping[str, float]:
 
 
 def group_of(rivals: Sequence[Explanation], effects: Sequence[float]) -> tuple[int, ...]:
-    """The most probable rival, and those whose evidence is within ALIKE of its."""
+    """The most probable rival, and those whose evidence is within ALIKE of its, both ways."""
     if not rivals:
         return ()
     order = sorted(range(len(rivals)), key=lambda k: -effects[k])
@@ -77,4 +77,4 @@ def group_of(rivals: Sequence[Explanation], effects: Sequence[float]) -> tuple[i
     def evidence(one: Explanation) -> float:
         return float(np.nansum([one.gain, one.confirmed]))
 
-    return tuple(k for k in order if evidence(best) - evidence(rivals[k]) < ALIKE)
+    return tuple(k for k in order if abs(evidence(best) - evidence(rivals[k])) < ALIKE)

@@ -18,12 +18,13 @@ from ...core.base.types import Array
 from ...core.effects.unknown import Unknown
 from .case import Case, evidence_of
 from .case_cache import CaseCache
-from .evidence import Fit
+from .evidence import TIMED, Fit
 from .finding import Finding
 
 # All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
 # in ROUNDS rounds at most.
 FAR_OFF, ROUNDS = 0.1, 4
+CLEARLY = 3.0  # nats
 STEPS, SETTLED = 12, 0.05  # steps of one round at most; share of the reach that counts as no change
 
 
@@ -35,18 +36,23 @@ def settle(
     A step is at most one reach long, and half as long after each change of sign: a spring of a quarter of its nominal
     stiffness is far from linear. After a long way, as with delays, all derivatives are computed again, in at most
     `rounds` linearisations, as long as the evidence grows: values that the next linearisation would leave again for
-    worse ones are kept. So is where the finding is, if what is linear there explains more than the effect itself does:
-    a spring that softens in steps is no cubic one.
+    worse ones are kept. So is where the finding is, if what is linear there explains clearly more (`CLEARLY`) than the
+    effect itself does, and is possible: a spring that softens in steps is no cubic one. Shifts in time are too far from
+    linear for that.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
     at[list(released)] = finding.at[list(released)]
     near = finding.at
     best: tuple[Array, list[Case], Fit] | None = None
-    if np.array_equal(at, near):
-        best = at, cases, evidence_of(cases).fit(released)
+    start = at, cases, evidence_of(cases).fit(released)
+    possible = np.array_equal(at, near) and all(
+        start[2].x[i] >= known[i].low and known[i].effect not in TIMED for i in released
+    )
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases)
+        if possible and best is None and start[2].log > fit.log + CLEARLY:
+            return start
         if not left or all(abs(at[i] - near[i]) <= FAR_OFF * known[i].reach for i in released):
             break
         near, cases = at, cache.at(at, "train")

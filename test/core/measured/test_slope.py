@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -11,9 +11,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from coman_reduced_model import Config, Predictor, Session
+from coman_reduced_model.core.base.pose import LEVEL
 from coman_reduced_model.core.base.types import Flags, Foot, ImuMessage, Phase, Reference, Sample, SupportState
+from coman_reduced_model.core.effects.hooks import Now
 from coman_reduced_model.core.measured.odometry import FootOdometry
-from coman_reduced_model.core.measured.slope import LEVEL, Slope
+from coman_reduced_model.core.measured.slope import Slope
 from coman_reduced_model.core.measured.standing import StandingSoles
 from coman_reduced_model.core.robot.robot import Posture, Robot
 from coman_reduced_model.resources import config_path
@@ -130,9 +132,18 @@ def test_weight_on_a_slope_is_no_external_force():
     weight = robot().mass * 9.81
     _, known = standing_on(PITCH, "measured")
     assert np.abs(known[-1].estimate.force).max() < 2e-3 * weight
-    assert np.abs(known[-1].estimate.moment).max() < 2e-3 * weight
     _, level = standing_on(PITCH, "level")
     assert abs(level[-1].estimate.force[0]) == pytest.approx(weight * np.sin(PITCH), rel=0.05)
+
+
+def test_gravity_pulls_aslant_in_the_axes_of_the_sole():
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
+    now = Now(*[None] * len(fields(Now)))
+    now.T_odom_sole, now.down = T, DOWN
+    np.testing.assert_allclose(now.aslant, [0.0, -DOWN[0], 1.0 + DOWN[2]], atol=1e-12)
+    now.down = LEVEL
+    assert now.aslant is None
 
 
 def test_a_landing_shows_a_step_and_odom_goes_up_with_the_foot():

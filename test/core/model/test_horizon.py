@@ -222,7 +222,7 @@ def test_judge_agrees_with_brute_force(seed, rigid, restarts):
 def repeated_errors(kind: int, lag_error: float = 0.0, seconds: float = 9.0) -> np.ndarray:
     """Errors (n,) in x of what is published 0.1 s ahead, while the model errs in each stride of 1.4 s as in the last.
 
-    Simpler predictions are off by more; one sample in 5 ms. The judge is told the stride `lag_error` [s] too long.
+    Simpler predictions are off by more; one sample in 5 ms. The judge is given the stride `lag_error` [s] too long.
     """
     judge, stride, errors = HorizonJudge((0.1,)), 1.4, []
     rng = np.random.default_rng(5)

@@ -7,11 +7,11 @@ import numpy as np
 import pinocchio as pin
 
 from ...base.compiled import hold
+from ...base.pose import LEVEL
 from ...base.types import Array, Foot, Integers
 from ...config.schema import Config
 from ...effects.catalogue import Effect
 from ...effects.hooks import Now, Push
-from ...measured.slope import LEVEL
 from ...robot.robot import Robot
 from ..cartesian import Model
 from .contact import ROWS, State, support_share

@@ -24,11 +24,11 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.compiled import hold
+from ...base.pose import LEVEL
 from ...base.types import Array, Flags, Foot, Phase, Sample
 from ...config.schema import Config
 from ...effects.hooks import Now
 from ...measured.odometry import flat
-from ...measured.slope import LEVEL
 from ...measured.standing import StandingSoles
 from ...robot.robot import Robot
 from ..cartesian import Model
@@ -167,7 +167,7 @@ class TrunkModel(Dynamics):
         self._stride.add(now, terms, self.reference)
         self._planned.add(now, self._ground, self._down)
         course = self._stride.ahead(now, terms, self._filtered, horizons)
-        self.lag_ns = 0 if course is None else self._stride.lag_ns
+        self.lag_ns = 0 if course is None else self._stride.repeated_ns
         if course is None:
             course = self._planned.ahead(now, terms, self._filtered, horizons)
         self.stepping = course is not None and not self.repeating

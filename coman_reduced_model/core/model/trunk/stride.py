@@ -43,8 +43,8 @@ class Stride:
     def reset(self) -> None:
         """Forget the past."""
         self._n = self._last_ns = 0  # remembered samples; stamp of the last one
-        self.lag_ns = 0  # to the stride before; 0: no stride known
-        self._repeated_ns = 0  # the same of the last stride that was repeated
+        self._lag_ns = 0  # to the stride before; 0: no stride known
+        self.repeated_ns = 0  # the same of the last stride that was repeated
         self._phase = Phase.FLIGHT
         self._began: dict[tuple[Phase, Phase], int] = {}  # stamp of the last change from one phase to another
         self._course_ns = 0
@@ -66,11 +66,11 @@ class Stride:
             change, self._phase = (self._phase, phase), phase
             before, self._began[change] = self._began.get(change), now.began_ns
             # A foot that only brushes the ground changes the phase as well: the lag of the last stride may still hold.
-            lags = (self._repeated_ns, 0 if before is None else now.began_ns - before)
+            lags = (self.repeated_ns, 0 if before is None else now.began_ns - before)
             least = round((WINDOW + SEARCH[-1]) * 1e9)  # a stride is longer than what it is found by
             known = stamp - self._past.stamp[0] - least
             guesses = np.array([lag for lag in lags if least < lag < known], dtype=np.int64)
-            self.lag_ns = find_lag(stamp, guesses, self._past, self._n) if len(guesses) else 0
+            self._lag_ns = find_lag(stamp, guesses, self._past, self._n) if len(guesses) else 0
 
     def ahead(self, now: Now, terms: Assembled, state: State, horizons: Array) -> Array | None:
         """What comes at horizons (k,) ascending [s]; None: the robot does not repeat itself.
@@ -116,8 +116,8 @@ class Stride:
 
     def _simulate(self, now: Now, terms: Assembled, state: State, span: float) -> Array | None:
         past, n, stamp = self._past, self._n, now.sample.stamp_ns
-        then = stamp - self.lag_ns
-        if not self.lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
+        then = stamp - self._lag_ns
+        if not self._lag_ns or then < past.stamp[0] or then + span * 1e9 > past.stamp[n - 1]:
             return None
         plan, preview = now.sample.reference, _NO_PREVIEW
         if plan is not None and plan.preview_dt > 0.0:
@@ -126,7 +126,7 @@ class Stride:
         course = self._follow(stamp, then, points, terms, state, now.T_odom_sole, preview)
         if not len(course):
             return None
-        self._repeated_ns = self.lag_ns
+        self.repeated_ns = self._lag_ns
         return course
 
     def _follow(
