@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which effects are missing: one after the other, as long as one, with what looks alike, is as likely as not."""
+"""Which effects are missing: one after the other, as long as one, with what looks alike, is likely (`Odds.names`)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LOADS = {name for name, effect in CATALOGUE.items() if effect.load is not BaseEf
 def search(
     cache: CaseCache, assumed: Sequence[tuple[str, str]] | None = None, progress: Progress | None = None
 ) -> Finding:
-    """Choose effects one by one, as long as one is as likely as not; whether they are worth an alarm is the verdict's.
+    """Choose effects one by one, as long as one is likely; whether they are worth an alarm is the verdict's.
 
     Of a robot that only stands, nothing is chosen: what moves so little is settling, not physics.
 

@@ -112,8 +112,8 @@ def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against
     """The result in one word; with assumed effects, only whether any of them could be fitted.
 
     Returns:
-        `effect`, `none`, `unknown` (an alarm, and no effect of the catalogue is more likely than not) or
-        `not_excited` (a recording only stands).
+        `effect`, `none`, `unknown` (an alarm, and no effect of the catalogue is as likely as all else that may be
+        missing) or `not_excited` (a recording only stands).
     """
     if assumed:
         return "effect" if finding.chosen else "none"

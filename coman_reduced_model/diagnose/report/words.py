@@ -34,8 +34,8 @@ _MEANING = {
     "doubtful": "More is left unexplained than most nominal robots leave, but some leave as much: it is no alarm. The "
     "probabilities say what it might be.",
     "unknown": "That nothing is missing is too improbable, and no effect of the catalogue, nor a group that these "
-    "recordings cannot distinguish, is as likely as not. The model was left as it is. The residuals below show where "
-    "to look.",
+    "recordings cannot distinguish, is as likely as all else that may be missing. The model was left as it is. The "
+    "residuals below show where to look.",
     "contradicted": "An effect would explain the recordings that it was found in, but not the one that confirms. The "
     "model was left as it is.",
     "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
