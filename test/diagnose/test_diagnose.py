@@ -176,7 +176,6 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
     [
         ("payload", "", "force/z"),
         ("encoder_bias", "LAnkSag", ""),
-        ("encoder_delay", "", "torque/RKneeSag"),
         ("wrench_bias", "right", "force/z"),
         ("foot_slip", "right", "slide/x"),
         ("touchdown_impact", "", "landing/z"),
@@ -202,6 +201,15 @@ def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, dia
 
 
 @pytest.mark.slow
+def test_late_joint_states_are_the_likeliest_of_late_streams(bags, diagnose):
+    """There is an alarm; estimates of this effect are so often far off that it may not be named alone."""
+    train, held = bags("encoder_delay")
+    result, _ = diagnose(train, "--holdout", held)
+    assert result["verdict"] in ("effect", "unknown") and "encoder delay" in result["sentence"]
+    assert next(iter(result["probabilities"])) == "encoder_delay" and result["probabilities"]["none"] < 0.1
+
+
+@pytest.mark.slow
 def test_a_worn_drive_is_named_with_about_its_stiffness(bags, diagnose):
     """The motion that its data sheet would give is far from its own."""
     train, held = bags("worn_drive")
@@ -212,12 +220,11 @@ def test_a_worn_drive_is_named_with_about_its_stiffness(bags, diagnose):
 
 
 @pytest.mark.slow
-def test_springs_that_are_all_too_stiff_are_seen(bags, diagnose):
-    """These walks do not distinguish them from springs that grow stiff."""
+def test_springs_that_are_all_too_stiff_are_named(bags, diagnose):
+    """These walks hardly distinguish them from springs that grow stiff."""
     train, held = bags("stiff_springs")
     result, _ = diagnose(train, "--holdout", held)
-    assert result["probabilities"]["none"] < 0.3  # too much for an alarm
-    assert "perhaps something is missing" in result["sentence"] and "joint stiffness" in result["sentence"]
+    named(result, "joint_stiffness", "")
     effects = [name for name in result["probabilities"] if name not in ("none", "unknown")]
     assert "joint_stiffness" in effects[:2]
 

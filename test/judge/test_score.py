@@ -172,7 +172,7 @@ def test_worlds_of_kinds_that_nothing_was_learnt_on_have_figures_of_their_own(ca
     assert found["only_learnt_kinds"]["false_alarms_on_clean"]["share"] == 0.0
     assert result["learnt"] == found
     earlier = {key: value for key, value in result.items() if key != "learnt"}
-    show_diagnosis({**earlier, "round": 1, "verdicts_sha256": ""}, Path("judged"))
+    show_diagnosis({**earlier, "round": 1, "verdicts_sha256": "", "commit": "abc1234"}, Path("judged"))
     assert "never learnt on" in capsys.readouterr().out
 
 

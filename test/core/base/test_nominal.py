@@ -35,8 +35,8 @@ def test_what_is_written_is_what_is_read(tmp_path):
 def test_weights_of_an_earlier_version_are_those_of_the_population(tmp_path):
     path, population = tmp_path / "mine.yaml", load_nominal()
     plain = population.plain() | {"interval_factor": 7.0}
-    path.write_text(yaml.safe_dump(plain))
-    assert load_nominal(path).interval_factor == {"all": 7.0}
+    path.with_name("other.yaml").write_text(yaml.safe_dump(plain))
+    assert load_nominal(path.with_name("other.yaml")).interval_factor == {"all": 7.0}
     plain["decision"] = dict.fromkeys(plain["decision"], {"one": -2.0, "train": 0.5, "select": 0.6, "unknown": -2.0})
     path.write_text(yaml.safe_dump(plain))
     again = load_nominal(path)
