@@ -49,6 +49,11 @@ class RunFolder:
         return self.out / "commit.txt"
 
     @property
+    def begun(self) -> str:
+        """What it says; nothing: not known."""
+        return self.commit.read_text(encoding="utf-8").strip() if self.commit.is_file() else ""
+
+    @property
     def worlds(self) -> Path:
         """By axis, the kinds of worlds that the run was begun with, where they are not drawn."""
         return self.out / "worlds.yaml"
@@ -73,7 +78,7 @@ class RunFolder:
             refused = True
             raise
         finally:
-            if not refused:
+            if not refused and self.out.is_dir():
                 with self.times.open("a", encoding="utf-8") as file:
                     file.write(f"{what} {time.monotonic() - began:.0f} {jobs}\n")
 

@@ -123,7 +123,7 @@ def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
     Raises:
         OutputError: this is another commit, and `again` is not asked for.
     """
-    begun = folder.commit.read_text(encoding="utf-8").strip() if folder.commit.is_file() else ""
+    begun = folder.begun
     if not begun and any((folder.out / "verdicts").glob("*")):
         begun = "(not known)"
     if again:

@@ -310,8 +310,7 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
             }
         )
     rounds = len(folder.rounds.read_text(encoding="utf-8").splitlines()) if folder.rounds.is_file() else 0
-    begun = folder.commit.read_text(encoding="utf-8").strip() if folder.commit.is_file() else commit()
-    result = {"version": version(), "commit": begun, "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
-    result["took"] = folder.took("diagnosis")
+    known = {"version": version(), "commit": folder.begun or commit(), "took": folder.took("diagnosis")}
+    result = {**known, "verdicts_sha256": digest, "round": rounds + 1, **score(cases)}
     write_file(folder.out / "score.json", json.dumps(result, indent=1, default=float))
     return result

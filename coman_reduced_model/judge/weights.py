@@ -67,10 +67,9 @@ class Example:
 
 def learn_decision(examples: Sequence[Example]) -> dict[str, dict[str, float]]:
     """Weights with selecting recordings that show an effect, and without (`alone`); with their alarms."""
-    decision = {"selected": learn_weights(examples), "alone": learn_weights([each.alone for each in examples])}
-    alarms = {"selected": learn_alarm(examples, decision)}
-    alarms["alone"] = learn_alarm([each.alone for each in examples], decision)
-    return {name: {**weights, "alarm": alarms[name]} for name, weights in decision.items()}
+    several = {"selected": examples, "alone": [each.alone for each in examples]}
+    decision = {name: learn_weights(some) for name, some in several.items()}
+    return {name: {**decision[name], "alarm": learn_alarm(some, decision)} for name, some in several.items()}
 
 
 def learn_weights(examples: Sequence[Example]) -> dict[str, float]:

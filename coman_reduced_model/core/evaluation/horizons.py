@@ -227,15 +227,16 @@ def _update(
     published = made[:, 0]
     published[:] = ahead[0]
     every = np.empty((1 + ahead.shape[0], ahead.shape[1], 3))
-    every[0], every[OWN:] = ahead[0], ahead[1:]
+    every[0], every[1], every[OWN:] = ahead[0], np.nan, ahead[1:]
     now = np.empty((2, 3))
     _to_odom(pose, measured, now[0])
     _to_odom(pose, reference, now[1])
     _judge_due(pending, errors, past, experiences, stamp_ns, last_ns, now)
-    for h in range(ahead.shape[1]):
-        _error_at(past, h, stamp_ns - lag_ns, kind == REPEATED, every[1, h])
-        for i in range(3):
-            every[1, h, i] = ahead[0, h, i] - every[1, h, i]
+    if kind == REPEATED:
+        for h in range(ahead.shape[1]):
+            _error_at(past, h, stamp_ns - lag_ns, every[1, h])
+            for i in range(3):
+                every[1, h, i] = ahead[0, h, i] - every[1, h, i]
     if reweigh:
         for each in experiences:
             weigh(each)
@@ -303,7 +304,7 @@ def _remember_error(past: Past, h: int, stamp_ns: int, off: Array, repeated: boo
 
 
 @compiled
-def _error_at(past: Past, h: int, stamp_ns: int, repeating: bool, out: Array) -> None:
+def _error_at(past: Past, h: int, stamp_ns: int, out: Array) -> None:
     """Fill in the error (3,) [m] of what the model predicted at a stamp; NaN where it is not known."""
     out[:] = np.nan
     count, slots = past.taken[h], past.stamps.shape[1]
@@ -314,7 +315,7 @@ def _error_at(past: Past, h: int, stamp_ns: int, repeating: bool, out: Array) ->
             low = middle + 1
         else:
             high = middle
-    if not repeating or low == count or low == max(count - slots, 0):
+    if low == count or low == max(count - slots, 0):
         return
     before, after = (low - 1) % slots, low % slots
     gap = past.stamps[h, after] - past.stamps[h, before]

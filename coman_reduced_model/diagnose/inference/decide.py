@@ -7,7 +7,7 @@ The score of an explanation is linear in its features, that of `unknown` is cons
 
 The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py. So is `alarm`, the probability of
 `none`, before anything was chosen, up to which something is said to be missing at all: about one nominal robot in a
-hundred gets there. Weights that were learnt before there was one, those with a baseline among them, have none.
+hundred gets there. Where none was learnt, it is NO_ALARM.
 """
 
 from __future__ import annotations

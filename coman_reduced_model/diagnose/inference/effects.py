@@ -66,8 +66,8 @@ def _parameters(finding: Finding, fit: Fit, option: Candidate) -> dict[str, dict
 
 def _figure(finding: Finding, fit: Fit, i: int) -> dict[str, Any]:
     """Value, unit and interval of parameter i."""
-    known, factors = finding.known[i], finding.nominal.interval_factor
-    half = CONFIDENCE * factors.get(known.effect, factors["all"]) * float(np.sqrt(fit.covariance[i, i]))
+    known = finding.known[i]
+    half = CONFIDENCE * finding.nominal.factor_of(known.effect) * float(np.sqrt(fit.covariance[i, i]))
     low, value, high = (known.value(fit.x[i] + k * half) for k in (-1.0, 0.0, 1.0))
     return {"value": value, "unit": known.unit, "interval": [low, high]}
 

@@ -59,7 +59,7 @@ def features(
     """Of the values that an `Explanation` has.
 
     Training and selecting recordings must both show an effect: the smaller evidence counts. It counts the less, the
-    further estimates of this effect are usually off, beside what they claim (`interval_factor`).
+    larger the errors of this effect usually are beside their standard deviations (`Nominal.interval_factor`).
     """
     laws = by_law(leftover)
     apart = {law: laws.pop(law) for law in list(laws) if law.endswith(APART)}

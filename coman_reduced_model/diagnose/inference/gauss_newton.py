@@ -45,35 +45,39 @@ def settle(
     at[list(released)] = finding.at[list(released)]
     near = finding.at
     best: tuple[Array, list[Case], Fit] | None = None
-    start = at, cases, evidence_of(cases).fit(released)
+    fit = evidence_of(cases).fit(released)
+    start = at, cases, fit
     possible = np.array_equal(at, near) and all(
-        start[2].x[i] >= known[i].low and known[i].effect not in TIMED for i in released
+        fit.x[i] >= known[i].low and known[i].effect not in TIMED for i in released
     )
     for left in reversed(range(rounds)):
-        at, cases, fit = _gauss_newton(cache, released, at, cases)
+        at, cases, fit = _gauss_newton(cache, released, at, cases, fit)
         if possible and best is None and start[2].log > fit.log + CLEARLY:
             return start
         if not left or all(abs(at[i] - near[i]) <= FAR_OFF * known[i].reach for i in released):
             break
         near, cases = at, cache.at(at, "train")
-        again = evidence_of(cases).fit(released)
-        if best and again.log <= best[2].log:
+        fit = evidence_of(cases).fit(released)
+        if best and fit.log <= best[2].log:
             return best
-        best = at, cases, again
+        best = at, cases, fit
     return best if best and fit.log < best[2].log else (at, cases, fit)
 
 
 def _gauss_newton(
-    cache: CaseCache, released: Sequence[int], at: Array, like: Sequence[Case]
+    cache: CaseCache, released: Sequence[int], at: Array, like: Sequence[Case], fit: Fit
 ) -> tuple[Array, list[Case], Fit]:
-    """Gauss-Newton from the values `at` (P,); the derivatives by all other parameters are those of the cases `like`."""
+    """Gauss-Newton from the values `at` (P,); the derivatives by all other parameters are those of the cases `like`.
+
+    Args:
+        fit: of these cases.
+    """
     known, cases = cache.known, list(like)
     key = at.tobytes(), like[0].evidence.at.tobytes(), *released
     if key in cache.converged:  # rivals are compared again when the best of them was refused
         at = cache.converged[key]
         cases = cache.near(at, like, released)
         return at, cases, evidence_of(cases).fit(released)
-    fit = evidence_of(cases).fit(released)
     longest = np.array([unknown.reach for unknown in known])
     last = np.zeros(len(known))
     for _ in range(STEPS):

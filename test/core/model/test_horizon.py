@@ -223,7 +223,7 @@ def repeated_errors(kind: int, lag_error: float = 0.0, seconds: float = 9.0, beg
     """Errors (n,) in x of what is published 0.1 s ahead, while the model errs in each stride of 1.4 s as in the last.
 
     Simpler predictions are off by more; one sample in 5 ms. The judge is given the stride `lag_error` [s] too long. The
-    stream begins so many times, from the same stamp and with other errors; those of the last time are returned.
+    recording is played `begins` times, each with other errors; what is returned is of the last time.
     """
     judge, stride = HorizonJudge((0.1,)), 1.4
     rng = np.random.default_rng(5)
