@@ -23,7 +23,7 @@ import numpy as np
 import yaml
 
 from ..sim.disturbances import DISTURBANCES
-from ..sim.robot_table import COMAN, RobotTable
+from ..sim.robot_table import COMAN, RobotTable, UpperBody, with_upper_body
 from ..sim.worlds import World
 from .variability import deviation_of
 
@@ -37,7 +37,8 @@ CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, in
     **dict.fromkeys(("sensor_rotation", "wrench_cross_talk"), "sensor_axes"),
 }
 Draw = Callable[[np.random.Generator, float, RobotTable], dict[str, Any]]
-JOINTS = ("HipSag", "HipLat", "KneeSag", "AnkSag", "AnkLat")
+JOINTS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # each moves a link of a leg
+ABOVE = {"", *(joint.name for joint in with_upper_body(COMAN, UpperBody(3, 6, 3)).upper)}  # trunk, waist, arms, head
 SOFT = ("KneeSag", "AnkSag")
 SPRINGS = ("HipSag", "HipYaw", *SOFT)  # whose spring or damper alone may differ; those of roll: soft_roll
 BENT = {"HipSag": 0.41, "KneeSag": 0.14, "AnkSag": 0.065}  # springs that may be bent: torque / (weight * COM height)
@@ -47,7 +48,6 @@ FORMS = {  # that the diagnosis does not share: it has a cubic spring, looks for
     "foot_slip": ("late", "sudden", "creep"),
     "touchdown_impact": ("decay", "double"),
 }
-LINKS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # by the joint that moves them
 
 
 @dataclass(frozen=True)
@@ -206,8 +206,9 @@ def link_mass(table: RobotTable, joint: str) -> float:
 
 
 def _body_mass(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
-    """`mass` [kg] more, or less, of a link of a leg or of the trunk."""
-    where = str(rng.choice(["", _joint(rng, *LINKS)]))
+    """`mass` [kg] more, or less, of a link of a leg, of the trunk, or of an arm, the waist or the head."""
+    upper = [joint.name for joint in table.upper if mass < 15.0 * joint.link.mass]
+    where = str(rng.choice(["", _joint(rng), *([str(rng.choice(upper))] if upper else [])]))
     share = mass / link_mass(table, where)
     return {"where": where, "scale": 1.0 + share if share > 0.7 or rng.random() < 0.5 else 1.0 - share}
 
@@ -387,8 +388,8 @@ OUTSIDE = tuple(name for name, family in FAMILIES.items() if not family.catalogu
 
 
 def class_of(effect: str, where: str | None = None) -> str:
-    """The class of an effect, or its name if it has none; more mass of the trunk is a payload, wherever that is."""
-    if effect == "body_mass" and where == "":
+    """The class of an effect, or its name if it has none; more mass above the legs is a payload, wherever that is."""
+    if effect == "body_mass" and where in ABOVE:
         return "payload"
     return CLASSES.get(effect, effect)
 

@@ -89,14 +89,18 @@ def test_levels_grow_and_can_be_built_on_every_robot(family):
         ("hardening", {"LHipSag", "RAnkSag", "left", ""}),
         ("softening", {"RHipSag", "LKneeSag", "right", ""}),
         ("hysteresis", {"LHipSag", "RKneeSag", "left", "right", ""}),
-        ("body_mass", {"LHipSag", "RHipLat", "LHipYaw", "RKneeSag", "LAnkSag", "RAnkLat", ""}),
+        ("body_mass", {"LHipSag", "RHipLat", "LHipYaw", "RKneeSag", "LAnkSag", "RAnkLat", "", "WaistLat", "RElbow"}),
+        ("backlash", {"LHipYaw", "RAnkLat", "left", ""}),
+        ("joint_friction", {"RHipYaw", "LKneeSag", "right", ""}),
+        ("encoder_bias", {"LHipYaw", "RHipSag"}),
     ],
 )
 def test_effects_are_hidden_at_all_their_places(family, places):
     drawn = set()
     for seed in range(150):
         robot = list(ROBOTS)[seed % len(ROBOTS)]
-        values, _ = draw_effect(family, np.random.default_rng(seed), seed % 3, World(robot=robot))
+        world = World(robot=robot, upper_body=seed % 2 == 0)
+        values, _ = draw_effect(family, np.random.default_rng(seed), seed % 3, world)
         make(FAMILIES[family].effect, values)  # within its bounds
         drawn.add(values["where"])
     assert places <= drawn

@@ -56,6 +56,7 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
         (hidden("single", ("hysteresis", "LKneeSag")), verdict_of(("backlash", "LKneeSag")), "right"),
         (hidden("single", ("wrench_cross_talk", "left")), verdict_of(("sensor_rotation", "left")), "right"),
         (hidden("single", ("body_mass", "")), verdict_of(("payload", "")), "right"),
+        (hidden("single", ("body_mass", "RElbow")), verdict_of(("payload", "")), "right"),
         (hidden("single", ("body_mass", "LKneeSag")), verdict_of(("payload", "")), "wrong"),
         (hidden("unknown", ("sloshing_load", "")), {"verdict": "unknown"}, "unknown"),
         (hidden("unknown", ("sloshing_load", "")), verdict_of(("payload", "")), "wrong"),

@@ -141,6 +141,8 @@ def test_late_wrenches_show_about_nominal(tmp_path):
         ("touchdown_impact", {"decay", "double"}),
         ("hardening", {"tanh", "steps"}),
         ("softening", {"tanh", "steps"}),
+        ("hysteresis", {"several"}),
+        ("stiffness_drift", {"ramp"}),
     ],
 )
 def test_no_hidden_effect_has_the_form_that_the_diagnosis_has(family, forms):
