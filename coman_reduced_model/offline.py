@@ -235,7 +235,9 @@ def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dic
         **run,
         "skill": {h: by_axis(skill) for h, skill in judge.skill().items()},
         "within_90": {h: by_axis(share) for h, share in judge.within().items()},
+        "reliability": judge.reliability(),
         "simpler_ahead": judge.simpler_is_better,
+        "simpler_share": {h: by_axis(share) for h, share in judge.simpler_share().items()},
         "model_share": {f"{h:g}": by_axis(judge.model_share(i)) for i, h in enumerate(judge.horizons)},
         "horizon_rmse_m": {
             h: {predictor: by_axis(error) for predictor, error in errors.items()} for h, errors in judge.rmse().items()

@@ -65,13 +65,13 @@ def reliability(shares: Mapping[str, Mapping[str, float]]) -> Figure:
     """Share of errors within an interval over the share that should be.
 
     Args:
-        shares: `reliability` of summary.json: by `position`, `velocity`, and level.
+        shares: by what is meant, as `position` or a horizon, and level of the interval.
     """
     if not any(shares.values()):
-        raise NoData("No step was judged.")
+        raise NoData("Nothing was judged.")
     figure, (ax,) = new_figure(1, 1, 4.2)
     ax.plot([0, 100], [0, 100], color="#5b606b", linewidth=0.8, label="as it should be")
-    for colour, marker, (name, by) in zip(SERIES, "os", shares.items(), strict=False):
+    for colour, marker, (name, by) in zip(SERIES, "os^Dvx", shares.items(), strict=False):
         levels = [100.0 * float(level) for level in by]
         ax.plot(levels, [100.0 * share for share in by.values()], color=colour, marker=marker, label=name)
     ax.set(xlabel="interval [%]", ylabel="errors within it [%]", xlim=(0, 100), ylim=(0, 102))

@@ -13,13 +13,13 @@ import numpy as np
 
 from ..core.base.limits import DIVERGED, TOPPLED
 from ..core.config.schema import OPTIONS, config_from_flat
-from ..core.evaluation.baselines import best_baseline
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
 from ..errors import BagError, OutputError
 from ..progress import Progress
 from ..schemas import read_result
 from . import figures
+from .ahead import ahead_section
 from .configuration import configuration_section
 from .draw import PHASE_NAMES
 from .estimate import estimate_section
@@ -29,7 +29,6 @@ from .verdict import millimetres, percent, sentence
 
 REPORT_FILE, PLOTS_FOLDER = "report.html", "plots"
 _SUMMARY_FILE, _PREDICTIONS_BAG = "summary.json", "predictions"
-_PREDICTORS = {"published": "published", "model": "model alone", "clairvoyant": "rigid, knowing its motors' future"}
 _FLAGS = {
     "NO_REFERENCE": "no reference of the configured source: neither reference nor prediction",
     "STALE_WRENCH": "a foot wrench is missing or too old: the phase is held",
@@ -109,7 +108,17 @@ def prediction_page(
     robot = (summary.get("robot") or {}).get("name") or "robot"
     recording = Path(summary.get("bag") or "?").name
     sections: list[Section] = []
-    parts = _walk, _errors, _deflection, _horizons, estimate_section, _left, _support, _inputs, configuration_section
+    parts = (
+        _walk,
+        _errors,
+        _deflection,
+        ahead_section,
+        estimate_section,
+        _left,
+        _support,
+        _inputs,
+        configuration_section,
+    )
     for number, make in enumerate(parts):
         report(number / len(parts), f"after {sections[-1].title}" if sections else "drawing")
         sections.append(make(summary, shown, plots))
@@ -261,60 +270,6 @@ def _deflection(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Sec
         plots,
     )
     return Section("Deflection from the reference", [made], "deflection")
-
-
-def _horizons(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
-    errors, skill = summary.get("horizon_rmse_m") or {}, summary.get("skill") or {}
-    made = picture(
-        "horizons",
-        lambda: figures.horizon_error(errors),
-        "RMS error against the horizon of what is published, of the model alone and of baselines, per axis.",
-        "Error of predictions some tenths of a second ahead, all judged on the same samples. "
-        "Published: the model and the baselines, blended by how wrong each has lately been. Planned: a rigid robot "
-        "whose motors go on as announced, or at their speed. Persistence: the COM keeps its velocity. LIPM: inverted "
-        "pendulum about the measured ZMP.",
-        plots,
-    )
-
-    def shown(horizon: str, axis: str) -> str:
-        value = (skill.get(horizon) or {}).get(axis)
-        return "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
-
-    note = (
-        "Skill: 1 - RMSE of what is published / RMSE of the best baseline. Above 0 it is better than all of them, 1 is "
-        "perfect. Within: share of what was published that was within its 90 % interval. A rigid robot that knows what "
-        "its motors will do is no baseline: nobody knows that."
-    )
-    if simpler := (summary.get("flags") or {}).get("SIMPLER_AHEAD"):
-        taken_over = percent(simpler / max(summary.get("samples") or 0, 1))
-        note += f" In {taken_over} of the samples a baseline had been better than the model on some axis."
-    if not errors and skill:  # of a live run, which holds no more
-        rows = [[f"{horizon} s", *(shown(horizon, axis) for axis in AXES)] for horizon in skill]
-        return Section("Prediction ahead", [Table(["skill, horizon", *AXES], rows, note)], "ahead")
-    if isinstance(made, Notice):
-        return Section("Prediction ahead", [made], "ahead")
-    rows = []
-    within = summary.get("within_90") or {}
-    for horizon, by in errors.items():
-        for axis in AXES:
-            cells = [millimetres((by.get(name) or {}).get(axis)).removesuffix(" mm") for name in _PREDICTORS]
-            share = (within.get(horizon) or {}).get(axis)
-            inside = "–" if share is None or not math.isfinite(share) else percent(share)
-            rows.append([f"{horizon} s, {axis}", *cells, _best_baseline(by, axis), shown(horizon, axis), inside])
-    head = [
-        "horizon, axis",
-        *(f"{name} [mm]" for name in _PREDICTORS.values()),
-        "best baseline [mm]",
-        "skill",
-        "within",
-    ]
-    return Section("Prediction ahead", [made, Table(head, rows, note)], "ahead")
-
-
-def _best_baseline(by: Mapping[str, Mapping[str, float | None]], axis: str) -> str:
-    """Error in mm, and which."""
-    error, name = best_baseline({name: (errors or {}).get(axis) for name, errors in by.items()})
-    return f"{millimetres(error).removesuffix(' mm')} ({name})" if name else "–"
 
 
 def _left(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:

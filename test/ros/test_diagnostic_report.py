@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.evaluation.baselines import BASELINES
 from coman_reduced_model.core.model.trunk.adaptation import Adapted
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.ros.interface.diagnostic_report import (
@@ -86,5 +87,8 @@ def test_the_report_says_when_simpler_predictions_have_taken_over(rotation, take
     prediction = next(each for each in array.status if each.name == "predictor: prediction")
     assert bytes(prediction.level) == DiagnosticStatus.OK and prediction.message.startswith("error RMS")
     assert ("ahead, simpler predictions have taken over from the model" in prediction.message) == taken_over
-    share = {each.key: float(each.value) for each in prediction.values}["share simpler_ahead"]
-    assert (share > 0.1) == taken_over
+    values = {each.key: each.value for each in prediction.values}
+    assert (float(values["share simpler_ahead"]) > 0.1) == taken_over
+    names = {key.split()[-1]: name for key, name in values.items() if key.startswith("simpler ahead ")}
+    assert bool(names) == taken_over and {*names.values()} <= {*BASELINES}
+    assert all(axis in prediction.message.rpartition("model in ")[2].split(", ") for axis in names)

@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 
 from ..base.types import Array, Estimate, Flags, Foot, Integers, Phase, Prediction
-from .statistics import NINETY, by_axis
+from .statistics import LEVELS, NINETY, QUANTILES, by_axis
 
 SETTLED = 2.0  # [s] that are left out at the beginning
-LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
-_QUANTILES = np.array([0.1257, 0.2533, 0.3853, 0.5244, 0.6745, 0.8416, 1.0364, 1.2816, NINETY, 1.9600])  # of |z|
 
 
 @dataclass(frozen=True)
@@ -173,4 +171,4 @@ def within(off: Array) -> Array:
 
 def reliability(off: Array) -> list[float]:
     """By `LEVELS`, the share of errors (n, 3), in standard deviations, that are within the interval of that level."""
-    return [float((np.abs(off) <= each).mean()) for each in _QUANTILES]
+    return [float((np.abs(off) <= each).mean()) for each in QUANTILES]

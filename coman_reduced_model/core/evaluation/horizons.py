@@ -16,7 +16,7 @@ from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
 from .blend import KNOWN, OWN, Experience, begin_with, blend, learn, no_experience, weigh
-from .statistics import NINETY
+from .statistics import LEVELS, QUANTILES
 
 Ints = NDArray[np.int64]
 Experiences = tuple[Experience, Experience, Experience]
@@ -58,7 +58,8 @@ class Errors(NamedTuple):
 
     sums: Array  # (n, 9, 3) [m^2]
     judged: Ints  # (n, 3) how many
-    expected: Ints  # (2, n, 3) of the published ones with a sigma: how many were within 90 %, and how many there were
+    expected: Ints  # (11, n, 3) of the published ones with a sigma: within the interval of each of LEVELS, and all
+    simpler: Ints  # (2, n, 3) samples at which a baseline had been better than the model, and all of them
     needed: NDArray[np.bool_]  # (9,) predictors without which nothing counts
     last: Array  # (2, 3) measured and reference COM in odom at the last sample [m]
 
@@ -92,6 +93,7 @@ class HorizonJudge:
         self._errors = Errors(
             np.zeros((n, predictors, 3)),
             np.zeros((n, 3), dtype=np.int64),
+            np.zeros((1 + len(LEVELS), n, 3), dtype=np.int64),
             np.zeros((2, n, 3), dtype=np.int64),
             np.array([name != "corrected" and (rigid or name not in WITH_REFERENCE) for name in PREDICTORS]),
             np.full((2, 3), np.nan),
@@ -157,7 +159,7 @@ class HorizonJudge:
 
     def count_from_now(self) -> None:
         """Forget the errors that were counted; what the blend knows stays."""
-        for each in (self._errors.sums, self._errors.judged, self._errors.expected):
+        for each in (self._errors.sums, self._errors.judged, self._errors.expected, self._errors.simpler):
             each[:] = 0
 
     def covariance(self, h: int) -> Array:
@@ -174,6 +176,20 @@ class HorizonJudge:
     def simpler_is_better(self) -> bool:
         """Whether on some axis, at some horizon, a baseline has lately been better than the model."""
         return self._simpler[self._kind]
+
+    def simpler(self) -> list[tuple[str, int, str]]:
+        """Horizon (as text), axis and the best baseline, wherever it has lately been better than the model."""
+        experience, found = self.experiences[self._kind], []
+        for h, axis in np.argwhere(experience.worse).tolist():
+            moments, times = (np.diag(each[h, axis])[OWN:] for each in (experience.moments, experience.times))
+            with np.errstate(invalid="ignore", divide="ignore"):
+                best = np.nanargmin(np.where(times > KNOWN, moments / times, np.nan))
+            found.append((f"{self.horizons[h]:g}", axis, BASELINES[best]))
+        return found
+
+    def simpler_share(self) -> dict[str, Array]:
+        """Share (3,) of the samples at which a baseline had lately been better than the model, a horizon."""
+        return self._shares(self._errors.simpler)[0]
 
     def rmse(self) -> dict[str, dict[str, Array]]:
         """RMSE (3,) [m] by horizon (as text, `0.1`) and predictor; NaN where nothing was judged.
@@ -196,9 +212,19 @@ class HorizonJudge:
 
     def within(self) -> dict[str, Array]:
         """Share (3,) of the published predictions that were within their 90 % interval, a horizon; NaN: none known."""
+        return self._shares(self._errors.expected)[LEVELS.index(0.9)]
+
+    def reliability(self) -> dict[str, dict[str, float]]:
+        """By horizon and level of an interval, the share of errors within it, all axes together; NaN: none known."""
+        shares = self._shares(self._errors.expected.sum(axis=2))
+        levels = dict(zip(map(str, LEVELS), shares, strict=True))
+        return {f"{h:g}": {k: float(by[f"{h:g}"]) for k, by in levels.items()} for h in self.horizons}
+
+    def _shares(self, counts: Ints) -> list[dict[str, Array]]:
+        """Of counts (k, n, ...), the last of which is of all, shares by horizon for each of the others."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            shares = self._errors.expected[0] / self._errors.expected[1]
-        return {f"{h:g}": shares[i] for i, h in enumerate(self.horizons)}
+            shares = counts[:-1] / counts[-1]
+        return [{f"{h:g}": each[i] for i, h in enumerate(self.horizons)} for each in shares]
 
     @property
     def judged(self) -> dict[str, Array]:
@@ -246,6 +272,8 @@ def _update(
         _covariance(experiences, h, made[h, 1:4])
         for i in range(3):
             made[h, 4, i] = experience.weights[h, i, :OWN].sum()
+            errors.simpler[0, h, i] += experience.worse[h, i]
+            errors.simpler[1, h, i] += 1
     _add(pending, made, kind, stamp_ns, pose, every)
     errors.last[:] = now
     still, repeated, stepping = experiences
@@ -349,8 +377,9 @@ def _add_errors(errors: Errors, h: int, off: Array, sigma: Array) -> None:
             for k in range(off.shape[0]):
                 errors.sums[h, k, i] += off[k, i] ** 2
         if np.isfinite(sigma[i]) and np.isfinite(off[0, i]):
-            errors.expected[0, h, i] += abs(off[0, i]) <= NINETY * sigma[i]
-            errors.expected[1, h, i] += 1
+            for k in range(QUANTILES.shape[0]):
+                errors.expected[k, h, i] += abs(off[0, i]) <= QUANTILES[k] * sigma[i]
+            errors.expected[-1, h, i] += 1
 
 
 @compiled

@@ -12,6 +12,8 @@ from ..base.types import Array, Flags, Phase, Prediction
 
 AXES = ("x", "y", "z")
 NINETY = 1.645  # standard deviations within which 90 % of normal errors are
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # shares of normal errors, and within how many
+QUANTILES = np.array([0.1257, 0.2533, 0.3853, 0.5244, 0.6745, 0.8416, 1.0364, 1.2816, NINETY, 1.9600])
 
 
 class RunStatistics:

@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ...core.base.stream_names import JOINTS
 from ...core.base.types import Array, Flags, Prediction
 from ...core.config.schema import Config
+from ...core.evaluation.statistics import AXES
 from ...core.monitor.monitor import Monitor
 from ...core.pipeline import Pipeline, Status
 from . import qos
@@ -207,8 +208,10 @@ class Diagnostics:
             )
         if singular > 0.5:
             return Level.WARN, f"{message}; posture near singular (straight knee): stiffness is limited", values
-        if judge.simpler_is_better:
-            return Level.OK, f"{message}; ahead, simpler predictions have taken over from the model", values
+        if simpler := judge.simpler():
+            values |= {f"simpler ahead {h} s {AXES[axis]}": name for h, axis, name in simpler}
+            axes = ", ".join(name for i, name in enumerate(AXES) if i in {axis for _, axis, _ in simpler})
+            return Level.OK, f"{message}; ahead, simpler predictions have taken over from the model in {axes}", values
         return Level.OK, message, values
 
     def _mismatch(self, status: Status, monitor: Monitor | None) -> tuple[Level, str, dict[str, Any]]:
