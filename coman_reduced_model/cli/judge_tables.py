@@ -45,6 +45,8 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
         f"oracle that is given the variability, medium and strong: ranks the effect first {share(ranking['first_1'])}, "
         f"among the first three {share(ranking['first_3'])}"
     )
+    if found := result.get("calibration"):  # earlier versions had none
+        _show_calibration(found)
     print(f"one diagnosis: median {_number(time['median'])} s, longest {_number(time['largest'])} s (target 60 s)")
     print(_redrawn(redrawn["cases"], redrawn["lowered"]))
     if result["with_baseline"]:
@@ -253,6 +255,34 @@ def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mappi
     listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
     if listed:
         print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed, words=4)
+
+
+def _show_calibration(found: Mapping[str, Any]) -> None:
+    """How right the probabilities are, how well they tell sick robots from clean ones, and what was promised."""
+    print_table(
+        f"the most likely statement of {found['cases']} diagnoses, by its probability",
+        ["probability", "right", "diagnoses"],
+        [[f"{100 * p:.0f} %", f"{100 * right:.0f} %", f"{n:.0f}"] for p, right, n in found["reliability"]],
+    )
+    curve = found["roc"]
+    print_table(
+        "alarms by the probability that nothing is missing, wherever its limit is",
+        ["of clean robots", "of medium and strong effects"],
+        [[f"{100 * a:.0f} %", f"{100 * b:.0f} %"] for a, b in zip(curve["false_alarms"], curve["found"], strict=True)],
+    )
+    (inside, of), power = found["intervals"], found["power"]
+    outside = ", ".join(f"{verdict} {n}" for verdict, n in found["outside"].items())
+    for line in (
+        f"mean probability of the truth, medium and strong: {_number(found['truth'])}, with all that cannot be "
+        f"distinguished from it {_number(found['group'])} (target 0.85)",
+        f"expected calibration error {_number(found['error'])} (target 0.05); area under the curve of alarms "
+        f"{_number(curve['area'])}",
+        f"95 % intervals of named and suspected effects hold {inside} of {of} true values",
+        f"verdicts on strong effects outside the catalogue: {outside or '-'} (target: unknown 90 %, none 0)",
+        f"the size that raises an alarm in 9 of 10 robots is {_number(power['factor'])} times the one that diagnoses "
+        f"give, by {power['of']} single effects (target: 1.5 at most)",
+    ):
+        print(line)
 
 
 def _show_took(result: Mapping[str, Any]) -> None:

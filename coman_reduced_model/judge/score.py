@@ -22,6 +22,7 @@ from ..core.base.nominal import load_nominal
 from ..output import write_file
 from ..resources import version
 from .by_kind import by_kind, by_what_was_learnt
+from .calibration import NOMINAL, calibration
 from .families import CLASSES, class_of, of_this_catalogue
 from .folder import RunFolder, stored
 from .run import seal
@@ -29,7 +30,6 @@ from .seeds import commit, spent_among
 from .sizes import shown
 
 OTHER = ("none", "unknown", "not_excited")
-NOMINAL = {"scale": 1.0}  # of every other parameter: 0
 UNLIKE = {"hysteresis": ("friction",), "stiffness_drift": ("time",)}  # parameters that the hidden forms do not share
 SHOWN = 5.0  # standard deviations that its own recordings leave, from which a hidden effect shows
 
@@ -159,6 +159,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "median": float(np.median(seconds)) if seconds else None,
             "largest": max(seconds, default=None),
         },
+        "calibration": calibration(cases),
         "confusion": confusion(rows),
         "by_kind": by_kind(rows, by_world),
         "learnt": by_what_was_learnt(rows, load_nominal(), by_world),
