@@ -26,6 +26,7 @@ from coman_reduced_model.bag.encode import (
     encode_transforms,
 )
 from coman_reduced_model.bag.reader import Bag
+from coman_reduced_model.bag.session import Session
 from coman_reduced_model.bag.types import bag_types, typestore
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.types import (
@@ -115,6 +116,18 @@ def test_predictions_of_the_version_before_are_read_and_reported(tmp_path):
     assert np.isnan(last.estimate.com).all() and np.isnan(last.estimate.covariance).all()
     assert run(["report", str(folder)]) == 0
     assert sentence(summary) in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_recording_of_the_version_before_is_predicted():
+    """The first seconds of test 1 as 0.2.0 recorded it: its plan previews no feet."""
+    with Session(ROOT / "test/data/recorded_0.2.0.mcap") as session:
+        predictions = list(session.predictions())
+        judge, rejected = session.pipeline.judge, session.pipeline.status().rejected
+    assert len(predictions) == 500 and not rejected
+    assert all(np.isfinite(p.reference_com).all() for p in predictions)
+    residuals = np.array([p.residual for p in predictions])
+    assert np.sqrt(np.nanmean(residuals**2, axis=0)).max() < 5e-4
+    assert judge.skill()["0.2"][0] > 0.0
 
 
 def test_an_external_wrench_has_force_before_moment():
