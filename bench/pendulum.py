@@ -26,7 +26,7 @@ def main() -> None:
     recording = read_recording(bag, config)
     samples = list(recording.copies())
     half = len(samples) // 2
-    head = ("half", "ahead [s]", "axis", "filter [mm]", "published", "persistence", "pendulum", "skill of the published")
+    head = ("half", "ahead [s]", "axis", "filter [mm]", "published", "persistence", "pendulum", "skill of published")
     table = Table(*head, title=str(bag))
     for name, part in (("first", samples[:half]), ("second", samples[half:])):
         predictor = Predictor(recording.robot, config)

@@ -122,12 +122,12 @@ def test_a_recording_of_the_version_before_is_predicted():
     """The first seconds of test 1 as 0.2.0 recorded it: its plan previews no feet."""
     with Session(ROOT / "test/data/recorded_0.2.0.mcap") as session:
         predictions = list(session.predictions())
-        judge, rejected = session.pipeline.judge, session.pipeline.status().rejected
+        rejected = session.pipeline.status().rejected
     assert len(predictions) == 500 and not rejected
     assert all(np.isfinite(p.reference_com).all() for p in predictions)
     residuals = np.array([p.residual for p in predictions])
     assert np.sqrt(np.nanmean(residuals**2, axis=0)).max() < 5e-4
-    assert judge.skill()["0.2"][0] > 0.0
+    assert all(np.isfinite(each.com).all() for each in predictions[-1].horizons)
 
 
 def test_an_external_wrench_has_force_before_moment():
