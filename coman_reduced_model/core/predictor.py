@@ -203,10 +203,9 @@ class Predictor:
         down = self._down(sample, foot, T_odom_sole)
         zmp = self._zmp(sample, foot, T_odom_sole, down, com[2]) if self._needs_zmp else None
         since = support.foot_time if support.phase == self._phase else support.phase_time
-        landed = self._stance not in (Foot.NONE, foot)
         began_ns = sample.stamp_ns - round(since * 1e9)
         now = Now(
-            sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, landed, down,
+            sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, self._stance, down,
             self.link.tilt(foot) if self.model.turning else _NAN2, self.support.lifting, self._touchdown(support),
         )  # fmt: skip
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)

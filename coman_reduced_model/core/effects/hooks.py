@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.pose import LEVEL
-from ..base.types import Array, Foot, Sample, SupportState
+from ..base.types import Array, Foot, Phase, Sample, SupportState
 from ..robot.robot import Posture
 
 STANDS = 1.0  # [s] after which a phase is part of no step
@@ -49,7 +49,7 @@ class Now:
     zmp: Array | None  # (3,) measured [m]
     T_odom_sole: Array  # (4, 4)
     began_ns: int  # stamp at which the phase began, or, if that is the last one's, the time of the support foot
-    landed: bool  # the support foot is the one that has just landed, not the one of the last single support
+    stance: Foot  # of the last single support; NONE: there has been none
     down: Array  # (3,) direction of gravity in odom, as far as it is known
     tilt: Array  # (2,) measured roll and pitch of the trunk about x, y of the sole [rad]; NaN where no model needs it
     lifting: float  # [N] that a foot bears at most that lifts
@@ -67,8 +67,13 @@ class Now:
 
     @property
     def standing(self) -> bool:
-        """Whether the robot, on one foot or on both, has not stepped for longer than a step takes."""
-        return self.support.phase_time > STANDS
+        """Whether the robot, on one foot or on both, has not stepped for longer than a step takes, or not at all."""
+        return self.support.phase_time > STANDS or (self.stance == Foot.NONE and self.support.phase == Phase.DOUBLE)
+
+    @property
+    def landed(self) -> bool:
+        """Whether the support foot is the one that has just landed, not the one of the last single support."""
+        return self.stance not in (Foot.NONE, self.foot)
 
 
 @dataclass(slots=True)
