@@ -73,6 +73,7 @@ def main() -> int:
         print(f"\n{pooled(list(walks.values()))}")
         shares = np.mean([np.mean(np.abs(each) < NINETY, axis=0) for each in forces], axis=0)
         words = ", ".join(f"{100 * each:.0f}" for each in shares)
+        print(f"\n{worse_than_encoders(walks)}")
         print(f"\nExternal force, of which there is none: within its 90 % interval, x, y, z: {words} %.")
     if new := [walk for seed, walk in walks.items() if new_kinds({"worlds": world_of(seed).kinds}, load_nominal())]:
         print(f"\n{NEW}", *in_bands(new), sep="\n")
@@ -146,6 +147,18 @@ def pooled(walks: list[Consistency]) -> str:
         for k, name in enumerate(("position", "velocity"))
     ]
     return "\n".join(lines) + f"\n\n{table(head, shares)}"
+
+
+def worse_than_encoders(walks: dict[str, Consistency]) -> str:
+    """Worlds in which the velocity of the estimate is worse than that by encoders alone, and whether flags say so."""
+    rms = {seed: np.sqrt((walk.errors**2).mean(axis=0)) for seed, walk in walks.items()}
+    found = [
+        f"{seed} ({', '.join(axis for axis, worse in zip('xyz', estimate > encoders, strict=True) if worse)}; "
+        f"INCONSISTENT {100 * walks[seed].summary()['inconsistent']:.0f} %)"
+        for seed, (estimate, encoders) in rms.items()
+        if (estimate > encoders).any()
+    ]
+    return f"Velocity worse than by encoders alone, by axis and samples that are flagged: {', '.join(found) or 'none'}."
 
 
 def in_bands(walks: list[Consistency]) -> list[str]:
