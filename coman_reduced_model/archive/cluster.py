@@ -8,7 +8,7 @@ import os
 from collections.abc import Generator, Sequence
 from typing import Any
 
-from ..errors import ConfigError
+from ..errors import ComanError, ConfigError
 from .local import Outcome
 from .work import DIED, Task, run_task
 
@@ -25,7 +25,7 @@ def run_on_ray(tasks: Sequence[Task], address: str, workers: int) -> Generator[O
         workers: of `local`: how many at a time.
 
     Raises:
-        ConfigError: there is no such cluster.
+        ComanError: there is no such cluster, a worker has another version of the package, or cannot write its results.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     if address == LOCAL:
@@ -62,3 +62,7 @@ def _run(remote: Any, tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
             yield task, ray.get(ready)
         except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError, ray.exceptions.NodeDiedError):
             yield task, DIED
+        except ray.exceptions.RayTaskError as error:
+            if isinstance(error.cause, ComanError):  # one line, as it was on the worker
+                raise error.cause from None
+            raise

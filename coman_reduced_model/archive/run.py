@@ -60,14 +60,15 @@ def run_archive(run: Run, progress: Progress | None = None) -> dict[str, Any]:
         Number of bags by status, of tasks done now and before, and the time it took [s].
 
     Raises:
-        ComanError: an archive cannot be read, or the results cannot be written.
+        ComanError: an archive cannot be read, the results cannot be written, or a worker has another version of the
+            package.
     """
     began, report = time.perf_counter(), progress or (lambda fraction, what: None)
     report(0.0, "looking for bags")
     bags = find_bags(run.uris)
     store = Store(run.out)
     _claim(store)
-    tasks = [BagTask(bag, run.settings, run.out) for bag in bags]
+    tasks = [BagTask.named(bag, run.settings, run.out) for bag in bags]
     first = between(report, 0.0, 0.5 if run.diagnose else 1.0)
     parts, now = _parts_of(run, store, tasks, first, "bags")
     rows = [_bag_row(run, task, part) for task, part in zip(tasks, parts, strict=True)]
@@ -118,8 +119,8 @@ def diagnoses(run: Run, bags: Sequence[StoredBag], rows: Sequence[Row]) -> list[
         train, hold = chosen[: count - held], chosen[count - held :]
         hashes = tuple(rows[index]["hash"] for index in chosen)
         if len({*hashes}) == len(hashes):
-            pick = [tuple(bags[index] for index in part) for part in (train, hold)]
-            tasks.append(DiagnosisTask(robot, period, pick[0], pick[1], hashes, run.settings, run.out))
+            fit, rest = ([bags[index] for index in part] for part in (train, hold))
+            tasks.append(DiagnosisTask.named((robot, period), fit, rest, hashes, run.settings, run.out))
     return tasks
 
 

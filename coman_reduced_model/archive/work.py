@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a worker does with one task. Each result is a part file, written by the worker itself."""
+"""What a worker does with one task. Each result is a part file, written by the worker itself under the task's name."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ import yaml
 from ..bag.reader import Bag
 from ..bag.session import Session
 from ..core.config.schema import Config
-from ..errors import ComanError
+from ..errors import ComanError, ConfigError
 from ..output import to_json
-from ..resources import version
+from ..resources import PACKAGE, version
 from ..topics import TopicNames
 from .inventory import METADATA, StoredBag
 from .memory import memory_watched
@@ -63,18 +63,25 @@ class Settings:
 
 @dataclass(frozen=True)
 class BagTask:
-    """One bag; `out` is the URI of the results."""
+    """One bag.
 
+    Attributes:
+        part: name of the part file; version: of the package that the driver has, which a worker must have too.
+        out: URI of the folder of the results.
+    """
+
+    part: str
+    version: str
     bag: StoredBag
     settings: Settings
     out: str
 
-    @property
-    def part(self) -> str:
-        """Name of the part file: of the bag as it is stored, the version of the package, and the settings."""
-        files = [(file.path, file.size, file.tag) for file in self.bag.files]
-        key = [VERSION, self.bag.archive, self.bag.bag, files, version(), self.settings.digest()]
-        return f"{PARTS}/bag-{key_of(key)[:32]}.json"
+    @classmethod
+    def named(cls, bag: StoredBag, settings: Settings, out: str) -> BagTask:
+        """With the name of its part: of the bag as it is stored, the version of the package here, and the settings."""
+        files, made_by = [(file.path, file.size, file.tag) for file in bag.files], version()
+        key = key_of([VERSION, bag.archive, bag.bag, files, made_by, settings.digest()])
+        return cls(f"{PARTS}/bag-{key[:32]}.json", made_by, bag, settings, out)
 
     def run(self) -> str:
         """Read and predict the bag."""
@@ -134,8 +141,10 @@ class BagTask:
 
 @dataclass(frozen=True)
 class DiagnosisTask:
-    """Bags of one robot in one period, with their hashes: some to fit, some held out."""
+    """Bags of one robot in one period, with their hashes: some to fit, some held out; the rest as in `BagTask`."""
 
+    part: str
+    version: str
     robot: str
     period: str
     train: tuple[StoredBag, ...]
@@ -144,11 +153,19 @@ class DiagnosisTask:
     settings: Settings
     out: str
 
-    @property
-    def part(self) -> str:
-        """Name of the part file: of the contents of the bags, in this order, the version, and the settings."""
-        key = [VERSION, self.hashes, len(self.train), version(), self.settings.digest()]
-        return f"{PARTS}/diagnosis-{key_of(key)[:32]}.json"
+    @classmethod
+    def named(
+        cls, of: tuple[str, str], train: Sequence[StoredBag], holdout: Sequence[StoredBag], hashes: tuple[str, ...],
+        settings: Settings, out: str,
+    ) -> DiagnosisTask:  # fmt: skip
+        """With the name of its part: of the contents of the bags, in this order, the version, and the settings.
+
+        `of` is robot and period.
+        """
+        made_by = version()
+        key = key_of([VERSION, hashes, len(train), made_by, settings.digest()])
+        name = f"{PARTS}/diagnosis-{key[:32]}.json"
+        return cls(name, made_by, *of, tuple(train), tuple(holdout), hashes, settings, out)
 
     @property
     def bags(self) -> list[str]:
@@ -184,7 +201,13 @@ Task = BagTask | DiagnosisTask
 
 
 def run_task(task: Task) -> str:
-    """Do a task; the status of its part."""
+    """Do a task; the status of its part.
+
+    Raises:
+        ConfigError: the package here has another version than the driver's: a table is made by one.
+    """
+    if task.version != version():
+        raise ConfigError(f"a worker has {PACKAGE} {version()}, this command {task.version}: all nodes need the same")
     return task.run()
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,15 +20,17 @@ from jsonschema import Draft202012Validator
 from pyarrow import parquet
 from synthetic import T0, walk, write_bag
 
+from coman_reduced_model.archive import work
 from coman_reduced_model.archive.inventory import find_bags
 from coman_reduced_model.archive.robots import date_of, period_of, read_robots, robot_of
 from coman_reduced_model.archive.run import Run, diagnoses
 from coman_reduced_model.archive.store import Store
 from coman_reduced_model.archive.tables import TABLES, arrow_schema, read_table, write_table
-from coman_reduced_model.archive.work import Settings
+from coman_reduced_model.archive.work import BagTask, DiagnosisTask, Settings, run_task
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.errors import ComanError
+from coman_reduced_model.errors import ComanError, ConfigError
+from coman_reduced_model.resources import version
 from coman_reduced_model.schemas import schema
 
 COMAN = (sys.executable, "-m", "coman_reduced_model.cli.main", "archive")
@@ -173,6 +177,40 @@ def test_ray_gives_the_same_tables(walks, whole, tmp_path):
     done = subprocess.run(command, cwd=ROOT, env=child_environment(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert contents(out) == contents(whole)
+
+
+def test_a_worker_of_another_version_is_refused_with_both(walks, tmp_path, monkeypatch, capsys):
+    """Its part would have another name, which nobody would look for after all the work."""
+    bags = find_bags([str(walks / "bert")])
+    tasks = [
+        BagTask.named(bags[0], Settings(Config()), str(tmp_path)),
+        DiagnosisTask.named(("bert", "2023-11"), bags[:1], bags[1:], ("a", "b"), Settings(Config()), str(tmp_path)),
+    ]
+    parts = [task.part for task in tasks]
+    monkeypatch.setattr(work, "version", lambda: "9.8.7")
+    assert [task.part for task in tasks] == parts, "the name is the driver's"
+    for task in tasks:
+        with pytest.raises(ConfigError, match=rf"has coman_reduced_model 9\.8\.7, this command {re.escape(version())}"):
+            run_task(task)
+    assert not [*tmp_path.iterdir()]
+    out = tmp_path / "out"  # the processes of workers have what is installed
+    assert run(["archive", str(walks / "bert"), "--workers", "1", "--out", str(out)]) == 2
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if each.startswith("coman: ")]
+    assert f"has coman_reduced_model {version()}, this command 9.8.7" in line
+
+
+@pytest.mark.slow
+def test_a_worker_of_ray_of_another_version_is_refused(walks, tmp_path, monkeypatch):
+    ray = pytest.importorskip("ray")
+    from coman_reduced_model.archive.cluster import run_on_ray
+
+    (task, *_) = (BagTask.named(bag, Settings(Config()), str(tmp_path)) for bag in find_bags([str(walks / "bert")]))
+    for name in ("RAY_USAGE_STATS_ENABLED", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"):
+        monkeypatch.setenv(name, "0")  # which it sets itself: as before, afterwards
+    with pytest.raises(ConfigError) as raised:
+        [*run_on_ray([replace(task, version="9.8.7")], "local", 1)]
+    assert str(raised.value).startswith(f"a worker has coman_reduced_model {version()}, this command 9.8.7")
+    assert "\n" not in str(raised.value) and not ray.is_initialized()
 
 
 def test_what_takes_too_much_memory_is_a_row(walks, tmp_path):
