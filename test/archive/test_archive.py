@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -168,14 +169,79 @@ def test_killed_workers_and_a_killed_archive_change_nothing(walks, whole, tmp_pa
     assert contents(out) == contents(whole)
 
 
-@pytest.mark.slow
-def test_ray_gives_the_same_tables(walks, whole, tmp_path):
-    """Of this machine, reachable by this machine only."""
+def family(pid: int) -> list[int]:
+    """A process and all that it, and they, have started."""
+    parents: dict[int, list[int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parent = int(stat.read_text().rpartition(")")[2].split()[1])
+            parents.setdefault(parent, []).append(int(stat.parent.name))
+    found = [pid]
+    for each in found:
+        found += parents.get(each, [])
+    return found
+
+
+def listening(pids: list[int]) -> set[str]:
+    """Addresses at which processes take connections, as /proc/net writes them."""
+    sockets = set()
+    for pid in pids:
+        with suppress(OSError):
+            for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+                with suppress(OSError):
+                    sockets.add(str(descriptor.readlink()))
+    rows = [line.split() for name in ("tcp", "tcp6") for line in Path("/proc/net", name).read_text().splitlines()[1:]]
+    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in sockets}
+
+
+LOOPBACK = {"0100007F", "0000000000000000FFFF00000100007F", "00000000000000000000000001000000"}
+
+
+def on_ray(walks: Path, out: Path) -> subprocess.Popen:
+    """`coman archive` by Ray of this machine."""
     pytest.importorskip("ray")
-    out = tmp_path / "ray"
     command = [*COMAN, str(walks), "--predict", "--address", "local", "--out", str(out)]
-    done = subprocess.run(command, cwd=ROOT, env=child_environment(), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    return subprocess.Popen(command, cwd=ROOT, env=child_environment(), stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.slow
+def test_ray_gives_the_same_tables_and_is_reached_by_this_machine_only(walks, whole, tmp_path):
+    found: list[set[str]] = []
+    with on_ray(walks, tmp_path / "ray") as archive:
+        while archive.poll() is None:
+            found.append(listening(family(archive.pid)))
+            time.sleep(0.1)
+        assert archive.returncode == 0, archive.stderr.read()
+    assert contents(tmp_path / "ray") == contents(whole)
+    addresses = set.union(*found)
+    assert addresses and addresses <= LOOPBACK
+
+
+@pytest.mark.slow
+def test_a_killed_worker_of_ray_costs_its_bag_alone(walks, whole, tmp_path):
+    out = tmp_path / "ray"
+
+    def stopped() -> int:
+        """A worker that has a bag in hand, and goes no further."""
+        for pid in family(archive.pid):
+            with suppress(OSError):
+                title = Path(f"/proc/{pid}/cmdline")
+                if title.read_bytes().startswith(b"ray::run_task"):
+                    os.kill(pid, signal.SIGSTOP)
+                    if title.read_bytes().startswith(b"ray::run_task"):
+                        return pid
+                    os.kill(pid, signal.SIGCONT)
+        assert archive.poll() is None, "all was done before a worker could be killed"
+        return 0
+
+    with on_ray(walks, out) as archive:
+        waited(lambda: [*out.glob("parts/*.json")])
+        worker = waited(stopped)
+        parts = {path: path.stat().st_mtime_ns for path in out.glob("parts/*.json")}
+        os.kill(worker, signal.SIGKILL)
+        assert archive.wait(300) == 0, archive.stderr.read()
+    assert len(parts) < len([*out.glob("parts/*.json")]) == len(BAGS) + 2
+    assert {path: path.stat().st_mtime_ns for path in parts} == parts, "what others had done is not done again"
     assert contents(out) == contents(whole)
 
 
