@@ -7,7 +7,7 @@
 One core, samples of a walk (12 joints, motor side, both wrenches), garbage collection as usual; CPU time. The
 yardstick is one forward dynamics of the same robot by Pinocchio (ABA) from Python, timed once after each sample, when
 caches are cold for it: `x ABA` are ratios in one run, which carry over to other machines better than times do. Parts
-are means by wall time.
+are means by wall time; calls of Pinocchio are counted in the run, their time is that number times the median of a call.
 """
 
 from __future__ import annotations
@@ -49,8 +49,9 @@ VARIANTS = {
     "the turning trunk, no horizons": {"prediction.horizons": []},
     "the turning trunk, horizons": {},
 }
-SAMPLES = 1500
+SAMPLES, WARM = 1500, 300  # measured; before that, so that compiled code is loaded and caches are warm
 PARTS = ("the paper's model, horizons", "the turning trunk, horizons")
+CALLING = ("the turning trunk, no horizons", "the turning trunk, horizons")
 
 
 def read_samples(path: Path) -> tuple[Robot, list[Sample]]:
@@ -85,25 +86,40 @@ def timed(predictor: Predictor, samples: Sequence[Sample]) -> tuple[np.ndarray, 
 
 
 class Stopwatch:
-    """Wraps methods of an object and adds up the time within each."""
+    """Wraps functions of objects and modules, and keeps the time within each call; undone by `stop`."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+        self.seconds: dict[str, list[float]] = {}
+        self._watched: list[tuple[object, str, Callable]] = []
 
-    def watch(self, owner: object, method: str, name: str) -> None:
-        call: Callable = getattr(owner, method)
+    def watch(self, owner: object, function: str, name: str) -> None:
+        call: Callable = getattr(owner, function)
 
-        def wrapped(*arguments: object) -> object:
+        def wrapped(*arguments: object, **named: object) -> object:
             start = time.perf_counter()
-            result = call(*arguments)
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            result = call(*arguments, **named)
+            self.seconds.setdefault(name, []).append(time.perf_counter() - start)
             return result
 
-        setattr(owner, method, wrapped)
+        setattr(owner, function, wrapped)
+        self._watched.append((owner, function, call))
+
+    def stop(self) -> None:
+        for owner, function, call in self._watched:
+            setattr(owner, function, call)
+
+
+def through(predictor: Predictor, monitor: Monitor, samples: Sequence[Sample]) -> None:
+    """Predict and monitor all samples."""
+    for sample in samples:
+        made = predictor.update(sample)
+        assert predictor.sample is not None
+        monitor.update(predictor.sample, predictor.link, made)
 
 
 def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, float]:
     """Mean time of each part in one update [s]; some 0.3 us of each are the stopwatch's own."""
+    through(Predictor(robot, config), Monitor(robot, config), samples[:WARM])
     predictor, monitor, watch = Predictor(robot, config), Monitor(robot, config), Stopwatch()
     for owner, method, name in (
         (predictor.support, "update", "support phase"),
@@ -118,39 +134,42 @@ def parts(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, 
         (monitor, "update", "monitor"),
     ):
         watch.watch(owner, method, name)
-    for sample in samples:
-        made = predictor.update(sample)
-        assert predictor.sample is not None
-        monitor.update(predictor.sample, predictor.link, made)
-    return {name: seconds / len(samples) for name, seconds in watch.seconds.items()}
+    through(predictor, monitor, samples)
+    return {name: sum(seconds) / len(samples) for name, seconds in watch.seconds.items()}
 
 
-def kinematics(robot: Robot, samples: Sequence[Sample], cold: float) -> str:
-    """What of an update is Pinocchio's, called from Python: the sentence with its figures.
+def of_pinocchio(robot: Robot, config: Config, samples: Sequence[Sample]) -> dict[str, tuple[float, float]]:
+    """What an update calls of Pinocchio, by function: mean number of calls; that times the median of a call [s].
 
-    `cold` is the median of an ABA after an update [s].
+    The first `WARM` samples are not counted. Some 0.3 us of each call are the stopwatch's own.
     """
-    model = robot.model
-    data, q, v, posture = model.createData(), pin.neutral(model), np.zeros(model.nv), robot.posture()
+    predictor, watch, kind = Predictor(robot, config), Stopwatch(), type(pin.aba)
+    for sample in samples[:WARM]:
+        predictor.update(sample)
+    for name in [name for name in dir(pin) if type(getattr(pin, name)) is kind]:  # functions of C++
+        watch.watch(pin, name, name)
+    try:
+        for sample in samples[WARM:]:
+            predictor.update(sample)
+    finally:
+        watch.stop()
+    calls = {name: len(seconds) / (len(samples) - WARM) for name, seconds in watch.seconds.items()}
+    return {name: (calls[name], calls[name] * float(np.median(watch.seconds[name]))) for name in calls}
 
-    def cost(call: Callable[[], object]) -> float:
-        best = np.inf
-        for _ in range(5):
-            start = time.process_time()
-            for _ in range(500):
-                call()
-            best = min(best, (time.process_time() - start) / 500)
-        return best * 1e6
 
-    sample = samples[0]
-    posture_us = cost(lambda: posture.update(sample.q, sample.qd))
-    rest_us = cost(lambda: pin.crba(model, data, q)) + cost(lambda: pin.rnea(model, data, q, v, v))
-    aba_us = cost(lambda: pin.aba(model, data, q, v, v))
-    return (
-        f"Pinocchio from Python: ABA {cold * 1e6:.1f} us after an update; in a loop {aba_us:.1f} us, "
-        f"a posture {posture_us:.1f} us (three in an update), "
-        f"inertia and bias forces {rest_us:.1f} us: {3 * posture_us + rest_us:.1f} us of an update."
-    )
+def pinocchio_table(robot: Robot, samples: Sequence[Sample], cold: float) -> Table:
+    """Calls and time of Pinocchio in an update; `cold` is the median of an ABA after an update [s]."""
+    found = [of_pinocchio(robot, Config().replaced(VARIANTS[name]), samples) for name in CALLING]
+    title = f"Pinocchio, called from Python; for comparison, one ABA after an update {cold * 1e6:.1f} us"
+    table = Table("function: calls an update, their time [us]", *CALLING, title=title)
+    for name in sorted(set().union(*found)):
+        table.add_row(name, *(_calls(*each.get(name, (0.0, 0.0))) for each in found))
+    table.add_row("all", *(_calls(*map(sum, zip(*each.values(), strict=True))) for each in found))
+    return table
+
+
+def _calls(calls: float, seconds: float) -> str:
+    return f"{calls:.1f}: {seconds * 1e6:.1f}"
 
 
 FIRST_CALL = """
@@ -205,7 +224,7 @@ def main() -> None:
     table = Table(*names, title=f"{path.name}: {len(samples)} samples; in brackets without the observer")
     for name, changes in VARIANTS.items():
         config = Config().replaced(changes)
-        timed(Predictor(robot, config), samples[:300])  # compiled, caches warm
+        timed(Predictor(robot, config), samples[:WARM])
         cells = []
         for observer in (True, False):
             predictor = Predictor(robot, config)
@@ -218,7 +237,7 @@ def main() -> None:
         table.add_row(name, *(f"{one} ({other})" for one, other in zip(*cells, strict=True)))
     console.print(table)
 
-    print(kinematics(robot, samples, aba))
+    console.print(pinocchio_table(robot, samples, aba))
     table = Table("part, mean [us]", *PARTS)
     columns = [parts(robot, Config().replaced(VARIANTS[name]), samples) for name in PARTS]
     for part in columns[0]:
