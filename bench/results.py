@@ -8,9 +8,8 @@
 `judge`, `clean`, `baseline`, `prediction`, `monitor`, `others` and `others_walks` are of a run of `coman judge`
 whose folder JUDGED names, `left_out` is of the file of judge/learn.py that LEFT_OUT names; they are written only if
 named, as are `fuzz` and `soak`, runs of long tests. A page holds what a command prints, or a table of what it writes.
-`free_run` also writes the table of the README and the picture beside it; WORLDS_MADE is a folder of recordings of its
-worlds, which are made if they are not there. Recordings that are not part of the
-project are read from ../shared, or --shared DIR; a page says which of them it went without.
+`free_run` also writes the table of the README and the picture beside it; its worlds are made unless they are in the
+folder WORLDS_MADE. Other recordings are read from ../shared, or --shared DIR; a page says which it went without.
 """
 
 from __future__ import annotations
@@ -273,6 +272,7 @@ def archive(shared: Path) -> tuple[str, str]:
 PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "free_run": free_run,
     "update": script("Cost of an update", ("predictor",)),
+    "startup": script("Start-up", ("startup",), ("predictor", "--first-call")),
     "joints": script("Cost of an update by the number of joints", ("joints", "doc/results/joints.png")),
     "engine": script(
         "Reduced model beside full simulation", ("model_vs_mujoco", "test1"), ("model_vs_mujoco", "test2")
