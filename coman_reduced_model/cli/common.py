@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import sys
@@ -80,6 +81,16 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
         except yaml.YAMLError:
             raise ConfigError(f"--set: {key.strip()}: {text!r} is not a value of YAML") from None
     return config.replaced(values, "--set") if values else config
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """No garbage collection: what is loaded stays, and to look through it again and again takes time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 @contextmanager

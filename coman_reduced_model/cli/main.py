@@ -8,6 +8,7 @@ Exit codes: 0 success; 2 bad usage or bad input, with one line that says what an
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import sys
 import traceback
@@ -152,6 +153,7 @@ def main() -> None:
     except KeyboardInterrupt:  # a second time, between its being handled and here
         code = 130
     answered()  # all is done; while Python ends, a Ctrl-C would change the exit code
+    gc.freeze()  # else Python, as it ends, looks once more through all that numba has loaded
     sys.exit(code)
 
 

@@ -18,6 +18,7 @@ from .common import (
     SetOption,
     UrdfOption,
     by_axis_text,
+    loading,
     print_json,
     print_table,
     progress,
@@ -40,13 +41,14 @@ def predict(
     json: JsonOption = False,
 ) -> None:
     """Predict the COM over a recorded bag, as fast as it goes: what the node would have said."""
-    settings = read_config(config, changes)
-    from ..bag.session import Session
-    from ..offline import predict_bag
-    from ..topics import TopicNames
+    with loading():
+        settings = read_config(config, changes)
+        from ..bag.session import Session
+        from ..offline import predict_bag
+        from ..topics import TopicNames
 
-    names = TopicNames(namespace, remap or ())
-    with Session(bag, settings, urdf=urdf, names=names) as session, progress("predicting") as report:
+        session = Session(bag, settings, urdf=urdf, names=TopicNames(namespace, remap or ()))
+    with session, progress("predicting") as report:
         summary = predict_bag(session, out, force=force, progress=report)
     warn(summary["warnings"])
     counts = summary["rejected"]
