@@ -10,7 +10,6 @@ import numpy as np
 
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import LINKS, PLAN
-from ...core.evaluation.statistics import AXES
 from ...report.figures import heat_map
 from ...report.page import Notice, Part, Section, Table, Text, page, picture
 from ..inference.explanation import law_of
@@ -20,13 +19,11 @@ from ..inference.search import MOST
 from ..result import Diagnosis
 from .alike import groups, taken_for
 from .figures import Pair, com_error, law, pairs, residuals
+from .tables import ROWS, errors_of_com, probabilities, values
 from .words import (
-    FAR_HEAD,
     channel,
     channel_unit,
     effect_sentence,
-    far,
-    figure,
     known,
     meaning,
     place,
@@ -35,7 +32,6 @@ from .words import (
     stands_out,
 )
 
-_ROWS = 14  # of the heat map and the tables, the rest is folded away
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
 _HEADINGS = {
     "effect": "What is missing",
@@ -88,28 +84,8 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
     if result["suspected"]:
         parts.append(Text("These effects were looked at as explanations, and are not sure enough:"))
     if effects:
-        rows = [
-            [
-                spaced(effect["name"]), effect["where"] or "–", key,
-                figure(parameter), f"{effect['evidence']:.0f}", known(effect["select_evidence"]),
-                known(effect["confirm_evidence"]), f"{effect['probability']:.0%}",
-            ]
-            for effect in effects
-            for key, parameter in effect["parameters"].items()
-        ]  # fmt: skip
-        caption = (
-            "Values with intervals that are longer than 1.96 standard deviations of the linearised posterior by a "
-            "factor, by robots with known faults, with which they are to hold 95 % of the true values. Evidence: "
-            "natural logarithm of the ratio of the probabilities of the data with the effect and with no more than "
-            "nominal variability (4.6 nats are 100 to 1), of the training recordings, of those that help to choose, "
-            "and of the one that confirms. The probability is that of the effect and all that these recordings cannot "
-            "distinguish from it."
-        )
-        head = ["effect", "where", "parameter", "value", "training", "choosing", "confirming", "probability"]
-        parts.append(Table(head, rows, caption, words=3))
-    if effects:
-        parts.append(_com(effects, bool(result["gap"]["holdout"])))
-    parts += _probabilities(result)
+        parts += [values(effects), errors_of_com(effects, bool(result["gap"]["holdout"]))]
+    parts += probabilities(result)
     if result["effects"]:
         inside = [spaced(effect["name"]) for effect in effects if effect["in_model"]]
         parts.append(
@@ -121,44 +97,6 @@ def _verdict(result: dict[str, Any]) -> list[Part]:
         if len(inside) < len(effects):
             parts.append(Text(_NOT_IN_MODEL))
     return parts
-
-
-def _probabilities(result: dict[str, Any]) -> list[Part]:
-    """What the first comparison says of each explanation, and what is pulled away from nominal."""
-    parts: list[Part] = []
-    rows = [[spaced(name), f"{p:.1%}"] for name, p in result["probabilities"].items()]
-    if rows:
-        caption = (
-            "Before anything was chosen. The weights behind these figures were learnt from robots whose faults are "
-            f"known (config/nominal.yaml says which). Judged as precise: {', '.join(result['precise']) or 'nothing'}."
-        )
-        parts.append(Table(["explanation", "probability"], rows[:_ROWS], caption, words=1))
-    rows = [far(row) for row in result["far_from_nominal"]]
-    if rows:
-        caption = "Beside this, the best explanation needs these further from nominal than nominal robots have them."
-        parts.append(Table([*FAR_HEAD], rows[:_ROWS], caption, words=2))
-    return parts
-
-
-def _com(effects: list[dict[str, Any]], held: bool) -> Table:
-    """What each effect makes of the predicted COM."""
-    rows = []
-    for effect in effects:
-        com, inside = effect["com"], "yes" if effect["in_model"] else "no"
-        for axis in AXES:
-            sizes = [f"{1e3 * com[which][axis]:.3f}" for which in ("before", "after")]
-            low, high = (1e6 * value for value in com["change"][axis])
-            change = f"{low:+.4f} to {high:+.4f}" if np.isfinite(high) else "–"
-            rows.append([spaced(effect["name"]), effect["where"] or "–", axis, *sizes, change, inside])
-    which = "held-out recordings" if held else "training recordings: none was held out"
-    caption = (
-        "Error of the predicted COM without and with each effect, beside the others in the model: RMS over the "
-        f"{which}, both against the measurement as the effects correct it. The change of its square is a 95 % "
-        f"interval, paired over {effects[0]['com']['steps']} steps. An effect stays out of the model if one axis is "
-        "worse beyond chance."
-    )
-    head = ["effect", "where", "COM", "without [mm]", "with it [mm]", "change of square [mm²]", "in the model"]
-    return Table(head, rows, caption, words=3)
 
 
 def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Part]:
@@ -249,8 +187,8 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
     for entry in entries:
         by = worst.setdefault(entry["channel"], {})
         by[entry["phase"]] = max(by.get(entry["phase"], 0.0), entry["excess"])
-    names = list(worst)[:_ROWS]  # the largest first
-    values = np.array([[worst[name].get(phase, np.nan) for phase in phases] for name in names])
+    names = list(worst)[:ROWS]  # the largest first
+    sizes = np.array([[worst[name].get(phase, np.nan) for phase in phases] for name in names])
     first = entries[0]
     support = "double support" if first["phase"] == "double" else f"support by the {first['phase']} foot"
     pace = "steadily through a phase" if first["band_hz"][0] == 0.0 else "with the motion inside a phase"
@@ -267,7 +205,7 @@ def _where(diagnosis: Diagnosis) -> list[Part]:
         picture(
             "where",
             lambda: heat_map(
-                values,
+                sizes,
                 [channel(n) for n in names],
                 ["left support", "right support", "double support"],
                 "times the noise floor",
@@ -310,9 +248,9 @@ def _gap(result: dict[str, Any]) -> list[Part]:
             " No value of an effect was fitted to the held-out recordings. The last one confirms: it was opened once, "
             "at the end. Those before it helped to choose, and the COM of all decides what goes into the model."
         )
-    parts: list[Part] = [Table(head, rows[:_ROWS], caption, strong=range(len(com)))]
-    if rows[_ROWS:]:
-        parts.append(Table(head, rows[_ROWS:], folded=f"{len(rows) - _ROWS} more channels"))
+    parts: list[Part] = [Table(head, rows[:ROWS], caption, strong=range(len(com)))]
+    if rows[ROWS:]:
+        parts.append(Table(head, rows[ROWS:], folded=f"{len(rows) - ROWS} more channels"))
     return parts
 
 
@@ -332,9 +270,9 @@ def _ranking(diagnosis: Diagnosis) -> list[Part]:
     )
     if not named:  # else the table of the effects has said it
         caption += " Evidence: natural logarithm of a ratio of probabilities (4.6 nats are 100 to 1)."
-    parts: list[Part] = [Table(head, rows[:_ROWS], caption, words=2, strong=[i for i in strong if i < _ROWS])]
-    if rows[_ROWS:]:
-        parts.append(Table(head, rows[_ROWS:], words=2, folded=f"{len(rows) - _ROWS} more candidates"))
+    parts: list[Part] = [Table(head, rows[:ROWS], caption, words=2, strong=[i for i in strong if i < ROWS])]
+    if rows[ROWS:]:
+        parts.append(Table(head, rows[ROWS:], words=2, folded=f"{len(rows) - ROWS} more candidates"))
     return parts
 
 
@@ -359,7 +297,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     if result["too_much"]:
         rows = [
             [channel(key.split("|")[0]), f"{result['leftover'][key]:.1f}", f"{_usual(finding, key):.1f}"]
-            for key in result["too_much"][:_ROWS]
+            for key in result["too_much"][:ROWS]
         ]
         caption = "In units of the noise floor, the middle recording."
         parts.append(Table(["left unexplained", "left", "nominal robots"], rows, caption))
