@@ -81,7 +81,7 @@ def diagnose(
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
-    from ..diagnose.report.words import FAR_HEAD, far, spaced
+    from ..diagnose.report.words import FAR_HEAD, far, named, or_else, spaced
 
     print(f"verdict: {result['verdict']}: {result['sentence']}")
     if found := [f"{spaced(name)} {p:.2f}" for name, p in result["probabilities"].items()]:
@@ -96,8 +96,8 @@ def _show(result: dict[str, Any], out: Path) -> None:
         for channel in [*com, *others[:8]]
     ]
     which = "held-out" if result["gap"]["holdout"] else "training"
-    suspected = ", ".join(spaced(effect["name"]) for effect in result["suspected"])
-    after_what = f"; after: with {suspected}, which is suspected" if suspected else ""
+    suspected = "; ".join(named(effect["name"], effect["where"]) + or_else(effect) for effect in result["suspected"])
+    after_what = f"; after: with what is suspected: {suspected}" if suspected else ""
     print_table(
         f"Gap on the {which} bags, RMS in SI units{after_what}", ["channel", "before", "after", "noise floor"], rows
     )

@@ -30,7 +30,7 @@ class ChosenEffect:
     gain: float  # nats on the training bags
     confirmed: float  # nats on the selecting bags; NaN without
     probability: float = 1.0  # of the group
-    group: tuple[str, ...] = ()  # names of those that these recordings cannot distinguish from it
+    group: tuple[str, ...] = ()  # itself and those that these recordings cannot distinguish from it: `Candidate.name`
 
 
 @dataclass

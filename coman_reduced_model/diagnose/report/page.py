@@ -26,6 +26,7 @@ from .words import (
     effect_sentence,
     known,
     meaning,
+    or_else,
     place,
     shown,
     spaced,
@@ -288,7 +289,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         elif not effect["class"]:
             text += " No other effect, or place, explains half as much."
         text += (alike := taken_for(effect))
-        if rivals or alike or effect["class"]:
+        if rivals or alike or effect["class"] or or_else(effect):
             text += f" What would decide: {decides}."
         parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
     parts += groups(result)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.evaluation.statistics import AXES
 from ...report.page import Part, Table
-from .words import FAR_HEAD, far, figure, known, spaced
+from .words import FAR_HEAD, alternatives, far, figure, known, spaced
 
 ROWS = 14  # of the heat map and the tables, the rest is folded away
 
@@ -19,7 +19,7 @@ def values(effects: Sequence[Mapping[str, Any]]) -> Table:
     """Each parameter with its interval, and the evidence for its effect."""
     rows = [
         [
-            spaced(effect["name"]), effect["where"] or "–", key,
+            spaced(effect["name"]), effect["where"] or "–", " or ".join(alternatives(effect)) or "–", key,
             figure(parameter), f"{effect['evidence']:.0f}", known(effect["select_evidence"]),
             known(effect["confirm_evidence"]), f"{effect['probability']:.0%}",
         ]
@@ -31,11 +31,11 @@ def values(effects: Sequence[Mapping[str, Any]]) -> Table:
         "factor, by robots with known faults, with which they are to hold 95 % of the true values. Evidence: "
         "natural logarithm of the ratio of the probabilities of the data with the effect and with no more than "
         "nominal variability (4.6 nats are 100 to 1), of the training recordings, of those that help to choose, "
-        "and of the one that confirms. The probability is that of the effect and all that these recordings cannot "
-        "distinguish from it."
+        "and of the one that confirms. The probability is that of the effect and all that it could be as well, which "
+        "these recordings cannot distinguish from it."
     )
-    head = ["effect", "where", "parameter", "value", "training", "choosing", "confirming", "probability"]
-    return Table(head, rows, caption, words=3)
+    head = ["effect", "where", "could be as well", "parameter", "value"]
+    return Table([*head, "training", "choosing", "confirming", "probability"], rows, caption, words=4)
 
 
 def errors_of_com(effects: Sequence[Mapping[str, Any]], held: bool) -> Table:

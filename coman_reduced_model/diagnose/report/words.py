@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...core.effects.catalogue import CATALOGUE
+from ...core.effects.unknown import LINKS, PLAN
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -118,11 +119,46 @@ def effect_sentence(effect: Mapping[str, Any]) -> str:
     elif effect.get("minor"):
         share, of = effect["explains"]["share"], EXPLAINED[effect["explains"]["of"]]
         text += f" (minor: it explains {max(share, 0.0):.0%} of {of})"
-    if effect["class"]:
+    text += or_else(effect)
+    if effect["class"] and effect["class"] not in map(_class, _others(effect)):
         text += (
             f", or another effect of the class {spaced(effect['class'])}, which this data cannot distinguish from it"
         )
     return text
+
+
+def or_else(effect: Mapping[str, Any]) -> str:
+    """The rest of the group of an effect, with the group's probability, to follow its sentence; "" if it is alone."""
+    if not (others := alternatives(effect)):
+        return ""
+    return (
+        f", or {' or '.join(others)}, which these recordings cannot distinguish (together {effect['probability']:.0%})"
+    )
+
+
+def alternatives(effect: Mapping[str, Any]) -> list[str]:
+    """The others of the group of an effect, each with its place, in words."""
+    return [named(*each) for each in _others(effect)]
+
+
+def _others(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and places of the others of its group, each once."""
+    parts = (name.partition("@") for name in effect.get("group", ()))
+    places = [(name, "" if where in (PLAN, LINKS) else where) for name, _, where in parts]
+    return [each for each in dict.fromkeys(places) if each != (effect["name"], effect["where"])]
+
+
+def _class(each: tuple[str, str]) -> str:
+    kind = CATALOGUE.get(each[0])
+    return kind.ambiguity.name if kind and kind.ambiguity else ""
+
+
+def named(name: str, where: str) -> str:
+    """An effect and its place, such as `foot slip of the left foot`."""
+    kind = CATALOGUE.get(name)
+    if not where and (kind is None or kind.place not in ("foot", "joint")):
+        return spaced(name)
+    return f"{spaced(name)} of {place(where, kind is not None and kind.place == 'foot')}"
 
 
 def _said(effect: Mapping[str, Any]) -> str:

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +15,10 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from diagnose_tools import standing
+from jsonschema import Draft202012Validator
 from robots import robot_of
 
+from coman_reduced_model.cli.diagnose import _show
 from coman_reduced_model.core.base.parameter import Parameter
 from coman_reduced_model.core.base.types import Array, Foot, Phase
 from coman_reduced_model.core.config.files import load_config
@@ -40,9 +44,12 @@ from coman_reduced_model.diagnose.report.contents import build_diagnosis
 from coman_reduced_model.diagnose.report.page import diagnosis_page
 from coman_reduced_model.diagnose.report.words import effect_sentence, meaning, place, sentence
 from coman_reduced_model.diagnose.result import Diagnosis
+from coman_reduced_model.output import to_json
+from coman_reduced_model.schemas import schema
 
 WIDTH, FLOOR = 0.012, 3e-4  # [rad]
 JOINTS = ["LKneeSag", "RKneeSag"]
+KNEE_EXPERIMENT = CATALOGUE["backlash"].experiment
 STILL = lambda recording, world, x: (recording, world)  # noqa: E731
 KNOWN = [
     Unknown("backlash", "LKneeSag", "width", "rad", STILL, 0.01, spread=0.001, step=1e-3, low=0.0),
@@ -122,6 +129,7 @@ def diagnosis(
     unknown: float = 0.1,
     against: tuple[str, ...] = (),
     made_worse: bool = False,
+    group: tuple[str, ...] = (),
     **recording: Any,
 ) -> Diagnosis:
     """The last two steps on made-up recordings and findings; the play makes the predicted COM better or worse."""
@@ -131,9 +139,8 @@ def diagnosis(
     finding.first = finding.last = scores(before[0].evidence, options)
     if found:
         finding.at = np.array([width, 0.0, 0.0])
-        finding.chosen = [
-            ChosenEffect(next(o for o in options if o.effect == KNOWN[0].effect), 300.0, 200.0 if hold else np.nan)
-        ]
+        option = next(each for each in options if each.effect == KNOWN[0].effect)
+        finding.chosen = [ChosenEffect(option, 300.0, 200.0 if hold else np.nan, 0.71, group)]
         after = [case(name, width, finding.at, **recording) for name in ("train", "hold")[: 1 + hold]]
         finding.train, finding.hold = after[:1], after[1:]
     finding.fit = finding.train[0].evidence.fit(finding.released)
@@ -223,6 +230,32 @@ def test_what_the_confirming_recording_speaks_against_is_not_named():
     assert [each["name"] for each in made.result["suspected"]] == ["backlash"]
     assert "backlash of LKneeSag would explain it, but the confirming recording" in made.sentence
     assert "The confirming recording speaks against backlash of LKneeSag" in diagnosis_page(made)
+
+
+def test_what_recordings_cannot_distinguish_from_an_effect_is_in_the_headline_with_its_place(capsys):
+    group = "backlash@LKneeSag", "transport_delay@plan", "transport_delay", "foot_slip@right", "payload"
+    made = diagnosis(group=group)
+    others = "transport delay or foot slip of the right foot or payload"
+    said = f"degrees of backlash, or {others}, which these recordings cannot distinguish (together 71%)"
+    assert made.sentence.endswith(said)
+    assert made.result["effects"][0]["group"] == list(group)
+    Draft202012Validator(schema("diagnosis")).validate(json.loads(to_json(made.result)))
+    headline, _, rest = diagnosis_page(made).partition("</h1>")
+    assert said in headline and rest.count(f">{others}<") == 1
+    assert rest.count(said) == 1 and KNEE_EXPERIMENT in rest  # what is still open
+    _show(made.result, Path("found"))
+    assert said in capsys.readouterr().out
+    suspected = diagnosis(group=group, against=("backlash@LKneeSag",))
+    _show(suspected.result, Path("found"))
+    assert f"what is suspected: backlash of the left knee (LKneeSag), or {others}, which" in capsys.readouterr().out
+
+
+def test_a_class_is_named_beside_the_group_only_where_none_of_it_is_there():
+    width = {"width": {"value": 0.01, "unit": "rad", "interval": [0.009, 0.011]}}
+    entry = {"name": "backlash", "class": "lost_motion", "where": "LKneeSag", "parameters": width, "probability": 0.6}
+    assert effect_sentence({**entry, "group": ["backlash@LKneeSag"]}).endswith("cannot distinguish from it")
+    said = effect_sentence({**entry, "group": ["backlash@LKneeSag", "hysteresis@LKneeSag"]})
+    assert "or hysteresis of the left knee (LKneeSag), which" in said and "class" not in said
 
 
 def test_a_recording_without_torques_has_a_page_that_says_so():
