@@ -61,6 +61,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "verdict": found.verdict,
         "effects": effects if named else [],
         "suspected": [] if named else effects,
+        "only_minor": named and only_minor(effects),
         "ranking": ranking(finding),
         "laws": laws(finding.before[0]),
         "localisation": localisation(finding),
@@ -114,6 +115,11 @@ def explained(finding: Finding, chosen: ChosenEffect, entry: Mapping[str, Any]) 
                 with_it += float(left[key] @ left[key]) / floor**2
                 without += float(more[key] @ more[key]) / floor**2
     return {"of": "residuals", "share": 1.0 - with_it / without if without > 0.0 else float("nan")}
+
+
+def only_minor(effects: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether no effect matters to the prediction; one that the model would have but for its errors may well do."""
+    return bool(effects) and all(each["minor"] and each["left_out"] in ("", MEASURED) for each in effects)
 
 
 def could_be(

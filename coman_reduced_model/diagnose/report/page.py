@@ -36,6 +36,7 @@ from .words import (
 _TIE = 0.5  # share of the best candidate's evidence from which another explains nearly as much
 _HEADINGS = {
     "effect": "What is missing",
+    "minor": "Nothing that matters to the prediction",
     "none": "No alarm",
     "unknown": "Something is missing, but it is not clear what",
     "not_excited": "This recording cannot decide",
@@ -54,7 +55,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
     words = str(result["sentence"])
     sections = [
         Section("Before and after" if diagnosis.finding.chosen else "How it shows", _shows(diagnosis, train, hold)),
-        Section(_HEADINGS[result["verdict"]], _verdict(result)),
+        Section(_HEADINGS["minor" if result["only_minor"] else result["verdict"]], _verdict(result)),
         Section("Where it disagrees", _where(diagnosis)),
         Section("The gap", _gap(result)),
         Section("Other explanations", _ranking(diagnosis)),

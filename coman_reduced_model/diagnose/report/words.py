@@ -39,6 +39,8 @@ _MEANING = {
     "residuals below show where to look.",
     "contradicted": "An effect would explain the recordings that it was found in, but not the one that confirms. The "
     "model was left as it is.",
+    "minor": "What was found is there, but hardly any of the error of the predicted COM, or of the residuals that "
+    "depend on it, goes back to it.",
     "not_excited": "Nothing was found, but it means little: both feet must leave the ground in turn before "
     "most effects can show. "
     "Record a walk of ten seconds or more, better two of different gaits.",
@@ -83,14 +85,17 @@ def _verdict(result: Mapping[str, Any]) -> str:
         if result["probabilities"].get("unknown", 0.0) < 0.5 and likely:
             return f"something is missing, but it is not clear what: {likely}"
         return "something is missing that no effect of the catalogue explains" + (f": {most}" if most else "")
-    return "; ".join(effect_sentence(effect) for effect in result["effects"])
+    text = "; ".join(effect_sentence(effect, result["only_minor"]) for effect in result["effects"])
+    return f"no effect that matters to the prediction was found; minor: {text}" if result["only_minor"] else text
 
 
 def meaning(result: Mapping[str, Any]) -> str:
-    """What a verdict means that names nothing."""
+    """What a verdict means that names nothing, or nothing that matters."""
     verdict = str(result["verdict"])
     if verdict == "unknown" and result["contradicted"]:
         verdict = "contradicted"
+    if verdict == "effect" and result["only_minor"]:
+        verdict = "minor"
     return _MEANING.get("doubtful" if verdict == "none" and doubtful(result) else verdict, "")
 
 
@@ -111,14 +116,18 @@ def stands_out(key: str, times: float) -> str:
     return f"{times:.1f} times as much is left in the {channel(key.partition('|')[0])}, as in the middle joint"
 
 
-def effect_sentence(effect: Mapping[str, Any]) -> str:
-    """One effect with its values and their intervals (1.96 standard deviations)."""
+def effect_sentence(effect: Mapping[str, Any], said_minor: bool = False) -> str:
+    """One effect with its values and their intervals (1.96 standard deviations).
+
+    Args:
+        said_minor: whether what goes before it says that it is minor.
+    """
     text = _said(effect)
     if effect.get("left_out"):
         text += f" (not in the model: {effect['left_out']})"
     elif effect.get("minor"):
         share, of = effect["explains"]["share"], EXPLAINED[effect["explains"]["of"]]
-        text += f" (minor: it explains {max(share, 0.0):.0%} of {of})"
+        text += f" ({'' if said_minor else 'minor: '}it explains {max(share, 0.0):.0%} of {of})"
     text += or_else(effect)
     if effect["class"] and effect["class"] not in map(_class, _others(effect)):
         text += (
