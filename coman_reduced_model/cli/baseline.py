@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +21,7 @@ from .common import (
     print_table,
     progress,
     read_config,
+    warn,
 )
 
 
@@ -38,12 +41,22 @@ def baseline(
     import yaml
 
     from ..diagnose.baseline import baseline as run
+    from ..diagnose.inference.effects import CONFIDENCE
+    from ..diagnose.report.words import number, off_weight
     from ..topics import TopicNames
 
     with progress("learning") as report:
         learnt = run(bags, settings, urdf=urdf, names=TopicNames(namespace, remap or ()), progress=report)
     text = f"# What is usual for one robot, by {learnt.bags} recordings of it (coman baseline).\n"
     write_file(out, text + yaml.safe_dump(learnt.nominal.plain(), sort_keys=False, width=120))
+    weight = learnt.weight
+    if math.isfinite(weight.share):
+        share = number(100.0 * (1.0 + weight.share), 100.0 * CONFIDENCE * weight.deviation)
+        print(f"weight by forces and motion: {share} % of what the URDF says")
+    else:
+        print("weight: not known, as no foot leaves the ground in these recordings")
+    if off := off_weight(asdict(weight)):
+        warn([f"{off}, and data sheets allow {weight.allowed:.0%}: is it the robot, or its URDF? No baseline hides it"])
     if learnt.pulled:
         rows = [[name, f"{value:.1f}"] for name, value in learnt.pulled.items()]
         print_table(

@@ -31,6 +31,7 @@ from .inference.explanation import by_law
 from .inference.finding import leftover
 from .inference.prior import prior_variance
 from .inference.variability import POPULATION, adapted, spread
+from .inference.weight import Weight, weight
 from .monitor_rows import rows_of_robot, watch
 from .physics.hypotheses import unknowns
 
@@ -48,12 +49,14 @@ class Baseline:
     Attributes:
         nominal: to be written to a file.
         bags: number of recordings.
+        weight: of the robot by its recordings, whatever becomes usual.
         pulled: by kind of parameter, how far it is from what the description of the robot says [standard deviations].
         not_monitored: why the monitor learnt nothing; empty: it did.
     """
 
     nominal: Nominal
     bags: int
+    weight: Weight
     pulled: Mapping[str, float]
     not_monitored: str = ""
 
@@ -114,6 +117,7 @@ def _with_monitor(
 
 def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     """The baseline of examined recordings of one robot, linear about nominal."""
+    heavy = weight(cases)
     known = adapted([case.evidence for case in cases], population)
     cases = [with_known(case, known) for case in cases]
     evidences = [case.evidence for case in cases]
@@ -143,7 +147,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
         parameters=parameters, leftover=_leftover(left, population),
         repeats=_repeats(repeats_of(cases), len(cases), population), **population.with_baseline,
     )  # fmt: skip
-    return Baseline(learnt, len(cases), pulled)
+    return Baseline(learnt, len(cases), heavy, pulled)
 
 
 def _mean_variance(fits: Sequence[object]) -> Array:

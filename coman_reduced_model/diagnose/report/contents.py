@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
 from ..inference.verdict import Found, apart, too_much
+from ..inference.weight import weight
 from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
 from .words import sentence
@@ -78,7 +80,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "precise": list(finding.fit.precise if finding.fit else ()),
         "pulled": pulled(finding),
         "far_from_nominal": far_from_nominal(finding),
-        "weight": weight(finding),
+        "weight": asdict(weight(finding.cases, finding.released)),
         "contradicted": list(found.contradicted),
         "confirmed_on": confirmed_on(checked),
         "not_checked": not_checked,
@@ -143,21 +145,6 @@ def pulled(finding: Finding) -> dict[str, float]:
     found = pulls(finding.known, finding.fit, finding.released)
     rows = {name.removesuffix(".spread"): round(value, 2) for name, value in found.items() if value > 1.0}
     return dict(sorted(rows.items(), key=lambda item: -item[1]))
-
-
-def weight(finding: Finding) -> dict[str, float]:
-    """By how much the robot weighs more than its URDF says, as a share, and the standard deviation of that."""
-    assert finding.fit is not None
-    model = finding.train[0].state.world.robot.model
-    shares = np.zeros(len(finding.known))
-    total_mass = sum(inertia.mass for inertia in model.inertias)
-    for i, unknown in enumerate(finding.known):
-        if (not unknown.effect and unknown.key == "mass") or unknown.effect == "body_mass":
-            shares[i] = model.inertias[model.getJointId(unknown.where)].mass / total_mass
-        elif (unknown.effect, unknown.key) == ("payload", "mass"):
-            shares[i] = 1.0 / total_mass
-    variance = float(shares @ finding.fit.covariance @ shares)
-    return {"share": float(shares @ finding.fit.x), "deviation": float(np.sqrt(variance))}
 
 
 def confirmed_on(checked: Checked) -> str:

@@ -49,19 +49,24 @@ FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
 LIKELY, MOST_LIKELY = 0.1, 3  # probability from which a sentence names what is not sure, and how many
 OUTSIDE = "something outside the catalogue"
-HEAVY, SURE = 0.03, 3.0  # of the weight by the URDF, and standard deviations, beyond which it is said
+SURE = 3.0  # standard deviations beyond which it is said that a weight is off
 
 
 def sentence(result: Mapping[str, Any]) -> str:
     """The verdict for a person, and whether the robot weighs what its URDF says."""
-    share, deviation = result["weight"]["share"], result["weight"]["deviation"]
     text = _verdict(result)
     named = {each["name"] for each in (*result["effects"], *result["suspected"])}
     loads = named & {"payload", "body_mass"}
-    if abs(share) > max(HEAVY, SURE * deviation) and not loads:
-        more = "more" if share > 0.0 else "less"
-        text += f"; by its forces, the robot weighs {abs(share):.0%} {more} than by its URDF"
-    return text
+    off = "" if loads else off_weight(result["weight"])
+    return f"{text}; {off}" if off else text
+
+
+def off_weight(weight: Mapping[str, float]) -> str:
+    """That the robot does not weigh what its URDF says; "" where it does, as far as data sheets allow, or may do."""
+    share = weight["share"]
+    if not abs(share) > max(weight["allowed"], SURE * weight["deviation"]):
+        return ""
+    return f"by its forces, the robot weighs {abs(share):.0%} {'more' if share > 0.0 else 'less'} than by its URDF"
 
 
 def _verdict(result: Mapping[str, Any]) -> str:
