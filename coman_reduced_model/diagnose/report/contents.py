@@ -79,7 +79,8 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "probabilities": found.probabilities,
         "precise": list(finding.fit.precise if finding.fit else ()),
         "pulled": pulled(finding),
-        "far_from_nominal": far_from_nominal(finding),
+        # Of a robot that only stands, what fits best is settling rather than its parameters.
+        "far_from_nominal": [] if found.verdict == "not_excited" else far_from_nominal(finding),
         "weight": asdict(weight(finding.cases, finding.released)),
         "contradicted": list(found.contradicted),
         "confirmed_on": confirmed_on(checked),

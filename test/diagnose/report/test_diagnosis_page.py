@@ -64,8 +64,8 @@ def coman() -> Robot:
     return robot_of("coman")
 
 
-def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool = True) -> Case:
-    """A recording whose left knee has a play `width`, seen by a robot with the unknowns `at`."""
+def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool = True, stiffer: float = 0.0) -> Case:
+    """A recording whose left knee has a play `width` and whose right one is `stiffer`, seen with the unknowns `at`."""
     t = np.arange(0.0, 8.0, 0.005)
     phase = np.where(t % 1.0 < 0.3, 3, np.where(t % 2.0 < 1.0, 1, 2)) if walks else np.full(len(t), 3)
     robot = coman()
@@ -86,7 +86,7 @@ def case(name: str, width: float, at: Array, walks: bool = True, efforts: bool =
     }
     residuals = {
         "spring/LKneeSag": (width - at[0]) * jump + noise[0],
-        "spring/RKneeSag": -at[2] * tau[ticks, right] / 180.0 + noise[1],
+        "spring/RKneeSag": (stiffer - at[2]) * tau[ticks, right] / 180.0 + noise[1],
     }
     problem = Problem(KNOWN, {}, {}, {}, {}, {})
     for channel, values in residuals.items():
@@ -359,6 +359,15 @@ def test_where_all_effects_are_minor_the_headline_begins_with_that(monkeypatch, 
     html = diagnosis_page(made)
     assert ("Nothing that matters to the prediction" in html) == minor == ("What is missing" not in html)
     assert ("What was found is there, but" in html) == minor
+
+
+def test_a_robot_that_only_stands_is_not_said_to_be_far_from_nominal():
+    """The same residuals of its right knee mean a stiffer spring only where it walks."""
+    walking = diagnosis(0.0, found=False, stiffer=0.5).result
+    assert [row["where"] for row in walking["far_from_nominal"]] == ["RKneeSag"]
+    made = diagnosis(0.0, found=False, stiffer=0.5, walks=False)
+    assert made.verdict == "not_excited" and made.result["far_from_nominal"] == []
+    assert "further from nominal than nominal robots have them" not in diagnosis_page(made)
 
 
 class KneePlay(Effect):
