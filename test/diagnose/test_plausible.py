@@ -52,10 +52,11 @@ def test_a_recording_that_cannot_be_right_is_refused_with_the_reason(tmp_path, c
 
 def test_a_recording_that_can_be_right_is_read(tmp_path):
     recording, _ = load(write_bag(tmp_path / "bag", walk(6.0)), Config())
-    assert not recording.warnings
+    assert not recording.warnings and not recording.clocks
 
 
 def test_clocks_that_differ_are_said(tmp_path):
     """A second log can be a second late, and its stamps right: so this is no reason to refuse."""
     recording, _ = load(write_bag(tmp_path / "bag", [late(*each) for each in walk(6.0)]), Config())
-    assert len([line for line in recording.warnings if "its clock is" in line]) == 2
+    assert len([line for line in recording.warnings if "its clock is" in line]) == len(recording.clocks) == 2
+    assert recording.clocks[0].startswith("left_foot/wrench: its clock is ")

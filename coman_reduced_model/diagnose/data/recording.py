@@ -60,6 +60,7 @@ class Recording:
         period: between samples [s], in the median.
         computed: whether the wrenches are: laws that contain them say nothing then.
         turned: what makes its wrenches look turned about the vertical; empty: nothing.
+        clocks: of the warnings, those of streams whose clocks are apart from that of the joint states.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Recording:
     period: float = 1.0 / RATE
     computed: bool = False
     turned: str = ""
+    clocks: tuple[str, ...] = ()
 
     @property
     def rate(self) -> float:
@@ -140,13 +142,15 @@ def load(
             warnings = (*warnings, f"foot wrenches are computed from {config.streams.wrench_source}: {NOT_SHOWN}")
         for sample in measured:
             pipeline.plausibility.update(sample, pipeline.predictor.zeros)
-        suspect = [each for each in pipeline.status().warnings if each.prevents_diagnosis]
+        found = pipeline.status().warnings
+        suspect = [each for each in found if each.prevents_diagnosis]
+        clocks = tuple(str(each) for each in found if each.kind is WarningKind.CLOCK)
         for warning in suspect:
             if warning.kind is not WarningKind.TURNED:
                 raise BagError(f"{bag.path.name}: {warning}; {MENDED_FIRST}")
     robot = pipeline.robot
     recording = _grid(Path(path).name, samples, zeros, imu, imu_frame, robot, config, warnings)
-    return recording.changed(turned=str(suspect[0]) if suspect else ""), robot
+    return recording.changed(turned=str(suspect[0]) if suspect else "", clocks=clocks), robot
 
 
 def _zeros(samples: list[Sample], predictor: Predictor) -> Array:

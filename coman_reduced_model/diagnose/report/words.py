@@ -53,8 +53,11 @@ SURE = 3.0  # standard deviations beyond which it is said that a weight is off
 
 
 def sentence(result: Mapping[str, Any]) -> str:
-    """The verdict for a person, and whether the robot weighs what its URDF says."""
+    """The verdict for a person, after clocks that are apart, and whether the robot weighs what its URDF says."""
     text = _verdict(result)
+    if apart := result["clocks_apart"]:
+        more = f" (and {len(apart) - 1} more)" if len(apart) > 1 else ""
+        text = f"check the clocks first: {apart[0]}{more}; beside that, {text}"
     named = {each["name"] for each in (*result["effects"], *result["suspected"])}
     loads = named & {"payload", "body_mass"}
     off = "" if loads else off_weight(result["weight"])
