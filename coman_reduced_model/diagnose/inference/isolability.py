@@ -9,13 +9,14 @@ The evidence of every effect is quadratic in it, so that its expectation is know
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from ...core.base.types import Array
+from ...core.base.types import Array, Booleans
 from ..physics.hypotheses import Candidate
 from .evidence import Evidence
 from .prior import prior_variance
@@ -54,20 +55,37 @@ class Isolability:
         return [int(i) for i in np.flatnonzero(self.shown < APART)]
 
     @cached_property
+    def alike(self) -> Booleans:
+        """(n, n) whether two effects both show, and cannot be distinguished either way."""
+        visible = self.shown >= APART
+        return np.asarray((self.factors < APART) & (self.factors.T < APART) & visible[:, None] & visible[None, :])
+
+    @cached_property
     def groups(self) -> list[list[int]]:
         """Effects that show, and that these recordings cannot distinguish; the larger groups first."""
-        alike = (self.factors < APART) & (self.factors.T < APART)
         visible = self.shown >= APART
-        _, labels = connected_components(alike & visible[:, None] & visible[None, :], directed=False)
+        _, labels = connected_components(self.alike, directed=False)
         groups = [np.flatnonzero((labels == label) & visible).tolist() for label in np.unique(labels[visible])]
         return sorted((group for group in groups if len(group) > 1), key=len, reverse=True)
 
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Two effects each that these recordings cannot distinguish, in the order of the groups."""
+        return [pair for group in self.groups for pair in combinations(group, 2) if self.alike[pair]]
 
-def isolability(evidence: Evidence, options: Sequence[Candidate], size: float = SIZE) -> Isolability:
+    def apart(self, pair: tuple[int, int]) -> float:
+        """Expected log Bayes factor between two effects [nats], whichever of them is there: the smaller of both."""
+        i, j = pair
+        return float(min(self.factors[i, j], self.factors[j, i]))
+
+
+def isolability(
+    evidence: Evidence, options: Sequence[Candidate], size: float = SIZE, more: Array | None = None
+) -> Isolability:
     """Between all effects, each parameter as large as a share `size` of its reach, of either sign.
 
     Args:
-        evidence: of recordings, linear about nominal; what they measured does not matter, only how.
+        evidence, more: see `Expectation`.
         options: ways in which effects show themselves; those of one effect at one place are taken together.
     """
     known = evidence.unknowns
@@ -81,57 +99,88 @@ def isolability(evidence: Evidence, options: Sequence[Candidate], size: float = 
         mine = [k for k in option.unknowns if not known[k].shape]
         squares[i, mine] = [(size * known[k].reach) ** 2 for k in mine]
         sizes.append({known[k].key: known[k].value(size * known[k].reach) for k in mine})
-    gains = np.array([expected(evidence, several, squares) for several in ways.values()]).T
+    expectation = Expectation(evidence, more)
+    gains = np.array([expectation.of(several, squares) for several in ways.values()]).T
     return Isolability(tuple(whole), tuple(sizes), gains)
 
 
 def taken_for(
     evidence: Evidence, options: Sequence[Candidate], true: Candidate, values: Array
 ) -> list[tuple[Candidate, float]]:
-    """What an effect with given values could be taken for, and the expected log Bayes factor against it [nats].
+    """What an effect with given values could be taken for, see `rivals`."""
+    found = rivals(Expectation(evidence), options, true, values)
+    return [(option, factor) for option, factor in found if factor < APART]
+
+
+def rivals(
+    expectation: Expectation, options: Sequence[Candidate], true: Candidate, values: Array
+) -> list[tuple[Candidate, float]]:
+    """Expected log Bayes factor [nats] of an effect with given values against each other one, the most similar first.
 
     Args:
-        evidence, options: see `isolability`.
+        options: see `isolability`; `true` is one of them.
         true: what is there; values: (P,) deviations of the parameters from nominal.
     """
-    mine = list(true.unknowns)
     ways: dict[tuple[str, str], list[Candidate]] = {}
     for option in options:
         ways.setdefault((option.effect, option.place), []).append(option)
-    along = np.zeros(len(evidence.unknowns))
-    along[mine] = values[mine]
-    best = expected(evidence, ways[true.effect, true.place], along)
-    rivals = [
-        (several[0], float(best - expected(evidence, several, along)))
+    along = _along(true, values)
+    best = expectation.of(ways[true.effect, true.place], along)
+    found = [
+        (several[0], float(best - expectation.of(several, along)))
         for place, several in ways.items()
         if place != (true.effect, true.place)
     ]
-    return sorted(((each, factor) for each, factor in rivals if factor < APART), key=lambda item: item[1])
+    return sorted(found, key=lambda item: item[1])
 
 
-def expected(evidence: Evidence, ways: Sequence[Candidate], true: Array) -> Array:
-    """Expected evidence against nothing [nats] of the best of several ways in which one effect shows itself.
+def shows(expectation: Expectation, true: Candidate, values: Array) -> bool:
+    """Whether an effect with given values, see `rivals`, shows at all: else anything could be taken for it."""
+    return float(expectation.of([true], _along(true, values))) >= APART
+
+
+def _along(true: Candidate, values: Array) -> Array:
+    """(P,) of which only the parameters of an effect are not 0."""
+    along = np.zeros(len(values))
+    along[list(true.unknowns)] = values[list(true.unknowns)]
+    return along
+
+
+class Expectation:
+    """Expected evidence for effects in recordings, and in further ones of the same robot.
 
     Args:
-        true: what is there: (P,) deviations from nominal, or (n, P) squares of such that are independent.
+        evidence: of recordings, linear about nominal; what they measured says only which kind of robot it is.
+        more: (P, P) information of further recordings.
     """
-    known = evidence.unknowns
-    fit = evidence.fit()
-    before, covariance = prior_variance(known, precise=fit.precise), fit.covariance
-    response = covariance @ evidence.gram
-    out = []
-    for way in ways:
-        k = list(way.unknowns)
-        after = prior_variance(known, k)[k]
-        change = 1.0 / after - 1.0 / before[k]
-        M = np.eye(len(k)) + covariance[np.ix_(k, k)] * change[None, :]
+
+    def __init__(self, evidence: Evidence, more: Array | None = None) -> None:
+        fit = evidence.fit()
+        if more is not None:
+            evidence = replace(evidence, gram=evidence.gram + more)
+            fit = evidence.fit_of_kind(precise=fit.precise)
+        self._known = evidence.unknowns
+        self._before = prior_variance(self._known, precise=fit.precise)
+        self._covariance = fit.covariance
+        self._response = self._covariance @ evidence.gram
+
+    def of(self, ways: Sequence[Candidate], true: Array) -> Array:
+        """Expected evidence against nothing [nats] of the best of several ways in which one effect shows itself.
+
+        Args:
+            true: what is there: (P,) deviations from nominal, or (n, P) squares of such that are independent.
+        """
+        return np.asarray(np.max([self._of_way(list(way.unknowns), true) for way in ways], axis=0))
+
+    def _of_way(self, k: list[int], true: Array) -> Array:
+        before, covariance, response = self._before[k], self._covariance[np.ix_(k, k)], self._response[k]
+        after = prior_variance(self._known, k)[k]
+        change = 1.0 / after - 1.0 / before
+        M = np.eye(len(k)) + covariance * change[None, :]
         A = change[:, None] * np.linalg.inv(M)
-        log = 0.5 * float(np.log(before[k] / after).sum()) - 0.5 * float(np.linalg.slogdet(M)[1])
-        scatter = np.diag(before[k]) - covariance[np.ix_(k, k)]
-        log -= 0.5 * float(np.sum(A * scatter))
+        log = 0.5 * float(np.log(before / after).sum()) - 0.5 * float(np.linalg.slogdet(M)[1])
+        log -= 0.5 * float(np.sum(A * (np.diag(before) - covariance)))
         if true.ndim == 1:
-            mean = response[k] @ true
-            out.append(log - 0.5 * float(mean @ A @ mean))
-        else:
-            out.append(log - 0.5 * true @ np.einsum("al,ab,bl->l", response[k], A, response[k]))
-    return np.asarray(np.max(out, axis=0))
+            mean = response @ true
+            return np.asarray(log - 0.5 * float(mean @ A @ mean))
+        return np.asarray(log - 0.5 * true @ np.einsum("al,ab,bl->l", response, A, response))

@@ -8,7 +8,7 @@ import pytest
 from diagnose_tools import made_up
 
 from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
-from coman_reduced_model.diagnose.inference.isolability import APART, expected, isolability, taken_for
+from coman_reduced_model.diagnose.inference.isolability import APART, Expectation, isolability, shows, taken_for
 from coman_reduced_model.diagnose.inference.prior import prior_variance
 from coman_reduced_model.diagnose.physics.hypotheses import candidates
 
@@ -47,7 +47,7 @@ def test_the_expected_evidence_is_its_mean_over_robots(true):
         for score in scores(evidence(residuals), OPTIONS):
             sums[id(score.option)] += score.gain / draws
     for option in OPTIONS:
-        assert expected(evidence(), [option], true) == pytest.approx(sums[id(option)], rel=0.05, abs=0.15)
+        assert Expectation(evidence()).of([option], true) == pytest.approx(sums[id(option)], rel=0.05, abs=0.15)
 
 
 def test_what_looks_alike_is_a_group_and_what_does_not_show_is_in_none():
@@ -66,6 +66,15 @@ def test_larger_effects_are_told_apart():
     assert not large.groups and (large.factors >= small.factors - 1e-9).all()
 
 
+def test_a_pair_counts_by_the_way_in_which_it_is_less_distinct():
+    found = isolability(evidence(), OPTIONS, 0.8)
+    (pair,) = found.pairs
+    assert {found.options[i].effect for i in pair} == {"backlash", "hysteresis"}
+    assert found.apart(pair) == pytest.approx(min(found.factors[pair], found.factors[pair[::-1]])) and (
+        found.apart(pair) < APART
+    )
+
+
 def test_what_was_found_could_be_something_like_it():
     values = np.zeros(len(KNOWN))
     values[0] = 1.0
@@ -73,3 +82,11 @@ def test_what_was_found_could_be_something_like_it():
     assert [option.effect for option, _ in rivals] == ["hysteresis"] and rivals[0][1] < APART
     values[0] = 30.0
     assert not taken_for(evidence(), OPTIONS, NAMES["backlash"], values)
+
+
+def test_what_does_not_show_could_be_anything():
+    values, expectation = np.zeros(len(KNOWN)), Expectation(evidence())
+    assert len(taken_for(evidence(), OPTIONS, NAMES["backlash"], values)) == 3  # all there are
+    assert not shows(expectation, NAMES["backlash"], values)
+    values[0] = 1.0
+    assert shows(expectation, NAMES["backlash"], values)
