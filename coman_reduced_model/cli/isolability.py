@@ -23,10 +23,14 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..diagnose.inference.another import Another
     from ..diagnose.inference.isolability import Isolability
 
 _MOST = 999.0  # nats that are printed
 _GROUP = 6  # names of a group that are printed
+_PAIRS = 12  # pairs of effects that are printed
 
 
 def isolability(
@@ -34,6 +38,14 @@ def isolability(
     size: Annotated[
         float, typer.Option("--size", min=0.01, max=2.0, help="Of the effects, as a share of what they can reach.")
     ] = 0.5,
+    candidate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--candidate",
+            metavar="BAG",
+            help="Another recording, of this robot or of a virtual one: what 20 s like it would add. Repeatable.",
+        ),
+    ] = None,
     baseline: BaselineOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
@@ -42,7 +54,7 @@ def isolability(
     remap: RemapOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Say which effects recordings could show, and which they cannot distinguish."""
+    """Say which effects recordings could show, which they cannot distinguish, and what others would add."""
     settings = read_config(config, changes)
     from ..diagnose.isolability import as_result
     from ..diagnose.isolability import isolability as run
@@ -50,11 +62,22 @@ def isolability(
 
     names = TopicNames(namespace, remap or ())
     with progress("comparing") as report:
-        found = run(bags, settings, size=size, urdf=urdf, names=names, baseline=baseline or "", progress=report)
+        found, others = run(
+            bags,
+            settings,
+            others=candidate or (),
+            size=size,
+            urdf=urdf,
+            names=names,
+            baseline=baseline or "",
+            progress=report,
+        )
     if json:
-        print_json(as_result(found))
-    else:
-        _show(found)
+        print_json(as_result(found, others))
+        return
+    _show(found)
+    if others:
+        _show_others(found, others)
 
 
 def _show(found: Isolability) -> None:
@@ -79,3 +102,28 @@ def _show(found: Isolability) -> None:
         more = f" and {len(group) - _GROUP} more" if len(group) > _GROUP else ""
         print(f"  {', '.join(names[i] for i in group[:_GROUP])}{more}")
     print(f"Would not show: {len(found.hidden)} of {len(names)} effects and places")
+
+
+def _show_others(found: Isolability, others: Sequence[Another]) -> None:
+    from ..diagnose.inference.another import LENGTH
+
+    pairs, names = found.pairs, [option.name for option in found.options]
+    rows = [["", "these alone", "", f"0 of {len(pairs)}", f"{len(found.hidden)}"]]
+    rows += [
+        [f"{n}", "/".join(Path(each.name).parts[-2:]) + (", again" if each.again else ""), f"{each.lasts:.0f}",
+         f"{each.distinguished(pairs)} of {len(pairs)}", f"{len(each.found.hidden)}"]
+        for n, each in enumerate(others, 1)
+    ]  # fmt: skip
+    head = ["", "recording", "lasts [s]", "pairs distinguished", "would not show"]
+    print_table(f"\nWith {LENGTH:.0f} s more, like each of these", head, rows, words=2)
+    if not pairs:
+        return
+    with_others = [each.found for each in others]
+    rows = [
+        [names[pair[0]], names[pair[1]], *(f"{round(each.apart(pair), 1) + 0.0:.1f}" for each in (found, *with_others))]
+        for pair in pairs[:_PAIRS]
+    ]
+    head = ["effect", "or", "alone", *(f"with {n}" for n in range(1, len(others) + 1))]
+    print_table("Effects are distinguished from 3 nats on, whichever of both is there [nats]", head, rows, words=2)
+    if len(pairs) > _PAIRS:
+        print(f"and {len(pairs) - _PAIRS} pairs more (--json has all)")
