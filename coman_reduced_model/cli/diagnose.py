@@ -81,11 +81,14 @@ def diagnose(
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
+    from ..diagnose.report.alike import decides
     from ..diagnose.report.words import FAR_HEAD, far, named, or_else, spaced
 
     print(f"verdict: {result['verdict']}: {result['sentence']}")
     if found := [f"{spaced(name)} {p:.2f}" for name, p in result["probabilities"].items()]:
         print(f"probabilities: {', '.join(found[:6])}")
+    for each in result["decides"]:
+        print(decides(each))
     held = result["gap"]["holdout"] or result["gap"]["train"]
     before, after, floor = held["before"], held["after"], held["floor"]
     shrinks = sorted(before, key=lambda c: -(before[c] - after[c]) / max(floor.get(c, 0), 1e-9))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What recordings cannot distinguish, for the page of a diagnosis."""
+"""What recordings cannot distinguish, and what would, for the page of a diagnosis."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...report.page import Table
+from ..inference.isolability import APART
 from .words import spaced
 
 _NAMES, _ROWS = 5, 14  # of effects in a sentence, of the table
+_MANOEUVRES = 3  # in a sentence
 
 
 def taken_for(effect: Mapping[str, Any]) -> str:
@@ -29,3 +31,17 @@ def groups(result: Mapping[str, Any]) -> list[Table]:
     )
     title = "What these recordings cannot distinguish"
     return [Table(["cannot be distinguished"], rows[:_ROWS], caption, words=1, folded=title)]
+
+
+def decides(each: Mapping[str, Any]) -> str:
+    """What would split a group of effects (of `decides` in diagnosis.json), and what more of a recording would add."""
+    names = [spaced(name) for name in each["group"]]
+    more = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
+    text = f"To decide between {', '.join(names[:_NAMES])}{more}: "
+    text += "; or ".join(manoeuvre["sentence"] for manoeuvre in each["manoeuvres"][:_MANOEUVRES]) + "."
+    best, length = each["again"][0], f"{each['seconds']:.0f} s"
+    text += (
+        f" The expected log Bayes factor of {names[0]} against what is most like it here is {each['factor']:.1f} nats, "
+        f"and {APART:g} are needed; with {length} more like {best['bag']} it is {best['factor']:.1f}."
+    )
+    return f"{text} What any other recording would add: coman isolability BAG... --candidate BAG."

@@ -15,6 +15,7 @@ from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
 from ...core.evaluation.statistics import by_axis
 from ...schemas import VERSION as SCHEMA_VERSION
+from ..inference.at_size import at_share, at_values
 from ..inference.case import Case, evidence_of
 from ..inference.check import Checked
 from ..inference.compare import pulls
@@ -29,7 +30,8 @@ from ..inference.verdict import Found, apart, too_much
 from ..inference.weight import weight
 from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
-from .words import sentence
+from .decides import decides
+from .words import doubtful, sentence
 
 COM_FLOOR = 0.0002  # [m] noise of the measured COM with 12-bit encoders
 STEADY_SHARE = 0.7  # of a residual: where its means over whole phases make up more, it is steady
@@ -46,15 +48,16 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         began: time.perf_counter() at the start [s].
     """
     finding, effects, named = found.finding, predicted.effects, found.verdict == "effect"
-    evidence, options = evidence_of([*finding.before[0], *finding.before[1]]), candidates(finding.known)
+    cases, options = at_share([*finding.before[0], *finding.before[1]]), candidates(finding.known)
     for effect, chosen in zip(effects, finding.chosen, strict=True):
-        effect["taken_for"] = could_be(finding, evidence, options, chosen)
+        effect["taken_for"] = could_be(finding, cases, options, chosen)
         effect["explains"] = explained(finding, chosen, effect)
         effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
         for effect in effects:
             denied = "the confirming recording speaks against it"
             effect.update(in_model=False, left_out="no alarm" if found.verdict == "none" else denied)
+    undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
@@ -75,7 +78,8 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
             "holdout": gap(finding.before[1], finding.hold, finding, predicted.hold) if checked.hold_paths else None,
         },
         "undetectable_below": undetectable(finding),
-        "groups": groups(evidence, options),
+        "groups": groups(evidence_of(cases), options),
+        "decides": decides(finding, cases, effects, undecided),
         "probabilities": found.probabilities,
         "precise": list(finding.fit.precise if finding.fit else ()),
         "pulled": pulled(finding),
@@ -127,10 +131,11 @@ def only_minor(effects: Sequence[Mapping[str, Any]]) -> bool:
 
 
 def could_be(
-    finding: Finding, evidence: Evidence, options: Sequence[Candidate], chosen: ChosenEffect
+    finding: Finding, cases: Sequence[Case], options: Sequence[Candidate], chosen: ChosenEffect
 ) -> list[dict[str, Any]]:
     """What an effect of this size could be taken for in recordings like these, by expected log Bayes factor [nats]."""
     assert finding.fit is not None
+    evidence = evidence_of(at_values(cases, chosen.option, finding.fit.x))
     rivals = taken_for(evidence, options, chosen.option, finding.fit.x)
     return [{"name": each.effect, "where": each.place, "factor": factor} for each, factor in rivals]
 

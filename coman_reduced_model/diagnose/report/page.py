@@ -17,7 +17,7 @@ from ..inference.finding import Finding
 from ..inference.finding import judged as is_judged
 from ..inference.search import MOST
 from ..result import Diagnosis
-from .alike import groups, taken_for
+from .alike import decides, groups, taken_for
 from .figures import Pair, com_error, law, pairs, residuals
 from .tables import ROWS, errors_of_com, probabilities, values
 from .words import (
@@ -26,7 +26,6 @@ from .words import (
     effect_sentence,
     known,
     meaning,
-    or_else,
     place,
     shown,
     spaced,
@@ -283,16 +282,16 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
     parts: list[Part] = []
     for effect in result["effects"]:
         name, rivals = effect["name"], _rivals(diagnosis, effect)
-        decides = CATALOGUE[name].experiment
         text = f"{effect_sentence(effect)}."
         if rivals:
             text += f" Explaining nearly as much when alone: {', '.join(rivals)}."
         elif not effect["class"]:
             text += " No other effect, or place, explains half as much."
-        text += (alike := taken_for(effect))
-        if rivals or alike or effect["class"] or or_else(effect):
-            text += f" What would decide: {decides}."
+        text += taken_for(effect)
+        if rivals or effect["class"]:
+            text += f" What would decide: {CATALOGUE[name].experiment}."
         parts.append(Notice(text[:1].upper() + text[1:], "warn" if effect["class"] else "info"))
+    parts += [Notice(decides(each)) for each in result["decides"]]
     parts += groups(result)
     for name in result["contradicted"]:
         parts.append(Notice(f"The confirming recording speaks against {spaced(name)}.", "warn"))
