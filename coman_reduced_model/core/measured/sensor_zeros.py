@@ -9,7 +9,8 @@ the balance. Both hold on level ground.
 As long as the total vertical force is near the weight, or both feet bear nothing, nothing is learnt and nothing is
 changed: a good sensor is left alone. Zeros of both feet may cancel in the total: then a foot in the air shows them, if
 it reads what no ground can give, a pull or more force sideways than down. Only the past is used, and what was learnt
-lasts.
+lasts, unless the total force is twice as far from the weight with it as without: it is off for another reason then, as
+where a robot is lighter than its URDF, and nothing is taken off any more.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ SAID = 0.04  # share of the weight from which a zero is reported
 REVERSED = (-1.2, -0.8)  # shares of the weight: rather the wrong sign than zeros
 KILOGRAMS = (0.09, 0.115)  # the same, of a weight in kgf: about 1 / 9.81
 MOST_KILOGRAMS = 0.25  # share of the weight, by magnitude, that no foot reads in kgf but at a landing
+WORSE = 2.0  # times as far from the weight, from which zeros do not explain the total force; they may be changing
 BEARS = 0.1  # share of the weight: where both feet read less, the robot jumps or hangs
 FIRST_S, MEMORY_S, GAP_S = 0.5, 1.0, 0.05  # [s] of total force that are needed, and that count; of one sample at most
 EVERY_NS = 20_000_000  # between measurements
@@ -57,7 +59,7 @@ class SensorZeros:
 
     def __init__(self, weight: float) -> None:
         self.weight = weight
-        self.active = False
+        self.active, self._refuted = False, False
         self.restart()
         self._seen, self._alive = np.zeros(2, dtype=bool), False
         self._in_air, self._air_s = np.zeros((2, 3)), np.zeros(2)  # mean force [N], and time [s], of feet in the air
@@ -82,6 +84,7 @@ class SensorZeros:
     def restart(self) -> None:
         """The next sample may have any stamp; what was learnt is kept."""
         self._mean, self._more, self._seconds, self._last_ns, self._next_ns = 0.0, 0.0, 0.0, 0, 0
+        self._left, self._taken_s = 1.0, 0.0  # mean total force without the zeros, in weights, and how long [s]
 
     def corrected(self, sample: Sample, link: Posture) -> Sample:
         """A sample, whose joints `link` has, with the zeros taken off its wrenches: itself where there are none."""
@@ -89,6 +92,8 @@ class SensorZeros:
         if left is None or right is None or not isfinite(sum(left.tolist()) + sum(right.tolist())):
             return sample
         dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
+        if self._refuted:
+            return sample
         if not self.active:
             if not self._alive:  # a sensor that gives nothing but zeros is none
                 self._seen |= np.array([left.any(), right.any()])
@@ -104,6 +109,7 @@ class SensorZeros:
             self._P += np.diag(self._variance(WANDERS, 2)) * EVERY_NS * 1e-9
             self._measure(np.concatenate([left, right]), link)
             self._next_ns = sample.stamp_ns + EVERY_NS
+        self._check(float(left[2] + right[2]) / self.weight, dt)
         return replace(sample, left_wrench=left - self._x[:6], right_wrench=right - self._x[6:])
 
     def warnings(self) -> list[InputWarning]:
@@ -132,6 +138,16 @@ class SensorZeros:
         self._more += (more - self._more) * fresh
         another = REVERSED[0] < self._mean < REVERSED[1] or in_kilograms(self._mean, self._more > MOST_KILOGRAMS)
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
+
+    def _check(self, both: float, dt: float) -> None:
+        """Whether the total of both vertical forces, in weights, is nearer to 1 by what is taken off, in the mean."""
+        dt = min(max(dt, 0.0), GAP_S)
+        fresh, self._taken_s = dt / MEMORY_S, self._taken_s + dt
+        self._mean += (both - self._mean) * fresh
+        self._left += (both - (self._x[2] + self._x[8]) / self.weight - self._left) * fresh
+        if self._taken_s > 2.0 * MEMORY_S and abs(self._left - 1.0) > WORSE * max(abs(self._mean - 1.0), OFF):
+            self.active, self._refuted = False, True
+            self._x[:] = 0.0
 
     def _watch_air(self, wrenches: tuple[Array, Array], link: Posture) -> None:
         """Whether a foot in the air reads what no ground can give, in the mean over some of its steps."""

@@ -11,6 +11,7 @@ from conftest import recording
 
 import coman_reduced_model as coman
 from coman_reduced_model.core.base.types import Array, Foot, Phase, Sample
+from coman_reduced_model.core.measured import sensor_zeros
 from coman_reduced_model.core.measured.sensor_zeros import SensorZeros
 from coman_reduced_model.core.monitor.plausibility import Plausibility
 from coman_reduced_model.core.predictor import Predictor
@@ -103,6 +104,25 @@ def test_a_foot_that_bears_load_on_a_step_is_not_in_the_air(walk, share: float) 
         sample = replace(samples[0], stamp_ns=(k + 1) * 5_000_000, left_wrench=share * wrench)
         zeros.corrected(replace(sample, right_wrench=(1.0 - share) * wrench), link)
     assert not zeros.active
+
+
+def test_what_explains_the_total_force_worse_than_no_zeros_is_not_taken_off(walk, monkeypatch) -> None:
+    """A robot that is lighter than its URDF, and rocks: the joints have a foot in the air that bears load."""
+    robot, config, samples = walk
+    lighter = [
+        replace(each, left_wrench=0.85 * each.left_wrench, right_wrench=0.85 * each.right_wrench)
+        for each in samples
+        if each.left_wrench is not None and each.right_wrench is not None
+    ]
+    zeros, link, active = SensorZeros(robot.mass * config.robot.gravity), robot.posture(), []
+    for sample in lighter:
+        bears = Foot.LEFT if sample.left_wrench[2] > sample.right_wrench[2] else Foot.RIGHT
+        monkeypatch.setattr(sensor_zeros, "_in_the_air", lambda link, foot=bears: foot)
+        link.update(sample.q, sample.qd)
+        corrected = zeros.corrected(sample, link)
+        active.append(zeros.active)
+    assert sum(active) > 100 and not any(active[-800:])
+    assert corrected is lighter[-1] and not zeros.both.any() and not zeros.of(Foot.RIGHT).any()
 
 
 def test_reversed_forces_are_no_zeros(walk) -> None:
