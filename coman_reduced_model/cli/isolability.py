@@ -106,6 +106,7 @@ def _show(found: Isolability) -> None:
 
 def _show_others(found: Isolability, others: Sequence[Another]) -> None:
     from ..diagnose.inference.another import LENGTH
+    from ..diagnose.inference.isolability import APART
 
     pairs, names = found.pairs, [option.name for option in found.options]
     rows = [["", "these alone", "", f"0 of {len(pairs)}", f"{len(found.hidden)}"]]
@@ -124,6 +125,7 @@ def _show_others(found: Isolability, others: Sequence[Another]) -> None:
         for pair in pairs[:_PAIRS]
     ]
     head = ["effect", "or", "alone", *(f"with {n}" for n in range(1, len(others) + 1))]
-    print_table("Effects are distinguished from 3 nats on, whichever of both is there [nats]", head, rows, words=2)
+    title = f"Effects are distinguished from {APART:g} nats on, whichever of both is there [nats]"
+    print_table(title, head, rows, words=2)
     if len(pairs) > _PAIRS:
         print(f"and {len(pairs) - _PAIRS} pairs more (--json has all)")

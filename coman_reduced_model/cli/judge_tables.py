@@ -258,7 +258,7 @@ def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mappi
 
 
 def _show_calibration(found: Mapping[str, Any]) -> None:
-    """How right the probabilities are, how well they tell sick robots from clean ones, and what was promised."""
+    """How right the probabilities are, how well they separate clean robots from others, and what was promised."""
     print_table(
         f"the most likely statement of {found['cases']} diagnoses, by its probability",
         ["probability", "right", "diagnoses"],

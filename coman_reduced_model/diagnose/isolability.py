@@ -59,6 +59,7 @@ def isolability(
     """
     nominal = load_nominal(baseline)
     refuse_repeated(bags)
+    refuse_repeated(others)
     report = progress or (lambda fraction, what: None)
     config = with_structure(config)
     readings = read_bags([*bags, *others], config, urdf, names, between(report, 0.0, READ))

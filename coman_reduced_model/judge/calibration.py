@@ -65,7 +65,7 @@ def stated(verdict: Mapping[str, Any]) -> dict[str, float]:
     for name, p in verdict["probabilities"].items():
         effect, _, where = name.partition("@")
         which = class_of(effect, where)
-        found[which] = found.get(which, 0.0) + p
+        found[which] = found.get(which, 0.0) + (p or 0.0)
     return found
 
 
@@ -108,7 +108,7 @@ def reliability(said: Sequence[tuple[float, bool]]) -> tuple[list[list[float]], 
 
 
 def roc(clean: Sequence[float], others: Sequence[float]) -> dict[str, Any]:
-    """How well a number tells robots with an effect from clean ones: their shares, and the area under the curve."""
+    """How well a number separates robots with an effect from clean ones: shares, and the area under the curve."""
     if not clean or not others:
         return {"false_alarms": [], "found": [], "area": None}
     limits = [float(np.quantile(clean, 1.0 - share)) for share in FALSE_ALARMS]
@@ -127,8 +127,8 @@ def within(case: Case) -> list[bool]:
     for effect in [*case["verdict"]["effects"], *(case["verdict"].get("suspected") or [])]:
         real = hidden.get((effect["name"], effect.get("where", "")), {})
         for name, each in effect.get("parameters", {}).items():
-            if isinstance(real.get(name), float) and each.get("interval"):
-                low, high = each["interval"]
+            low, high = each.get("interval") or (None, None)
+            if isinstance(real.get(name), float) and low is not None and high is not None:
                 found.append(bool(low <= real[name] <= high))
     return found
 
@@ -143,7 +143,7 @@ def size_of(case: Case) -> tuple[float, bool] | None:
     ratios = [
         abs(value - NOMINAL.get(name, 0.0)) / seen_from[name]
         for name, value in effect["parameters"].items()
-        if isinstance(value, float) and seen_from.get(name, 0.0) > 0.0
+        if isinstance(value, float) and (seen_from.get(name) or 0.0) > 0.0
     ]
     return (max(ratios), verdict["verdict"] in ("effect", "unknown")) if ratios and max(ratios) > 0.0 else None
 

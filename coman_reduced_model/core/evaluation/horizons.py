@@ -183,8 +183,8 @@ class HorizonJudge:
         for h, axis in np.argwhere(experience.worse).tolist():
             moments, times = (np.diag(each[h, axis])[OWN:] for each in (experience.moments, experience.times))
             with np.errstate(invalid="ignore", divide="ignore"):
-                best = np.nanargmin(np.where(times > KNOWN, moments / times, np.nan))
-            found.append((f"{self.horizons[h]:g}", axis, BASELINES[best]))
+                errors = np.where(times > KNOWN, moments / times, np.inf)
+            found.append((f"{self.horizons[h]:g}", axis, BASELINES[errors.argmin()]))
         return found
 
     def simpler_share(self) -> dict[str, Array]:

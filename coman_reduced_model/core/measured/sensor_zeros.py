@@ -59,7 +59,7 @@ class SensorZeros:
 
     def __init__(self, weight: float) -> None:
         self.weight = weight
-        self.active, self._refuted = False, False
+        self.active, self._refuted = False, 0.0  # the weight [N] by which zeros explain nothing; 0: none
         self.restart()
         self._seen, self._alive = np.zeros(2, dtype=bool), False
         self._in_air, self._air_s = np.zeros((2, 3)), np.zeros(2)  # mean force [N], and time [s], of feet in the air
@@ -68,8 +68,8 @@ class SensorZeros:
 
     @property
     def settled(self) -> bool:
-        """Whether zeros are taken off, or both feet were in the air for long enough to show that they have none."""
-        return self.active or bool((self._air_s >= FIRST_S).all())
+        """Whether zeros are taken off, none explain the total force, or both feet were in the air for long enough."""
+        return self.active or self._refuted == self.weight or bool((self._air_s >= FIRST_S).all())
 
     @property
     def both(self) -> Array:
@@ -92,7 +92,7 @@ class SensorZeros:
         if left is None or right is None or not isfinite(sum(left.tolist()) + sum(right.tolist())):
             return sample
         dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
-        if self._refuted:
+        if self._refuted == self.weight:
             return sample
         if not self.active:
             if not self._alive:  # a sensor that gives nothing but zeros is none
@@ -109,12 +109,20 @@ class SensorZeros:
             self._P += np.diag(self._variance(WANDERS, 2)) * EVERY_NS * 1e-9
             self._measure(np.concatenate([left, right]), link)
             self._next_ns = sample.stamp_ns + EVERY_NS
-        self._check(float(left[2] + right[2]) / self.weight, dt)
-        return replace(sample, left_wrench=left - self._x[:6], right_wrench=right - self._x[6:])
+        left, right = left - self._x[:6], right - self._x[6:]
+        if max(left[2], right[2]) > BEARS * self.weight:
+            self._check(float(left[2] + right[2]) / self.weight, dt)
+        return replace(sample, left_wrench=left, right_wrench=right)
 
     def warnings(self) -> list[InputWarning]:
-        """What is taken off, of each foot where it matters."""
+        """What is taken off, of each foot where it matters; or that nothing is, as it explains nothing."""
         found = []
+        if self._refuted == self.weight:
+            text = (
+                f"wrenches: the mean vertical force of both feet was {self._mean:.0%} of the weight, and no zeros of "
+                "the sensors explain it: nothing is taken off; does the robot weigh what its URDF says?"
+            )
+            found.append(InputWarning(WarningKind.ZERO, "", text))
         for foot, stream in WRENCHES.items() if self.active else ():
             zero = self.of(foot)
             if np.abs(zero[:3]).max() > SAID * self.weight:
@@ -140,14 +148,19 @@ class SensorZeros:
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
     def _check(self, both: float, dt: float) -> None:
-        """Whether the total of both vertical forces, in weights, is nearer to 1 by what is taken off, in the mean."""
+        """Take nothing off any more where the total of both vertical forces, in weights, is further from 1 with it.
+
+        Args:
+            both: what is left of it.
+            dt: since the last sample [s].
+        """
         dt = min(max(dt, 0.0), GAP_S)
         fresh, self._taken_s = dt / MEMORY_S, self._taken_s + dt
-        self._mean += (both - self._mean) * fresh
-        self._left += (both - (self._x[2] + self._x[8]) / self.weight - self._left) * fresh
+        self._left += (both - self._left) * fresh
+        self._mean += (both + (self._x[2] + self._x[8]) / self.weight - self._mean) * fresh
         if self._taken_s > 2.0 * MEMORY_S and abs(self._left - 1.0) > WORSE * max(abs(self._mean - 1.0), OFF):
-            self.active, self._refuted = False, True
-            self._x[:] = 0.0
+            self.active, self._refuted = False, self.weight
+            self._x[:], self._P = 0.0, np.diag(self._variance(PRIOR, 2))
 
     def _watch_air(self, wrenches: tuple[Array, Array], link: Posture) -> None:
         """Whether a foot in the air reads what no ground can give, in the mean over some of its steps."""

@@ -33,8 +33,8 @@ def decides(
     out = []
     for chosen, entry in zip(finding.chosen, entries, strict=True):
         assert finding.fit is not None
-        kin = [each for each in options if entry["class"] and CLASSES.get(each.effect) == entry["class"]]
-        names = [*chosen.group, *(each.name for each in kin if each.place == chosen.option.place)]
+        same = [each for each in options if entry["class"] and CLASSES.get(each.effect) == entry["class"]]
+        names = [*chosen.group, *(each.name for each in same if each.place == chosen.option.place)]
         out.append(_group(cases, options, chosen.option, finding.fit.x, names))
     if undecided and not finding.chosen and finding.steps:
         explanations, found = finding.steps[0]

@@ -123,6 +123,10 @@ def test_what_explains_the_total_force_worse_than_no_zeros_is_not_taken_off(walk
         active.append(zeros.active)
     assert sum(active) > 100 and not any(active[-800:])
     assert corrected is lighter[-1] and not zeros.both.any() and not zeros.of(Foot.RIGHT).any()
+    (said,) = zeros.warnings()
+    assert "85% of the weight, and no zeros of the sensors explain it" in said.text and zeros.settled
+    zeros.weight *= 0.85  # as by a parameter of the node
+    assert not zeros.settled and not zeros.warnings()
 
 
 def test_reversed_forces_are_no_zeros(walk) -> None:
