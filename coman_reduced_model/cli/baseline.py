@@ -54,7 +54,7 @@ def baseline(
         share = number(100.0 * (1.0 + weight.share), 100.0 * CONFIDENCE * weight.deviation)
         print(f"weight by forces and motion: {share} % of what the URDF says")
     else:
-        print("weight: not known, as no foot leaves the ground in these recordings")
+        print("weight: not known: no foot leaves the ground, or vertical forces and other laws disagree")
     if off := off_weight(asdict(weight)):
         warn([f"{off}, and data sheets allow {weight.allowed:.0%}: is it the robot, or its URDF? No baseline hides it"])
     if learnt.pulled:

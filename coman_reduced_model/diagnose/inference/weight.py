@@ -21,13 +21,16 @@ from .case import Case
 from .evidence import Evidence, pooled
 from .variability import adapted, with_both
 
+SURE = 3.0  # standard deviations beyond which a weight is off
+
 
 @dataclass(frozen=True)
 class Weight:
     """By how much a robot weighs more than its URDF says.
 
     Attributes:
-        share: of the weight by the URDF; NaN where the robot only stands: it shows its sensors' gains as little.
+        share: of the weight by the URDF; NaN where the robot only stands, as it shows its sensors' gains as little, and
+            where the mean vertical force says otherwise: then other laws that fit badly make it.
         deviation: its standard deviation.
         allowed: what data sheets allow masses to be off by.
     """
@@ -61,7 +64,17 @@ def weight(cases: Sequence[Case], released: Sequence[int] = ()) -> Weight:
     everything = adapted(evidences, population)
     fit = pooled(replace(each, unknowns=everything) for each in evidences).fit(released)
     shares = np.append(shares, shares @ masses)
-    return Weight(float(shares @ fit.x), float(np.sqrt(shares @ fit.covariance @ shares)), allowed)
+    share, deviation = float(shares @ fit.x), float(np.sqrt(shares @ fit.covariance @ shares))
+    carried = float(np.mean([_carried(case, total) for case in cases])) - 1.0
+    if not abs(share - carried) <= allowed + SURE * deviation:
+        return Weight(np.nan, np.nan, allowed)
+    return Weight(share, deviation, allowed)
+
+
+def _carried(case: Case, mass: float) -> float:
+    """Mean vertical force on both feet over the weight of a mass [kg]."""
+    forces = sum(wrench[:, 2] for wrench in case.recording.wrench.values())
+    return float(np.nanmean(forces)) / (mass * case.state.world.gravity)
 
 
 def _with_common(evidence: Evidence, masses: Array, population: Nominal) -> Evidence:

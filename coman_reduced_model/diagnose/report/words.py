@@ -10,6 +10,7 @@ from typing import Any
 
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import LINKS, PLAN
+from ..inference.weight import SURE
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -49,7 +50,6 @@ FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
 LIKELY, MOST_LIKELY = 0.1, 3  # probability from which a sentence names what is not sure, and how many
 OUTSIDE = "something outside the catalogue"
-SURE = 3.0  # standard deviations beyond which it is said that a weight is off
 
 
 def sentence(result: Mapping[str, Any]) -> str:
