@@ -107,7 +107,7 @@ def case(
                 )
                 problem.pieces[key] = np.flatnonzero(np.diff(index, prepend=-9) > 1)
     noises = {key: Noise(np.array([FLOOR, 0.0, 0.0, 0.0]), 0.0) for key in problem.rows}
-    world = SimpleNamespace(robot=robot)
+    world = SimpleNamespace(robot=robot, gravity=9.81)
     motion = SimpleNamespace(qd=np.zeros((len(ticks), len(robot.joint_names))))
     state: Any = SimpleNamespace(
         recording=recording, world=world, motion=motion, residuals=residuals, smoothed=Smoothed()
