@@ -117,7 +117,7 @@ def _with_monitor(
 
 def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     """The baseline of examined recordings of one robot, linear about nominal."""
-    heavy = weight(cases)
+    weighs = weight(cases)
     known = adapted([case.evidence for case in cases], population)
     cases = [with_known(case, known) for case in cases]
     evidences = [case.evidence for case in cases]
@@ -147,7 +147,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
         parameters=parameters, leftover=_leftover(left, population),
         repeats=_repeats(repeats_of(cases), len(cases), population), **population.with_baseline,
     )  # fmt: skip
-    return Baseline(learnt, len(cases), heavy, pulled)
+    return Baseline(learnt, len(cases), weighs, pulled)
 
 
 def _mean_variance(fits: Sequence[object]) -> Array:

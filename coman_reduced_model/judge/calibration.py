@@ -63,8 +63,7 @@ def stated(verdict: Mapping[str, Any]) -> dict[str, float]:
     """Probabilities of `none`, `unknown` and each class of effects."""
     found: dict[str, float] = {}
     for name, p in verdict["probabilities"].items():
-        effect, _, where = name.partition("@")
-        which = class_of(effect, where)
+        which = _class(name)
         found[which] = found.get(which, 0.0) + (p or 0.0)
     return found
 
@@ -77,11 +76,12 @@ def truth(answer: Mapping[str, Any]) -> set[str]:
 
 def truth_of(case: Case, alike: bool) -> float:
     """Probability of the true class; `alike`: and of what its recordings cannot distinguish from it."""
-    verdict, right = case["verdict"], truth(case["answer"])
+    verdict, true = case["verdict"], truth(case["answer"])
+    right = set(true)
     if alike:
         for group in verdict.get("groups") or []:
-            classes = {class_of(effect, where) for effect, _, where in (name.partition("@") for name in group)}
-            right |= classes if classes & truth(case["answer"]) else set()
+            classes = {_class(name) for name in group}
+            right |= classes if classes & true else set()
     return sum(p for name, p in stated(verdict).items() if name in right)
 
 
@@ -164,6 +164,12 @@ def power(sizes: Sequence[tuple[float, bool]]) -> dict[str, Any]:
 
     a, b = minimize(loss, np.array([0.0, 1.0])).x
     return {"of": len(sizes), "factor": float(np.exp((np.log(POWER / (1.0 - POWER)) - a) / b)) if b > 0.0 else None}
+
+
+def _class(name: str) -> str:
+    """Of an effect NAME@PLACE; `none` and `unknown` are their own."""
+    effect, _, where = name.partition("@")
+    return class_of(effect, where)
 
 
 def _clear(answer: Mapping[str, Any]) -> bool:

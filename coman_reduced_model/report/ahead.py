@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from ..core.evaluation.baselines import best_baseline
 from ..core.evaluation.run import Run
@@ -47,7 +47,7 @@ def ahead_section(summary: Mapping[str, Any], run: Run, plots: Path | None) -> S
     shares = {
         f"{horizon} s": by
         for horizon, by in (summary.get("reliability") or {}).items()
-        if not any(_unknown(share) for share in by.values())
+        if all(_known(share) for share in by.values())
     }
     sure = picture(
         "reliability_ahead",
@@ -96,13 +96,13 @@ def _best_baseline(by: Mapping[str, ByAxis], axis: str) -> str:
     return f"{millimetres(error).removesuffix(' mm')} ({name})" if name else "–"
 
 
-def _unknown(value: float | None) -> bool:
-    return value is None or not math.isfinite(value)
+def _known(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value)
 
 
 def _signed(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{value:+.2f}"
+    return f"{value:+.2f}" if _known(value) else "–"
 
 
 def _share(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else percent(value)
+    return percent(value) if _known(value) else "–"

@@ -91,7 +91,7 @@ class SensorZeros:
         left, right = sample.left_wrench, sample.right_wrench
         if left is None or right is None or not isfinite(sum(left.tolist()) + sum(right.tolist())):
             return sample
-        dt, self._last_ns = (sample.stamp_ns - self._last_ns) * 1e-9, sample.stamp_ns
+        dt, self._last_ns = min(max((sample.stamp_ns - self._last_ns) * 1e-9, 0.0), GAP_S), sample.stamp_ns
         if self._refuted == self.weight:
             return sample
         if not self.active:
@@ -139,7 +139,6 @@ class SensorZeros:
         more = max(abs(left), abs(right))
         if more < BEARS:
             return
-        dt = min(max(dt, 0.0), GAP_S)
         self._seconds = min(self._seconds + dt, MEMORY_S)
         fresh = min(1.0, dt / max(self._seconds, 1e-9))
         self._mean += (left + right - self._mean) * fresh
@@ -152,9 +151,8 @@ class SensorZeros:
 
         Args:
             both: what is left of it.
-            dt: since the last sample [s].
+            dt: since the last sample, GAP_S at most [s].
         """
-        dt = min(max(dt, 0.0), GAP_S)
         fresh, self._taken_s = dt / MEMORY_S, self._taken_s + dt
         self._left += (both - self._left) * fresh
         self._mean += (both + (self._x[2] + self._x[8]) / self.weight - self._mean) * fresh
