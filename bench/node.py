@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The predictor node under load, beside an empty relay: lost messages, CPU and latency.
 
-    python bench/node.py [--seconds 60] [--rate 1000] [--reference none|motor]
+    python bench/node.py [--seconds 60] [--rate 1000] [--reference none|motor] [--relays events,raw,default]
 
 Joint states and both wrenches (and motor states, if asked for) come at the rate. The relay is a minimal rclpy node that
 subscribes to the same topics and publishes one ComPrediction for each joint state: with message objects on rclpy's
@@ -195,6 +195,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--reference", choices=("none", "motor"), default="none")
+    parser.add_argument("--relays", default="events,raw,default", help="of which the first is compared with")
     parser.add_argument("--collect", help=argparse.SUPPRESS)
     parser.add_argument("--relay", help=argparse.SUPPRESS)
     parser.add_argument("--topics", help=argparse.SUPPRESS)
@@ -216,7 +217,7 @@ def main() -> None:
     ]  # fmt: skip
     relays = {
         f"relay, {name}": [sys.executable, __file__, "--relay", name, "--topics", ",".join(topics)]
-        for name in ("events", "raw", "default")
+        for name in options.relays.split(",")
     }
     load = os.getloadavg()[0]
     rows = [
@@ -231,7 +232,7 @@ def main() -> None:
         table.add_row(*row)
     Console(width=110).print(table)
     cpu, p99 = (float(rows[0][k]) / float(rows[1][k]) for k in (3, 5))
-    print(f"predictor against the relay with the same executor (events): CPU x {cpu:.1f}, p99 x {p99:.1f}")
+    print(f"predictor against the {rows[1][0]}: CPU x {cpu:.1f}, p99 x {p99:.1f}")
     rclpy.try_shutdown()
 
 

@@ -319,7 +319,11 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "offline": script("Speed and memory offline", ("offline", "--minutes", "2")),
     "offline_growth": script("Time offline by length and rate", ("offline_growth", "--picture", GROWTH)),
     "diagnosis_growth": script("Time of a diagnosis", ("diagnosis_growth", "--picture", DIAGNOSIS_GROWTH)),
-    "node": script("The node under load", ("node", "--reference", "motor", "--seconds", "30")),
+    "node": script(
+        "The node under load",
+        ("node", "--reference", "motor", "--seconds", "30"),
+        ("node", "--reference", "motor", "--seconds", "600", "--relays", "events"),
+    ),
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
