@@ -329,7 +329,6 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "effects": script("What knowing an effect gains", ("effects",)),
     "feedforward": script("The plan's deflection as a feedforward", ("feedforward",), ("feedforward_live",)),
     "engines": script("Two physics engines", ("engines",), ("cases",)),
-    "sampled_force": script("What force sensors of the worlds read", ("sampled_force",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results", "--draws", "240")),
     "archive": archive,
     "fuzz": fire.fuzz,
