@@ -45,6 +45,8 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
         f"oracle that is given the variability, medium and strong: ranks the effect first {share(ranking['first_1'])}, "
         f"among the first three {share(ranking['first_3'])}"
     )
+    if (named := ranking.get("named", {})).get("of"):  # earlier versions did not rank clean robots
+        print(f"the same, with an alarm and as many false ones as the workflow: {share(named)}")
     if found := result.get("calibration"):  # earlier versions had none
         _show_calibration(found)
     print(f"one diagnosis: median {_number(time['median'])} s, longest {_number(time['largest'])} s (target 60 s)")

@@ -329,11 +329,11 @@ def _learn_baseline(folder: RunFolder, name: str) -> Path | None:
 
 
 def _run_oracles(folder: RunFolder, name: str, command: Sequence[str]) -> None:
-    """Both oracles of a case with hidden effects; run after the verdicts are sealed."""
+    """Both oracles of a case with hidden effects, rankings of clean ones too; run after the verdicts are sealed."""
     known = stored(folder.answer(name))
-    if known["kind"] not in ("single", "pair") or "failed" in known:
+    if known["kind"] not in ("single", "pair", "clean") or "failed" in known:
         return
-    if stored(folder.oracle(name) / "run.json") is None:
+    if known["kind"] != "clean" and stored(folder.oracle(name) / "run.json") is None:
         assumed = [f"{e['name']}:where={e['where']}" if e["where"] else e["name"] for e in known["effects"]]
         options = [part for text in assumed for part in ("--assume", text)]
         learnt = folder.verdict(name) / "baseline.yaml"

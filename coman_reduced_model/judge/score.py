@@ -113,6 +113,11 @@ def rank_of_truth(answer: Mapping[str, Any], ranking: Any) -> int | None:
     return next((place for place, name in enumerate(classes, 1) if name in true), None)
 
 
+def first_evidence(ranking: Any) -> float | None:
+    """[nats] that the oracle's ranking gives its first candidate; None: there is no ranking."""
+    return float(ranking[0]["evidence"]) if isinstance(ranking, list) and ranking else None
+
+
 def rate(hits: int, of: int) -> dict[str, Any]:
     """A share with its 95 % interval (Wilson); null where nothing was counted."""
     if of == 0:
@@ -187,6 +192,7 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
         "seconds": run.get("seconds"),
         "cpu_seconds": run.get("cpu_seconds"),
         "rank": rank_of_truth(answer, case.get("ranking")),
+        "ranked_first": first_evidence(case.get("ranking")),
         "size_shown": shown(answer["effects"][0], case.get("ranking")) if answer["kind"] == "single" else None,
         "gap_share": gained / best if best > 0.0 else None,
         "baselines": {
@@ -209,9 +215,20 @@ def by_world(rows: Sequence[Any]) -> dict[str, Any]:
 
 
 def _rankings(rows: Sequence[Any]) -> dict[str, Any]:
-    """How often the oracle that knows the variability ranks the hidden effect first, or among the first three."""
+    """How often the oracle that knows the variability ranks the hidden effect first, or among the first three.
+
+    It decides nothing. `named` is what it would name with an alarm: the first, where its evidence is above that of
+    clean robots, all but as many of them as the workflow calls faulty. The limit is that of the same clean robots,
+    which favours the oracle. Null where clean robots were not ranked.
+    """
     ranked = [row for row in rows if row["rank"] is not None and _clear(row)]
-    return {f"first_{n}": rate(sum(row["rank"] <= n for row in ranked), len(ranked)) for n in (1, 3)}
+    clean = [row for row in rows if row["kind"] == "clean"]
+    healthy = sorted((row["ranked_first"] for row in clean if row["ranked_first"] is not None), reverse=True)
+    alarms = sum(row["result"] in ("wrong", "unknown") for row in clean)
+    limit = healthy[alarms] if alarms < len(healthy) == len(clean) else None
+    named = [row["rank"] == 1 and row["ranked_first"] > limit for row in ranked if limit is not None]
+    shares = {f"first_{n}": rate(sum(row["rank"] <= n for row in ranked), len(ranked)) for n in (1, 3)}
+    return {**shares, "named": rate(sum(named), len(named)), "limit": limit}
 
 
 def _seeds(seeds: Sequence[int]) -> dict[str, Any]:

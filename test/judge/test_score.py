@@ -158,6 +158,31 @@ def test_what_is_suspected_without_an_alarm_is_counted_apart():
     assert result["gap_reduction"]["median_share_of_oracle"] == 0.0
 
 
+def test_the_oracle_names_with_as_many_false_alarms_as_the_workflow(capsys):
+    """Its limit lies at the evidence of clean robots, of which it too may call as many faulty."""
+
+    def ranked(*rows: tuple[str, float]) -> list[dict]:
+        return [{"name": name, "where": "", "evidence": nats, "parameters": {}} for name, nats in rows]
+
+    rows = [
+        (hidden("clean"), {"verdict": "unknown"}, ranked(("payload", 9.0))),
+        (hidden("clean"), {"verdict": "none"}, ranked(("payload", 4.0))),
+        (hidden("clean"), {"verdict": "none"}, ranked(("payload", 3.0))),
+        (hidden("single", ("backlash", "")), {"verdict": "none"}, ranked(("backlash", 5.0), ("payload", 1.0))),
+        (hidden("single", ("backlash", "")), {"verdict": "none"}, ranked(("backlash", 3.5), ("payload", 1.0))),
+        (hidden("single", ("backlash", "")), {"verdict": "none"}, ranked(("payload", 8.0), ("backlash", 7.0))),
+    ]
+    judged = [
+        {"name": str(k), "answer": answer, "verdict": verdict, "ranking": ranking}
+        for k, (answer, verdict, ranking) in enumerate(rows)
+    ]
+    found = score(judged)["ranking"]
+    assert found["limit"] == 4.0
+    assert (found["first_1"]["hits"], found["named"]["hits"], found["named"]["of"]) == (2, 1, 3)
+    without = score([{**judged[0], "ranking": None}, *judged[1:]])["ranking"]
+    assert without["named"]["share"] is None
+
+
 def test_worlds_of_kinds_that_nothing_was_learnt_on_have_figures_of_their_own(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "150")
     nominal = replace(load_nominal(), source={"kinds": {"engine": ["mujoco"], "contact": ["creeping"]}})
