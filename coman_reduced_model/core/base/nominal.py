@@ -19,8 +19,8 @@ from ...errors import ConfigError
 from ...resources import config_path
 
 SECTIONS = (
-    "source", "widths", "precise", "sheets", "most", "repeats", "trust", "leftover", "decision", "interval_factor",
-    "with_baseline", "parameters", "monitor",
+    "source", "widths", "precise", "sheets", "most", "floor", "sensors", "repeats", "trust", "leftover", "decision",
+    "interval_factor", "with_baseline", "parameters", "monitor",
 )  # fmt: skip
 
 
@@ -35,6 +35,9 @@ class Nominal:
         most: by the same names, what physics allows at most.
         source: where the figures come from; `kinds`: by axis, the kinds of worlds (sim/worlds) that they were learnt
             on, all but those of `monitor`, which has its own.
+        floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]: quieter ones do not count.
+        sensors: the least noise that any sensor is taken to have: `force` in weights, `moment` in weights times the
+            length of a foot, `count` of an encoder [rad], `tilt` of a direction [1], `com` of the measured COM [m].
         repeats: by law, what it leaves on nominal robots that repeats with each stride, in the median. In weights for
             N, weights times m for Nm, mass times m/s for Ns, else SI.
         trust: by law and kind of support, the share of its information that counts (diagnose/inference/trust.py).
@@ -53,6 +56,8 @@ class Nominal:
     sheets: Mapping[str, float] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
+    floor: Mapping[str, float] = field(default_factory=dict)
+    sensors: Mapping[str, float] = field(default_factory=dict)
     repeats: Mapping[str, float] = field(default_factory=dict)
     trust: Mapping[str, float] = field(default_factory=dict)
     leftover: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -97,7 +102,8 @@ def _plain(value: Any) -> Any:
 def load_nominal(path: str | Path = "") -> Nominal:
     """Read a file; default: the shipped population. A file of one robot is complete in itself, but for `monitor`.
 
-    Widths that it lacks, as an earlier version did not know them, are those of the population, and so are weights.
+    What it lacks of widths and of sensors, as an earlier version did not know it, is that of the population, and so are
+    weights.
 
     Raises:
         ConfigError: it cannot be read, or is no such file.
@@ -106,11 +112,14 @@ def load_nominal(path: str | Path = "") -> Nominal:
     if not path:
         return population
     nominal = _load(str(path))
-    widths = {**population.widths, **nominal.widths}
+    nominal = replace(
+        nominal, widths={**population.widths, **nominal.widths}, floor={**population.floor, **nominal.floor},
+        sensors={**population.sensors, **nominal.sensors},
+    )  # fmt: skip
     if _known(nominal.decision):
-        return replace(nominal, widths=widths)
+        return nominal
     usual = {"decision": population.decision, "interval_factor": population.interval_factor}
-    return replace(nominal, widths=widths, **(population.with_baseline or usual))
+    return replace(nominal, **(population.with_baseline or usual))
 
 
 def _row(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -182,6 +191,8 @@ def _load(path: str) -> Nominal:
             precise={name: float(value) for name, value in (document.get("precise") or {}).items()},
             sheets={name: float(value) for name, value in (document.get("sheets") or {}).items()},
             most={name: float(value) for name, value in (document.get("most") or {}).items()},
+            floor={name: float(value) for name, value in (document.get("floor") or {}).items()},
+            sensors={name: float(value) for name, value in (document.get("sensors") or {}).items()},
             source=document.get("source") or {},
             repeats={name: float(value) for name, value in (document.get("repeats") or {}).items()},
             trust={name: _share(f"trust of {name}", value) for name, value in (document.get("trust") or {}).items()},

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from .evidence import Evidence, Fit, Problem, Reference, assemble, parts_of, poo
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
 from .prior import prior_variance
+from .usual import Usual
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
@@ -91,7 +92,8 @@ class Case:
     def floor(self) -> dict[str, float]:
         """The noise floor by group, computed when first needed: most trials are refused before."""
         if self.known_floor is None:
-            self.known_floor = floor(self.state, self.where)
+            usual = self.problem.usual
+            self.known_floor = floor(self.state, self.where, usual.floor, usual.sensors)
         return self.known_floor
 
     def own(self, fit: Fit, released: Sequence[int]) -> Array:
@@ -141,12 +143,8 @@ def examine(
         base = like.reference
     else:
         base = reference(recording, world, where, known, at)
-    if like:
-        misfit, trust = like.problem.misfit, like.problem.trust
-    else:
-        nominal = nominal or load_nominal()
-        misfit, trust = _misfit(nominal, world), nominal.trust
-    problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), misfit, trust)
+    usual = like.problem.usual if like else Usual.of(nominal or load_nominal(), world)
+    problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), usual)
     evidence, noise, _ = weigh(problem, at, near.noise if near else None)
     if near:
         return Case(near.recording, where, near.state, problem, evidence, noise, base, near.floor)
@@ -154,12 +152,6 @@ def examine(
     masked = with_taken_up(where, recording, moved, world)
     state = evaluate(moved, world, masked) if at.any() else base.measured
     return Case(recording, masked, state, problem, evidence, noise, base, like.floor if like else None)
-
-
-def _misfit(nominal: Nominal, world: World) -> Mapping[str, float]:
-    """By law, what nominal robots leave that repeats with each stride [SI], for a robot of this weight."""
-    weight = world.robot.mass * world.gravity
-    return {law: value * unit_of(law, weight, world.gravity) for law, value in nominal.repeats.items()}
 
 
 def repeats_of(cases: Sequence[Case]) -> dict[str, float]:

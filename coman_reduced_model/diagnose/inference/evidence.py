@@ -45,6 +45,7 @@ from .noise import (
     yule_walker,
 )
 from .prior import Kind, kinds_of, prior_variance
+from .usual import Usual
 
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
@@ -69,8 +70,7 @@ class Problem:
     times: dict[str, Integers]
     resolution: dict[str, float]  # by channel, what one count of an encoder is
     stride: dict[str, Array] = field(default_factory=dict)  # by group (n,), strides so far
-    misfit: Mapping[str, float] = field(default_factory=dict)  # by law, what repeats at least [SI]
-    trust: Mapping[str, float] = field(default_factory=dict)  # by law, share of its information; 1 without an entry
+    usual: Usual = field(default_factory=Usual)  # what nominal robots leave
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,7 @@ def assemble(
     at: Array,
     like: Problem | None = None,
     fresh: Sequence[int] = (),
-    misfit: Mapping[str, float] | None = None,
-    trust: Mapping[str, float] | None = None,
+    usual: Usual | None = None,
 ) -> Problem:
     """Residuals under a hypothesis and, by difference quotients, what a unit of each unknown has put into them.
 
@@ -122,10 +121,9 @@ def assemble(
         reference: the recording; where: the ticks at which its residuals mean something.
         known: all unknowns; at: (P,) their deviations from nominal. Of those without one, what is usual is taken off.
         like: a problem of the same recording under a hypothesis near by: derivatives are its, but for those `fresh`.
-        misfit: by law, what nominal robots leave that repeats with each stride [SI].
-        trust: by law, the share of its information that counts.
+        usual: what nominal robots leave.
     """
-    usual = np.array([unknown.usual for unknown in known]) * (at == 0.0)
+    nominal = np.array([unknown.usual for unknown in known]) * (at == 0.0)
     rest = at - reference.shifts
     recording, world = applied(known, rest, reference.quiet.recording, reference.quiet.world)
     where = with_taken_up(where, reference.quiet.recording, recording, world)
@@ -155,14 +153,14 @@ def assemble(
             rows[key] = value[ticks]
             columns[key] = np.empty((len(ticks), len(known))) if like is None else like.columns[key].copy()
             columns[key][:, fresh] = slope[:, ticks].T
-            rows[key] = rows[key] - columns[key] @ usual
+            rows[key] = rows[key] - columns[key] @ nominal
             times[key] = ticks
             alone = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
             pieces[key] = alone[:1] if name in NEIGHBOURS else alone
     names, counts = reference.measured.world.robot.joint_names, reference.measured.recording.count
     resolution = {f"spring/{name}": float(count) for name, count in zip(names, counts, strict=True)}
     stride = {key: where.stride[ticks] for key, ticks in times.items()}
-    return Problem(known, rows, columns, pieces, times, resolution, stride, misfit or {}, trust or {})
+    return Problem(known, rows, columns, pieces, times, resolution, stride, usual or Usual())
 
 
 def _differences(
@@ -273,11 +271,12 @@ def weigh(
         like: noise under a hypothesis near by, to begin with.
     """
     resolution = {key: problem.resolution.get(key.partition("|")[0], 0.0) / np.sqrt(12.0) for key in problem.rows}
+    floors = problem.usual.floor
     noise = like or {
-        key: Noise(no_less(first_guess(row, problem.pieces[key]), key), resolution[key])
+        key: Noise(no_less(first_guess(row, problem.pieces[key]), key, floors), resolution[key])
         for key, row in problem.rows.items()
     }
-    usual = {key: max(problem.misfit.get(law_of(key), 0.0), resolution[key]) for key in problem.rows}
+    usual = {key: max(problem.usual.misfit.get(law_of(key), 0.0), resolution[key]) for key in problem.rows}
     noise = {key: replace(each, repeats=max(each.repeats, usual[key])) for key, each in noise.items()}
     for _ in range(ROUNDS_NEAR if like else ROUNDS):
         parts = list(parts_of(problem, noise))
@@ -286,18 +285,18 @@ def weigh(
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
             key: Noise(
-                no_less(yule_walker(left, problem.pieces[key]), key),
+                no_less(yule_walker(left, problem.pieces[key]), key, floors),
                 max(resolution[key], mean_offset(left, problem.pieces[key])),
                 max(repeated(left, problem.stride.get(key)), usual[key]),
             )
             for key, left in remainder.items()
         }
-    return summed(problem.unknowns, at, parts, problem.trust), noise, remainder
+    return summed(problem.unknowns, at, parts, problem.usual.trust), noise, remainder
 
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:
     """Evidence with a given noise."""
-    return summed(problem.unknowns, at, parts_of(problem, noise), problem.trust)
+    return summed(problem.unknowns, at, parts_of(problem, noise), problem.usual.trust)
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,12 @@
 Resolution of the encoders and the fast part of torques and wrenches are noise; a recording with as much of it again,
 drawn at random, differs from the recording by the floor. Where sensors seem to have hardly any noise, there is still
 their drift, and rigid bodies on flat soles do not explain a walk to a hair's breadth: quiet sensors are taken for
-ordinary ones of a good make.
+ordinary ones of a good make (`floor` and `sensors` of config/nominal.yaml).
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -17,40 +19,33 @@ from ..data.signals import white, without_noise
 from ..physics.balance import State, evaluate
 
 DRAWS = 4
-# By law, what the best of sensors leaves [rad, Nm, N, m, Ns]: a simulator whose sensors have no noise at all must not
-# make every hair's breadth an effect.
-LEAST = {
-    "spring": 2e-5, "torque": 0.01, "force": 0.1, "moment": 0.01, "feet": 3e-5, "tilt": 5e-5, "plan": 3e-5,
-    "landing": 0.03, "slide": 0.001, "unloaded": 0.005,
-}  # fmt: skip
-LEAST_FORCE = 0.1  # [N] of a sensor in the air
-# The least noise that any sensor is taken to have: shares of the weight, and of the weight times a foot's length; an
-# encoder of 13 bits [rad]; the direction of a tilt.
-FORCE, TORQUE, COUNT, UP = 0.0035, 0.0006, 2.0 * np.pi / 8192, 3e-4
 
 
-def least(key: str) -> float:
-    """Of a channel or group; zero of one that is not known."""
+def least(key: str, floors: Mapping[str, float]) -> float:
+    """Of a channel or group, what the best of sensors leaves (`Nominal.floor`); zero of one that is not known."""
     law, _, channel = key.partition("|")[0].partition("/")
-    return LEAST_FORCE if law == "unloaded" and "/f" in channel else LEAST.get(law, 0.0)
+    return floors.get("unloaded/f" if law == "unloaded" and "/f" in channel else law, 0.0)
 
 
-def floor(state: State, where: Masks) -> dict[str, float]:
-    """Root mean square of each residual, in single and double support apart, that noise alone would make."""
+def floor(state: State, where: Masks, floors: Mapping[str, float], sensors: Mapping[str, float]) -> dict[str, float]:
+    """Root mean square of each residual, in single and double support apart, that noise alone would make.
+
+    Of the residuals at least `floors`, of the measurements at least that of `sensors` (both of `Nominal`).
+    """
     rng = np.random.default_rng(0)
     recording, robot = state.recording, state.world.robot
     stride = recording.stride
-    force = FORCE * robot.mass * state.world.gravity
-    torque = TORQUE * robot.mass * state.world.gravity * robot.config.foot_length
+    force = sensors["force"] * robot.mass * state.world.gravity
+    torque = sensors["moment"] * robot.mass * state.world.gravity * robot.config.foot_length
     wrench = np.repeat([force, torque], 3)
     positions = without_noise(recording, state.world).q
     sums: dict[str, list[float]] = {}
     for _ in range(DRAWS):
         noisy = recording.changed(
-            q=recording.q + _rounding(positions, np.maximum(recording.count, COUNT), stride, rng),
+            q=recording.q + _rounding(positions, np.maximum(recording.count, sensors["count"]), stride, rng),
             tau=None if recording.tau is None else recording.tau + _like(recording.tau, torque, stride, rng),
             wrench={foot: value + _like(value, wrench, stride, rng) for foot, value in recording.wrench.items()},
-            up=None if recording.up is None else recording.up + _like(recording.up, UP, stride, rng),
+            up=None if recording.up is None else recording.up + _like(recording.up, sensors["tilt"], stride, rng),
         )
         moved = evaluate(noisy, state.world, where, state).residuals
         for name, value in state.residuals.items():
@@ -59,7 +54,7 @@ def floor(state: State, where: Masks) -> dict[str, float]:
                 difference = difference[np.isfinite(difference)]
                 if len(difference):
                     sums.setdefault(f"{name}|{part}", []).append(float(np.mean(difference**2)))
-    return {key: max(float(np.sqrt(np.mean(values))), least(key)) for key, values in sums.items()}
+    return {key: max(float(np.sqrt(np.mean(values))), least(key, floors)) for key, values in sums.items()}
 
 
 def _rounding(positions: Array, count: Array, stride: int, rng: np.random.Generator) -> Array:

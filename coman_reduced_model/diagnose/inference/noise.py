@@ -6,6 +6,7 @@ Whitened by it, residuals and columns are innovations in units of their standard
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,9 +37,9 @@ class Noise:
     repeats: float = 0.0
 
 
-def no_less(autoregression: Array, key: str) -> Array:
+def no_less(autoregression: Array, key: str, floors: Mapping[str, float]) -> Array:
     """The same, with innovations no smaller than the best sensors have (a tenth of their noise: it is smoothed)."""
-    return np.concatenate([[max(autoregression[0], 0.1 * least(key))], autoregression[1:]])
+    return np.concatenate([[max(autoregression[0], 0.1 * least(key, floors))], autoregression[1:]])
 
 
 def mean_offset(remainder: Array, pieces: Integers) -> float:

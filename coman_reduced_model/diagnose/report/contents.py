@@ -33,7 +33,6 @@ from ..result import MODEL_FILE, Diagnosis
 from .decides import decides
 from .words import doubtful, sentence
 
-COM_FLOOR = 0.0002  # [m] noise of the measured COM with 12-bit encoders
 STEADY_SHARE = 0.7  # of a residual: where its means over whole phases make up more, it is steady
 STEADY_BAND, MOVING_BAND = [0.0, 1.5], [1.5, 9.0]  # [Hz]
 LEAST_TICKS = 10  # of a phase, from which on a residual is localised there
@@ -259,7 +258,7 @@ def gap(
     if any(len(each.times) for each in com):
         rows["before"] |= _com_rows(rms([each.before for each in com]))
         rows["after"] |= _com_rows(rms([each.after for each in com]))
-        rows["floor"] |= _com_rows(np.full(3, COM_FLOOR))
+        rows["floor"] |= _com_rows(np.full(3, finding.nominal.sensors["com"]))
     return rows
 
 

@@ -54,6 +54,15 @@ def test_widths_that_a_file_of_an_earlier_version_lacks_are_those_of_the_populat
     assert widths["mass.spread"] == 0.001
 
 
+def test_noise_of_sensors_may_be_a_robots_own_and_else_is_that_of_the_population(tmp_path):
+    path, population = tmp_path / "mine.yaml", load_nominal()
+    plain = population.plain() | {"floor": {"force": 2.0}, "sensors": {"count": 0.001}}
+    path.write_text(yaml.safe_dump(plain))
+    mine = load_nominal(path)
+    assert mine.floor == {**population.floor, "force": 2.0} and len(mine.floor) > 1
+    assert mine.sensors == {**population.sensors, "count": 0.001} and len(mine.sensors) > 1
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
