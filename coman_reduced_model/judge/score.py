@@ -222,10 +222,10 @@ def _rankings(rows: Sequence[Any]) -> dict[str, Any]:
     which favours the oracle. Null where clean robots were not ranked.
     """
     ranked = [row for row in rows if row["rank"] is not None and _clear(row)]
-    clean = [row for row in rows if row["kind"] == "clean"]
-    healthy = sorted((row["ranked_first"] for row in clean if row["ranked_first"] is not None), reverse=True)
+    clean = [row for row in rows if row["kind"] == "clean" and row["ranked_first"] is not None]
+    healthy = sorted((row["ranked_first"] for row in clean), reverse=True)
     alarms = sum(row["result"] in ("wrong", "unknown") for row in clean)
-    limit = healthy[alarms] if alarms < len(healthy) == len(clean) else None
+    limit = healthy[alarms] if alarms < len(healthy) else None
     named = [row["rank"] == 1 and row["ranked_first"] > limit for row in ranked if limit is not None]
     shares = {f"first_{n}": rate(sum(row["rank"] <= n for row in ranked), len(ranked)) for n in (1, 3)}
     return {**shares, "named": rate(sum(named), len(named)), "limit": limit}
