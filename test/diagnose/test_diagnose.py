@@ -41,6 +41,7 @@ MADE_OTHERWISE = {  # sensors of nominal robots
     "noise_free": SensorOptions.exact(),
     "100_hz": SensorOptions(rate_hz=100.0),
     "noisy_torques": SensorOptions(torque_noise=0.5, torque_bias=0.3),
+    "noisy_encoders": SensorOptions(encoder_noise=5e-4),
 }
 
 
