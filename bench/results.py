@@ -299,6 +299,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
         ("no_force_sensors", "{shared}/other_robot/walk_003", "{shared}/other_robot/walk_006"),
         needs="other_robot/walk_003",
     ),
+    "poor_sensors": script("Diagnosis with poor sensors", ("poor_sensors",)),
     "adaptation": script(
         "Slow adaptation",
         ("adaptation", "bags/test1", "bags/test2", "--worlds", *(str(seed) for seed in range(7112, 7124))),
