@@ -63,6 +63,7 @@ class NoObserver:
     """In the place of the observer, to see what the rest costs."""
 
     flags = Flags.OK
+    constants = np.zeros((3, 3))
 
     def update(self, *_: object) -> Estimate:
         return Estimate()

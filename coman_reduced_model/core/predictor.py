@@ -261,9 +261,8 @@ class Predictor:
 
     def _ahead(self, now: Now, ready: bool, estimate: Estimate) -> tuple[list[HorizonPrediction], Flags]:
         """What is published for the horizons; nothing if the model has no input."""
-        dynamics, gravity, zmp = self.dynamics, self.model.gravity, now.zmp
+        dynamics, gravity, zmp, com, com_vel = self.dynamics, self.model.gravity, now.zmp, now.com, now.com_vel
         ahead, flags = np.empty((1 + len(BASELINES), len(self._horizons), 3)), Flags.OK
-        com, com_vel = now.com, now.com_vel
         if isfinite(estimate.com[0]) and not self.observer.flags:
             com, com_vel = estimate.com, estimate.com_vel
         plan = plan_ahead(now.sample, now.foot)
@@ -276,8 +275,10 @@ class Predictor:
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
             flags = Flags.REJECTED_STATE
         kind = HELD if not ready else REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
-        sample, lag = now.sample, dynamics.lag_ns
-        published = self.judge.update(sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind, lag)
+        lag, spread = dynamics.lag_ns, (estimate.covariance, self.observer.constants)
+        published = self.judge.update(
+            now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind, lag, spread
+        )
         if not ready:
             return [], flags
         if self.judge.simpler_is_better:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
-from .blend import KNOWN, OWN, Experience, begin_with, blend, learn, no_experience, weigh
+from .blend import KNOWN, OWN, begin_with, blend, learn, no_experience, weigh
+from .sigma import UNKNOWN, Experiences, Spread, carry, covariance_ahead
 from .statistics import LEVELS, QUANTILES
 
 Ints = NDArray[np.int64]
-Experiences = tuple[Experience, Experience, Experience]
 # What the model goes through, each with an experience of its own: nothing that moves, the stride before, planned steps.
 HELD, REPEATED, STEPPING = range(3)
 # published: the blend of the model and its baselines. clairvoyant: a rigid robot that knows what its motors will do.
@@ -128,6 +128,7 @@ class HorizonJudge:
         ahead: Array,
         kind: int = HELD,
         lag_ns: int = 0,
+        spread: Spread = UNKNOWN,
     ) -> Array:
         """Judge what is due at this sample and take its predictions in.
 
@@ -138,6 +139,7 @@ class HorizonJudge:
             ahead: (6, n, 3) predictions [m] in the sole frame, of the model and by BASELINES; NaN where none.
             kind: HELD, REPEATED or STEPPING: what the model went through.
             lag_ns: REPEATED: how long ago it was where it is now.
+            spread: how sure the estimate is, in the axes of the sole.
 
         Returns:
             What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
@@ -150,7 +152,7 @@ class HorizonJudge:
         made = np.empty((ahead.shape[1], 5, 3))
         self._simpler = _update(
             self._known, stamp_ns, self._last_ns, T_odom_sole, measured, reference, ahead, made,
-            (self._blended, reweigh), (self._kind, lag_ns),
+            (self._blended, reweigh, self._kind, lag_ns), spread,
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
@@ -163,9 +165,9 @@ class HorizonJudge:
             each[:] = 0
 
     def covariance(self, h: int) -> Array:
-        """(3, 3) [m^2] of the published prediction at the horizon of an index; NaN while too little is known."""
-        found = np.empty((3, 3))
-        _covariance(self.experiences, h, found)
+        """(3, 3) [m^2] of the published prediction at the horizon of an index, by errors alone; NaN: too few yet."""
+        found = np.full((3, 3), np.nan)
+        covariance_ahead(self.experiences, h, found)
         return found
 
     def model_share(self, h: int) -> Array:
@@ -241,13 +243,13 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 @compiled
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
-    options: tuple[bool, bool], stride: tuple[int, int],
+    options: tuple[bool, bool, int, int], spread: Spread,
 ) -> tuple[bool, bool, bool]:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights; stride: kind and lag.
+    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights, kind and lag.
 
     Returns whether a baseline has been better than the model, by kind.
     """
-    (blended, reweigh), (kind, lag_ns), known = options, stride, held.value
+    (blended, reweigh, kind, lag_ns), known = options, held.value
     pending, errors, past, experiences = known[0], known[1], known[2], known[3:]
     experience = experiences[kind]
     published = made[:, 0]
@@ -269,7 +271,8 @@ def _update(
     if blended:
         blend(experience, every, published)
     for h in range(made.shape[0]):
-        _covariance(experiences, h, made[h, 1:4])
+        carry(spread, pending.ahead_ns[h] * 1e-9, made[h, 1:4])
+        covariance_ahead(experiences, h, made[h, 1:4])
         for i in range(3):
             made[h, 4, i] = experience.weights[h, i, :OWN].sum()
             errors.simpler[0, h, i] += experience.worse[h, i]
@@ -278,20 +281,6 @@ def _update(
     errors.last[:] = now
     still, repeated, stepping = experiences
     return still.worse.any(), repeated.worse.any(), stepping.worse.any()
-
-
-@compiled
-def _covariance(experiences: Experiences, h: int, out: Array) -> None:
-    """Fill in that (3, 3) [m^2] of what is published, whatever the model did; NaN while too little is known."""
-    known = 0.0
-    for each in experiences:
-        known += each.known[h]
-    for i in range(3):
-        for j in range(3):
-            errors = 0.0
-            for each in experiences:
-                errors += each.errors[h, i, j]
-            out[i, j] = errors / known if known > KNOWN else np.nan
 
 
 @compiled

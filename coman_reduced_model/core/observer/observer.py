@@ -47,6 +47,7 @@ class Observer:
     Attributes:
         flags: INCONSISTENT where innovations are far larger than they should be.
         nis: mean of the last seconds [1]; 3 is expected.
+        constants: (3, 3) of the covariance of the COM, what masses and zeros of encoders make of it [m^2].
     """
 
     def __init__(self, robot: Robot, gravity: float, nominal: Nominal) -> None:
@@ -73,6 +74,7 @@ class Observer:
         self._encoders = np.full((2, len(robot.joint_names)), np.inf)  # as in `learn_steps`
         self._block = np.zeros(sum(SIZES))
         self._memory = memory_of(self._block)
+        self.constants = self._memory.constants
         self._extra = np.zeros(SIZE)
         self._moment = np.full((7, 3), np.nan)  # and its covariance, as `look` fills it in
         data = robot.model.createData()
