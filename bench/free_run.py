@@ -36,6 +36,7 @@ from coman_reduced_model.sim.worlds.draw import draw_world, plain_kinds
 from coman_reduced_model.sim.worlds.kinds import kind_named
 
 SETTLED_NS = 8 * 10**9  # what is published is judged from then on
+BEGUN_NS = 2 * 10**9  # a robot that stands, and sets off
 DURATION = 20.0  # [s] of a walk in a world
 KINDS = (
     "in_place", "backwards", "sideways", "turn", "imu_control", "feet_control", "whole_body", "whole_body:small",
@@ -74,6 +75,7 @@ class Figures:
     repeating: float = np.nan  # share of predictions through a stride that is repeated, once settled
     settled: ByPredictor = field(default_factory=dict)
     within: dict[str, Array] = field(default_factory=dict)
+    begun: dict[str, Array] = field(default_factory=dict)  # the same of the first `BEGUN_NS`
     phases: dict[str, tuple[int, Array, Array]] = field(default_factory=dict)  # samples, rigid, default
 
 
@@ -89,6 +91,8 @@ def figures(title: str, bag: Path, config: Config) -> Figures:
         for sample in session.samples():  # one by one: predictor and judge are those of this prediction
             prediction = session.pipeline.predict([sample])[0]
             first_ns = first_ns or prediction.stamp_ns
+            if not found.begun and prediction.stamp_ns - first_ns > BEGUN_NS:
+                found.begun = judge.within()
             if early is None and prediction.stamp_ns - first_ns > SETTLED_NS:
                 early = judge.rmse(), judge.judged
             if early is not None:
@@ -249,6 +253,8 @@ def tables(rows: list[Figures]) -> list[str]:
         by_horizon(rows, lambda row, h: skill(row.whole[h], "model")),
         "Share of what is published that is within its 90 % interval [%]:",
         by_horizon(rows + means_of_worlds(rows), lambda row, h: 100.0 * row.within[h]),
+        f"The same of the first {BEGUN_NS // 10**9} s, in which there are no errors to learn from at first:",
+        by_horizon(rows + means_of_worlds(rows), lambda row, h: 100.0 * row.begun[h]),
     ]  # fmt: skip
 
 
@@ -309,8 +315,11 @@ def means_of_worlds(rows: Sequence[Figures]) -> list[Figures]:
         ("those with a kind that config/nominal.yaml was not learnt on", [row for row in rows if row.new_kind]),
     ):
         if some:
-            shares = {h: np.nanmean([row.within[h] for row in some], axis=0) for h in some[0].within}
-            means.append(Figures(f"{title}: {len(some)}", whole=some[0].whole, within=shares))
+            within, begun = (
+                {h: np.nanmean([each[h] for each in shares], axis=0) for h in some[0].within}
+                for shares in ([row.within for row in some], [row.begun for row in some])
+            )
+            means.append(Figures(f"{title}: {len(some)}", whole=some[0].whole, within=within, begun=begun))
     return means
 
 

@@ -208,7 +208,8 @@ class HorizonPrediction:
 
     h: float  # [s]
     com: Array  # (3,) [m]
-    covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [m^2] of its errors lately; NaN: not known yet
+    # (3, 3) [m^2] of its errors lately, at first by the covariance of the estimate; NaN: not known yet
+    covariance: Array = field(default_factory=lambda: _NAN33)
     model_share: Array = field(default_factory=lambda: _NAN3)  # (3,) [1] by axis, weight of the model in the blend
 
 
