@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..base.types import Array, Estimate, Flags, Foot, Integers, Phase, Prediction
+from .rotation import TrueRotation, TurnedErrors
 from .statistics import LEVELS, NINETY, QUANTILES, by_axis
 
 SETTLED = 2.0  # [s] that are left out at the beginning
@@ -29,22 +30,33 @@ class TrueMotion:
         first_ns: stamp at time 0.
         time: (n,) [s].
         com, com_vel: by foot (n, 3) [m], and its derivative [m/s].
+        rotation: of the root link; None: not known.
     """
 
     first_ns: int
     time: Array
     com: dict[Foot, Array]
     com_vel: dict[Foot, Array]
+    rotation: TrueRotation | None = None
 
     @classmethod
-    def of(cls, stamp_ns: Integers, com: Array, poses: dict[Foot, Array]) -> TrueMotion:
-        """From the COM (n, 3) [m] and the poses (n, 4, 4) of both soles in the world."""
+    def of(
+        cls, stamp_ns: Integers, com: Array, poses: dict[Foot, Array], trunk: tuple[Array, Array] | None = None
+    ) -> TrueMotion:
+        """From the COM (n, 3) [m] and the poses (n, 4, 4) of both soles in the world.
+
+        trunk: orientations (n, 4) x y z w of the root link in the world, and gravity (3,) in it [m/s^2].
+        """
         t = (stamp_ns - stamp_ns[0]) * 1e-9
         places = {
             foot: np.einsum("nji,nj->ni", T[:, :3, :3].astype(float), com.astype(float) - T[:, :3, 3])
             for foot, T in poses.items()
         }
-        return cls(int(stamp_ns[0]), t, places, {foot: np.gradient(place, t, axis=0) for foot, place in places.items()})
+        speeds = {foot: np.gradient(place, t, axis=0) for foot, place in places.items()}
+        turned = None
+        if trunk is not None:
+            turned = TrueRotation.of(t, *trunk, {foot: T[:, :3, 0] for foot, T in poses.items()})
+        return cls(int(stamp_ns[0]), t, places, speeds, turned)
 
     def at(self, stamp_ns: int, foot: Foot) -> tuple[Array, Array]:
         """COM (3,) [m] and its velocity (3,) [m/s] at a stamp."""
@@ -64,10 +76,12 @@ class Consistency:
         nis: (n,) there; also without a truth.
         errors: (n, 2, 3) [m/s] of the velocity: of the estimate, and of encoders alone, at all samples.
         position_errors: (n, 2, 3) [m] the same of the position.
+        turned: errors of the trunk's rotation; None: its truth is not known.
     """
 
     def __init__(self, truth: TrueMotion | None = None) -> None:
         self._truth = truth
+        self.turned = TurnedErrors() if truth is not None and truth.rotation is not None else None
         self._first: int | None = None
         self._sum_of_nis, self._samples, self._lost = 0.0, 0, 0
         self._phase: list[Prediction] = []  # of one single support
@@ -82,7 +96,12 @@ class Consistency:
         if self._first is None:
             self._first = prediction.stamp_ns
         estimate = prediction.estimate
-        if (prediction.stamp_ns - self._first) * 1e-9 < SETTLED or not isfinite(estimate.nis):
+        if (prediction.stamp_ns - self._first) * 1e-9 < SETTLED:
+            return
+        if self.turned is not None and self._truth is not None and self._truth.rotation is not None:
+            t = (prediction.stamp_ns - self._truth.first_ns) * 1e-9
+            self.turned.add(prediction, *self._truth.rotation.at(t, prediction.support.support_foot))
+        if not isfinite(estimate.nis):
             return
         self._sum_of_nis += estimate.nis
         self._samples += 1
@@ -136,6 +155,8 @@ class Consistency:
         self._close()
         samples = self._samples or np.nan
         found: dict[str, Any] = {"nis": self._sum_of_nis / samples, "inconsistent": self._lost / samples}
+        if self.turned is not None:
+            found |= self.turned.summary()
         if self._truth is None or not self._off:
             return found
         position, velocity = self.nees.mean(axis=0).tolist()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Estimate of the COM and of what pushes the robot, with covariances, from encoders and foot wrenches.
+"""Estimate of COM, trunk and what pushes the robot, with covariances, from encoders, foot wrenches and IMU.
 
-Beside the free run, which it does not touch. The filter is `kalman.py`, that of moments `moment.py`; here is what their
-noise is:
+Beside the free run, which it does not touch. The filter is `kalman.py`, that of moments `moment.py`, that of the trunk's
+rotation `rotation.py`; here is what the noise of the first two is:
 
 - Steps of the encoders, found in their data, and how much of the rounding of the measured COM is white, by its third
   differences; the rest lasts.
@@ -27,6 +27,7 @@ from ..base.types import Array, Estimate, Flags, Foot, Phase
 from .masses import masses_covariance
 from .memory import BEGINS, CHANGES, GOES_ON, ROWS, SIZES, Noise, learn_posture, learn_steps, memory_of
 from .moment import SIZE, follow, look, moment_of
+from .trunk import TrunkFilter
 
 if TYPE_CHECKING:
     from ..base.nominal import Nominal
@@ -78,6 +79,7 @@ class Observer:
         data = robot.model.createData()
         pin.computeCentroidalMap(robot.model, data, pin.neutral(robot.model))
         self._radius = float(np.sqrt(np.trace(data.Ag[3:, 3:6]) / (3.0 * robot.mass)))  # of gyration [m]
+        self._trunk = TrunkFilter(robot, gravity, self._radius, nominal)
         self.reset()
 
     def reset(self) -> None:
@@ -90,20 +92,22 @@ class Observer:
         self._extra[:] = 0.0
         moment = moment_of(self._extra)
         moment.walks[:], moment.zeros[:] = (WALK * self._weight * self._radius) ** 2, self._zeros
+        self._trunk.reset()
         self._foot = Foot.NONE
         self._stamp_ns = self._looked_ns = 0
         self.nis, self.flags = 3.0, Flags.OK
 
-    def update(self, now: Now) -> Estimate:
-        """Take one sample; nothing is estimated without wrenches of both feet."""
+    def update(self, now: Now, measured: bool = True) -> Estimate:
+        """Take one sample; without measured wrenches of both feet, only the rotation of the trunk is estimated."""
         sample, link, support, com, com_vel = now.sample, now.link, now.support, now.com, now.com_vel
         foot, aslant = support.support_foot, now.aslant
         dt, before = (sample.stamp_ns - self._stamp_ns) * 1e-9, self._foot
         self._stamp_ns = sample.stamp_ns
         learn_steps(self._encoders, sample.q)
-        if sample.left_wrench is None or sample.right_wrench is None or not all_finite(com):
+        trunk = self._trunk.update(now, self._encoders[0])
+        if not measured or sample.left_wrench is None or sample.right_wrench is None or not all_finite(com):
             self._foot = Foot.NONE  # it begins again
-            return Estimate()
+            return Estimate(trunk=trunk)
         self._foot, other = foot, foot.other
         self._noise.aslant[:] = 0.0 if aslant is None else self._weight * aslant
         what = BEGINS if before == Foot.NONE or not 0.0 < dt <= GAP else GOES_ON if foot == before else CHANGES
@@ -128,7 +132,10 @@ class Observer:
                 link.base_in_sole, R, R_other, self._moment,
             )  # fmt: skip
         nis, moment = self._judge(), self._moment
-        return Estimate(out[0], out[1], out[9:].reshape(6, 6), out[3:6], out[2], out[6:9], nis, moment[0], moment[1:])
+        com_covariance, force_covariance = out[9:].reshape(6, 6), out[6:9]
+        return Estimate(
+            out[0], out[1], com_covariance, out[3:6], out[2], force_covariance, nis, moment[0], moment[1:], trunk
+        )
 
     def _look(self, link: Posture, foot: Foot) -> None:
         """How far off the measured COM is by its encoders, at this posture."""
