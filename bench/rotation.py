@@ -20,7 +20,8 @@ from coman_reduced_model.core.robot.posture import Posture
 
 HEAD = [
     "recording", "roll, pitch [mrad]: with the IMU", "without", "encoders alone", "IMU alone",
-    "angular velocity [mrad/s]: with the IMU", "without", "gyro alone", "NEES of roll, pitch: with the IMU", "without",
+    "angular velocity [mrad/s]: with the IMU", "without", "encoders alone",
+    "gyro alone", "NEES of roll, pitch: with the IMU", "without",
 ]  # fmt: skip
 SETTINGS = {"prediction.reference": "none", "prediction.horizons": []}
 
@@ -78,7 +79,7 @@ def rows(walks: Mapping[str, Turning]) -> str:
         lines.append([
             name, rms(walk.fused.errors[:, 0, :2]) if fused else "no IMU", rms(walk.blind.errors[:, 0, :2]),
             rms(walk.fused.errors[:, 1, :2]), imu, rms(walk.fused.errors[:, 2]) if fused else "no IMU",
-            rms(walk.blind.errors[:, 2]), gyro, nees(walk.fused) if fused else "", nees(walk.blind),
+            rms(walk.blind.errors[:, 2]), rms(walk.blind.errors[:, 3]), gyro, nees(walk.fused) if fused else "", nees(walk.blind),
         ])  # fmt: skip
     some = [walk for walk in walks.values() if walk.fused.by_imu > 0.5]
     with_imu, without = [walk.fused for walk in some], [walk.blind for walk in walks.values()]
@@ -111,10 +112,10 @@ def sentence(words: str, walks: list[TurnedErrors]) -> str:
     low, high = chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
     band = chi2.ppf([0.025, 0.975], 2 * n) / n
     return (
-        f"Trunk {words}, {n} walks: NEES of roll and pitch {tilt.mean():.1f} (2 is expected, 95 % band {band[0]:.1f} to "
-        f"{band[1]:.1f}, a walk counting once), median {np.median(tilt):.1f}; NEES of angular velocity: median "
-        f"{np.median(rates):.1f} (3 is expected), {int(((rates >= low) & (rates <= high)).sum())} of {n} walks in the "
-        f"band, {int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: roll, "
-        f"pitch, yaw {', '.join(f'{each:.0f}' for each in inside[0])} %, angular velocity "
+        f"Trunk {words}, {n} walks. NEES of roll and pitch, a walk counting once: {tilt.mean():.1f} on average (2 is "
+        f"expected, 95 % band {band[0]:.1f} to {band[1]:.1f}). NEES of angular velocity: median {np.median(rates):.1f} "
+        f"(3 is expected); {int(((rates >= low) & (rates <= high)).sum())} of {n} walks in the band of their steps, "
+        f"{int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: roll, pitch, "
+        f"yaw {', '.join(f'{each:.0f}' for each in inside[0])} %, angular velocity "
         f"{', '.join(f'{each:.0f}' for each in inside[1])} %."
     )

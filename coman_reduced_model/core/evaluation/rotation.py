@@ -69,8 +69,8 @@ class TurnedErrors:
     """Errors of one recording; the middle of each single support counts for NEES and intervals.
 
     Attributes:
-        errors: (n, 3, 3) at all samples: turn of the estimate [rad], that by encoders alone [rad], angular velocity of
-            the estimate [rad/s].
+        errors: (n, 4, 3) at all samples: turn of the estimate and by encoders alone [rad], angular velocity of the
+            estimate and by encoders alone [rad/s].
         off: (m, 2, 3) turn and angular velocity in their standard deviations, at the middles of steps.
         nees: (m, 2) of roll and pitch, and of the angular velocity: 2 and 3 are expected.
         by_imu: share of the samples with roll and pitch by the IMU.
@@ -90,11 +90,9 @@ class TurnedErrors:
             self._close()
         if not isfinite(trunk.R[0, 0]) or not isfinite(R[0, 0]):
             return
-        encoders = np.full(3, np.nan)
-        if isfinite(prediction.base_in_sole[0, 0]):
-            encoders = rotation_vector(R, prediction.base_in_sole[:3])
+        encoders = rotation_vector(R, prediction.base_in_sole[:3])
         turn, fast = rotation_vector(R, trunk.R), trunk.angular_velocity - rate
-        self._errors.append(np.array([turn, encoders, fast]))
+        self._errors.append(np.array([turn, encoders, fast, prediction.base_in_sole[5] - rate]))
         self._by_imu += trunk.by_imu
         if phase in (Phase.LEFT, Phase.RIGHT):
             self._phase.append((phase, np.array([turn, fast]), trunk.covariance))
@@ -110,7 +108,7 @@ class TurnedErrors:
 
     @property
     def errors(self) -> Array:
-        return np.array(self._errors).reshape(-1, 3, 3)
+        return np.array(self._errors).reshape(-1, 4, 3)
 
     @property
     def off(self) -> Array:
@@ -136,6 +134,7 @@ class TurnedErrors:
             "rmse_turn_rad": _by_turn(rms[0]),
             "rmse_encoder_turn_rad": _by_turn(rms[1]),
             "rmse_angular_velocity_rad_s": _by_turn(rms[2]),
+            "rmse_encoder_angular_velocity_rad_s": _by_turn(rms[3]),
         }
         if len(off := self.off):
             inside = (np.abs(off) <= NINETY).mean(axis=0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Estimate of COM, trunk and what pushes the robot, with covariances, from encoders, foot wrenches and IMU.
 
-Beside the free run, which it does not touch. The filter is `kalman.py`, that of moments `moment.py`, that of the trunk's
-rotation `rotation.py`; here is what the noise of the first two is:
+Beside the free run, which it does not touch. The filter is `kalman.py`, that of moments `moment.py`, that of the
+trunk's rotation `rotation.py`; here is what the noise of the first two is:
 
 - Steps of the encoders, found in their data, and how much of the rounding of the measured COM is white, by its third
   differences; the rest lasts.

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..base.compiled import Held, all_finite, compiled, mul
 from ..base.types import Array, Integers
-from .memory import BEGINS, CALM, CHANGES, FASTEST, LATELY, learn_walk
+from .memory import BEGINS, CALM, CHANGES, FASTEST, LATELY, LEARNT, learn_walk
 
 FIRST_RATE, FIRST_ZERO = 1.0, 0.05  # [rad/s] by which angular velocity and zero of the gyro may be off at first
 DRIFT = 5e-4  # [rad/s] by which that zero wanders in the root of a second
@@ -42,13 +42,14 @@ class Turned(NamedTuple):
     rates: Array  # (3, 3) measured rates, newest last [rad/s]
     white: Array  # (2, 3) variances of the noise [rad^2], [rad^2/s^2], times the share of the memory that is known
     known: Array  # (3,) these shares [1], and nothing
+    quiet: Array  # (3,) least variance of the noise of rates so far [rad^2/s^2]
     walks: Array  # (2, 3) how the angular velocity wanders, on both feet and on one [rad^2 / s^3]
     wandered: Array  # (3,) sum of its corrections, fading [rad/s]
     squares: Array  # (2, 3) mean of the last squared innovations of orientation and rates, each in its variance [1]
     constants: Array  # (3, 3) covariance of R by what is constant [rad^2]
 
 
-SIZE = 30 * 3  # of the array of `Turned`
+SIZE = 31 * 3  # of the array of `Turned`
 OUT = 16  # rows of what is known at a sample, as `follow` fills it in
 
 
@@ -58,7 +59,7 @@ def turned_of(block: Array) -> Turned:
     rows = block.reshape(-1, 3)
     return Turned(
         rows[:3], rows[3], rows[4], rows[5:11], rows[11:14], rows[14:16], rows[16:19], rows[19:21], rows[21],
-        rows[22:24], rows[24], rows[25:27], rows[27:30],
+        rows[22], rows[23:25], rows[25], rows[26:28], rows[28:31],
     )  # fmt: skip
 
 
@@ -104,7 +105,8 @@ def follow(
                     rate += R_trunk[k, i] * R_imu[k, m] * gyro[m]
             at.rates[0, i], at.rates[1, i], at.rates[2, i] = at.rates[1, i], at.rates[2, i], rate
             gap = rate - at.w[i] - correction[1, i] - at.b[i] - correction[2, i]
-            _correct(at, 1, i, (0.0, 1.0, 1.0), gap, _white(at, 1, i), correction, dt)
+            white = _white(at, 1, i) + at.walks[alone, i] * abs(late)
+            _correct(at, 1, i, (0.0, 1.0, 1.0), gap, white, correction, dt)
     at.w[:] += correction[1]
     at.b[:] += correction[2]
     at.R[:] = mul(at.R, turn_by(correction[0]))
@@ -148,6 +150,7 @@ def _begin(at: Turned, measured: Array) -> None:
     at.R[:], at.w[:], at.b[:], at.P[:] = measured, 0.0, 0.0, 0.0
     at.P[0], at.P[3], at.P[5] = FIRST_WHITE[0] ** 2, FIRST_RATE**2, FIRST_ZERO**2
     at.before[:], at.turns[:], at.rates[:] = np.nan, np.nan, np.nan
+    at.quiet[:] = np.inf
     at.white[:], at.known[:], at.squares[:], at.wandered[:] = 0.0, 0.0, 1.0, 0.0
 
 
@@ -207,12 +210,18 @@ def _white(at: Turned, kind: int, i: int) -> float:
     """Variance of the noise of a measurement, as in `_correct`."""
     if not at.known[kind] > 0.0:
         return FIRST_WHITE[kind] ** 2
-    return at.white[kind, i] / at.known[kind] + LEAST[kind] ** 2
+    return (min(at.quiet[i], at.white[1, i] / at.known[1]) if kind == 1 else at.white[0, i] / at.known[0]) + LEAST[
+        kind
+    ] ** 2
 
 
 @compiled
 def _learn_white(at: Turned, measured: Array, new: bool, turning: bool, dt: float) -> None:
-    """By third differences of the measured rotation, and second ones of the rates."""
+    """By third differences of the measured rotation, and second ones of the rates.
+
+    A trunk that shakes has large differences of rates as well. The noise of a gyro is always the same: that of the
+    calmest third of a second counts.
+    """
     share = 1.0 - np.exp(-dt / FASTEST)
     if new:
         turn, turns = rotation_vector(at.before, measured), at.turns
@@ -220,7 +229,10 @@ def _learn_white(at: Turned, measured: Array, new: bool, turning: bool, dt: floa
         turns[0], turns[1] = turns[1].copy(), turn
         _add_difference(at, 0, third, 20.0, share)
     if turning:
-        _add_difference(at, 1, at.rates[2] - 2.0 * at.rates[1] + at.rates[0], 6.0, share)
+        _add_difference(at, 1, at.rates[2] - 2.0 * at.rates[1] + at.rates[0], 6.0, 1.0 - np.exp(-dt / LEARNT))
+        for i in range(3):
+            if at.known[1] > 0.5:
+                at.quiet[i] = min(at.quiet[i], at.white[1, i] / at.known[1])
 
 
 @compiled
