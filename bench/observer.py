@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 from markdown import table
+from rotation import Turning, rows, turned
 from scipy.stats import chi2
 from truth import truth_of
 
@@ -56,7 +57,8 @@ def main() -> int:
     parser.add_argument("--config", metavar="FILE")
     parser.add_argument("--worlds", nargs="*", default=[], metavar="SEED")
     arguments = parser.parse_args()
-    rows = [row(Path(bag).name, judged(bag, arguments.config)) for bag in arguments.bags]
+    lines = [row(Path(bag).name, judged(bag, arguments.config)) for bag in arguments.bags]
+    turns = {Path(bag).name: turned(bag, truth_of(bag), arguments.config) for bag in arguments.bags}
     walks: dict[str, Consistency] = {}
     forces: list[Array] = []  # of the worlds, in which nothing pushes
     with tempfile.TemporaryDirectory() as folder:
@@ -64,11 +66,12 @@ def main() -> int:
             bag = f"{folder}/{seed}"
             world = replace(world_of(seed), duration_s=DURATION)
             if record_world(world, bag, seed=world.seed, store=False).fallen_s is not None:
-                rows.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
+                lines.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
                 continue
             walks[seed] = judged(bag, arguments.config, forces)
-            rows.append(row(f"world {seed}", walks[seed], kinds(seed)))
-    print(table(HEAD, rows))
+            lines.append(row(f"world {seed}", walks[seed], kinds(seed)))
+            turns[f"world {seed}"] = turned(bag, truth_of(bag), arguments.config)
+    print(table(HEAD, lines))
     if walks:
         print(f"\n{pooled(list(walks.values()))}")
         shares = np.mean([np.mean(np.abs(each) < NINETY, axis=0) for each in forces], axis=0)
@@ -77,6 +80,8 @@ def main() -> int:
         print(f"\nExternal force, of which there is none: within its 90 % interval, x, y, z: {words} %.")
     if new := [walk for seed, walk in walks.items() if new_kinds({"worlds": world_of(seed).kinds}, load_nominal())]:
         print(f"\n{NEW}", *in_bands(new), sep="\n")
+    known: dict[str, Turning] = {name: each for name, each in turns.items() if each is not None}
+    print(f"\n{rows(known)}" if known else "")
     return 0
 
 

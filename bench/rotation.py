@@ -28,7 +28,7 @@ SETTINGS = {"prediction.reference": "none", "prediction.horizons": []}
 
 @dataclass
 class Turning:
-    """Of one recording: `TurnedErrors` with and without the IMU, and errors (n, 2, 3) of the IMU alone, turn and rate."""
+    """Of one recording: errors with and without the IMU, and (n, 2, 3) of the IMU alone, turn and rate."""
 
     fused: TurnedErrors
     blind: TurnedErrors
@@ -79,7 +79,8 @@ def rows(walks: Mapping[str, Turning]) -> str:
         lines.append([
             name, rms(walk.fused.errors[:, 0, :2]) if fused else "no IMU", rms(walk.blind.errors[:, 0, :2]),
             rms(walk.fused.errors[:, 1, :2]), imu, rms(walk.fused.errors[:, 2]) if fused else "no IMU",
-            rms(walk.blind.errors[:, 2]), rms(walk.blind.errors[:, 3]), gyro, nees(walk.fused) if fused else "", nees(walk.blind),
+            rms(walk.blind.errors[:, 2]), rms(walk.blind.errors[:, 3]), gyro,
+            nees(walk.fused) if fused else "", nees(walk.blind),
         ])  # fmt: skip
     some = [walk for walk in walks.values() if walk.fused.by_imu > 0.5]
     with_imu, without = [walk.fused for walk in some], [walk.blind for walk in walks.values()]
@@ -115,7 +116,7 @@ def sentence(words: str, walks: list[TurnedErrors]) -> str:
         f"Trunk {words}, {n} walks. NEES of roll and pitch, a walk counting once: {tilt.mean():.1f} on average (2 is "
         f"expected, 95 % band {band[0]:.1f} to {band[1]:.1f}). NEES of angular velocity: median {np.median(rates):.1f} "
         f"(3 is expected); {int(((rates >= low) & (rates <= high)).sum())} of {n} walks in the band of their steps, "
-        f"{int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: roll, pitch, "
-        f"yaw {', '.join(f'{each:.0f}' for each in inside[0])} %, angular velocity "
+        f"{int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: roll, "
+        f"pitch, yaw {', '.join(f'{each:.0f}' for each in inside[0])} %, angular velocity "
         f"{', '.join(f'{each:.0f}' for each in inside[1])} %."
     )

@@ -84,6 +84,7 @@ class Consistency:
         self.turned = TurnedErrors() if truth is not None and truth.rotation is not None else None
         self._first: int | None = None
         self._sum_of_nis, self._samples, self._lost = 0.0, 0, 0
+        self._trunks, self._by_imu = 0, 0
         self._phase: list[Prediction] = []  # of one single support
         self._off: list[Array] = []
         self._nees: list[list[float]] = []
@@ -101,6 +102,9 @@ class Consistency:
         if self.turned is not None and self._truth is not None and self._truth.rotation is not None:
             t = (prediction.stamp_ns - self._truth.first_ns) * 1e-9
             self.turned.add(prediction, *self._truth.rotation.at(t, prediction.support.support_foot))
+        if isfinite(estimate.trunk.R[0, 0]):
+            self._trunks += 1
+            self._by_imu += estimate.trunk.by_imu
         if not isfinite(estimate.nis):
             return
         self._sum_of_nis += estimate.nis
@@ -155,6 +159,8 @@ class Consistency:
         self._close()
         samples = self._samples or np.nan
         found: dict[str, Any] = {"nis": self._sum_of_nis / samples, "inconsistent": self._lost / samples}
+        if self._trunks:
+            found["tilt_by_imu"] = self._by_imu / self._trunks
         if self.turned is not None:
             found |= self.turned.summary()
         if self._truth is None or not self._off:

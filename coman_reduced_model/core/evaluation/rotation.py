@@ -11,9 +11,7 @@ import numpy as np
 
 from ..base.types import Array, Foot, Phase, Prediction
 from ..observer.rotation import rotation_vector
-from .statistics import NINETY
-
-TURNS = ("roll", "pitch", "yaw")
+from .statistics import NINETY, by_axis
 
 
 @dataclass(frozen=True)
@@ -130,20 +128,15 @@ class TurnedErrors:
             return {}
         rms = np.sqrt(np.nanmean(self.errors**2, axis=0))
         found: dict[str, Any] = {
-            "tilt_by_imu": self.by_imu,
-            "rmse_turn_rad": _by_turn(rms[0]),
-            "rmse_encoder_turn_rad": _by_turn(rms[1]),
-            "rmse_angular_velocity_rad_s": _by_turn(rms[2]),
-            "rmse_encoder_angular_velocity_rad_s": _by_turn(rms[3]),
+            "rmse_turn_rad": by_axis(rms[0]),
+            "rmse_encoder_turn_rad": by_axis(rms[1]),
+            "rmse_angular_velocity_rad_s": by_axis(rms[2]),
+            "rmse_encoder_angular_velocity_rad_s": by_axis(rms[3]),
         }
         if len(off := self.off):
             inside = (np.abs(off) <= NINETY).mean(axis=0)
             found["nees_tilt"], found["nees_angular_velocity"] = self.nees.mean(axis=0).tolist()
             found["turn_within_90"] = {
-                name: _by_turn(shares) for name, shares in zip(("turn", "angular_velocity"), inside, strict=True)
+                name: by_axis(shares) for name, shares in zip(("turn", "angular_velocity"), inside, strict=True)
             }
         return found
-
-
-def _by_turn(values: Array) -> dict[str, float]:
-    return dict(zip(TURNS, values.tolist(), strict=True))
