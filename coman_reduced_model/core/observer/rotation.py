@@ -8,9 +8,10 @@ gravity, x above that of the sole. R (3, 3) leads from the trunk into it; about 
     t' = w,    w' = white,    b' = white (slow),    measured t + white,    measured w + b + white
 
 Roll and pitch are measured by the orientation of the IMU or, without it, by the encoders, the support sole being taken
-as flat on the ground; yaw always by the encoders, against the support sole. Errors of the three axes are taken as
-independent of each other, as for a trunk that stands about upright; the error is multiplicative, on the right (Sola
-2017, Quaternion kinematics for the error-state Kalman filter).
+as flat on the ground; yaw always by the encoders, against the support sole. What both differ by over seconds is partly
+how the IMU is mounted, as much as the nominal variability of both says; that part is taken off. Errors of the three
+axes are taken as independent of each other, as for a trunk that stands about upright; the error is multiplicative, on
+the right (Sola 2017, Quaternion kinematics for the error-state Kalman filter).
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ FIRST_RATE, FIRST_ZERO = 1.0, 0.05  # [rad/s] by which angular velocity and zero
 DRIFT = 5e-4  # [rad/s] by which that zero wanders in the root of a second
 FIRST_WHITE = (0.005, 0.05)  # [rad], [rad/s] noise of orientation and gyro before it is known
 LEAST = (1e-5, 1e-4)  # [rad], [rad/s] of it at least
+SOLES = 10.0  # [s] over which soles that roll leave no mean tilt
+FAR = 3.0  # standard deviations: what IMU and encoders differ by counts up to there, as a robot that falls is no mount
 BY_ENCODERS, BY_IMU = 0, 1  # what measures roll and pitch
 
 
@@ -47,9 +50,11 @@ class Turned(NamedTuple):
     wandered: Array  # (3,) sum of its corrections, fading [rad/s]
     squares: Array  # (2, 3) mean of the last squared innovations of orientation and rates, each in its variance [1]
     constants: Array  # (3, 3) covariance of R by what is constant [rad^2]
+    mount: Array  # (3,) mean turn from the orientation by the encoders to that by the IMU [rad]
+    shares: Array  # (3,) seconds that it is known for, share of it that is how the IMU is mounted, its limit [rad]
 
 
-SIZE = 31 * 3  # of the array of `Turned`
+SIZE = 33 * 3  # of the array of `Turned`
 OUT = 16  # rows of what is known at a sample, as `follow` fills it in
 
 
@@ -60,6 +65,7 @@ def turned_of(block: Array) -> Turned:
     return Turned(
         rows[:3], rows[3], rows[4], rows[5:11], rows[11:14], rows[14:16], rows[16:19], rows[19:21], rows[21],
         rows[22], rows[23:25], rows[25], rows[26:28], rows[28:31],
+        rows[31], rows[32],
     )  # fmt: skip
 
 
@@ -82,8 +88,8 @@ def follow(
         out: (OUT, 3), filled in: R, w, covariance (6, 6) of both.
     """
     at, (what, dt, alone), (source, oriented, turning, late) = turned_of(block), step, sensors
-    R_imu, R_trunk, R_sole = posture
-    measured = _measured(at.R, source, oriented, R_imu, R_trunk, R_sole, up, orientation)
+    R_imu, R_trunk, _ = posture
+    measured = _measured(at, source, oriented, posture, up, orientation, dt if what != BEGINS else 0.0)
     if what == BEGINS:
         _begin(at, measured)
     else:
@@ -120,24 +126,47 @@ def follow(
 
 @compiled
 def _measured(
-    R: Array, source: int, oriented: bool, R_imu: Array, R_trunk: Array, R_sole: Array, up: Array, orientation: Array
-) -> Array:
+    at: Turned, source: int, oriented: bool, posture: tuple[Array, Array, Array], up: Array, orientation: Array,
+    dt: float,
+) -> Array:  # fmt: skip
     """The measured R: its z by the IMU or by the sole, its x by the sole."""
-    u, h = np.zeros(3), np.zeros(3)  # up and x of the sole, axes of the trunk
+    R_imu, R_trunk, R_sole = posture
+    u, flat, ahead = np.zeros(3), np.zeros(3), np.zeros(3)  # up by the IMU and by the sole, x of it; axes of the trunk
     x, y, z, w = orientation[0], orientation[1], orientation[2], orientation[3]
     seen = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), w * w + z * z - x * x - y * y
     for i in range(3):
         for k in range(3):
-            h[i] += R_trunk[k, i] * R_sole[k, 0]
+            ahead[i] += R_trunk[k, i] * R_sole[k, 0]
             for m in range(3):
-                u[i] += R_trunk[k, i] * (R_imu[k, m] * seen[m] if source == BY_IMU else R_sole[k, m] * up[m])
-        if source == BY_IMU and not oriented:
-            u[i] = R[2, i]
+                u[i] += R_trunk[k, i] * R_imu[k, m] * seen[m]
+                flat[i] += R_trunk[k, i] * R_sole[k, m] * up[m]
+    if source != BY_IMU:
+        return level_frame(flat, ahead)
+    if not oriented:
+        return level_frame(at.R[2], ahead)
+    R = level_frame(u, ahead)
+    _learn_mount(at, rotation_vector(level_frame(flat, ahead), R), dt)
+    return mul(R, turn_by(-at.shares[1] * at.mount))
+
+
+@compiled
+def _learn_mount(at: Turned, off: Array, dt: float) -> None:
+    """By how the IMU and the encoders differ, (3,) [rad], at a sample `dt` after the last one [s]."""
+    at.shares[0] = min(at.shares[0] + dt, SOLES)
+    share = min(dt / at.shares[0], 1.0) if at.shares[0] > 0.0 else 1.0
+    if all_finite(off):
+        for i in range(3):
+            at.mount[i] += share * (max(min(off[i], at.shares[2]), -at.shares[2]) - at.mount[i])
+
+
+@compiled
+def level_frame(up: Array, ahead: Array) -> Array:
+    """R (3, 3) by its z, `up` (3,), and what its x is above, (3,), in the axes of the trunk."""
     out = np.empty((3, 3))
-    length = np.sqrt(u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
-    along = (h[0] * u[0] + h[1] * u[1] + h[2] * u[2]) / length**2
+    length = np.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
+    along = (ahead[0] * up[0] + ahead[1] * up[1] + ahead[2] * up[2]) / length**2
     for i in range(3):
-        out[2, i], out[0, i] = u[i] / length, h[i] - along * u[i]
+        out[2, i], out[0, i] = up[i] / length, ahead[i] - along * up[i]
     out[0] /= np.sqrt(out[0, 0] ** 2 + out[0, 1] ** 2 + out[0, 2] ** 2)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -287,40 +316,42 @@ def turn_by(angles: Array) -> Array:
 
 @compiled
 def consider(
-    block: Array, posture: Held, columns: tuple[Integers, Integers], R_trunk: Array, source: int,
-    variance: Array, tilt: float, out: Array,
+    block: Array, posture: Held, columns: tuple[Integers, Integers], R_trunk: Array, by_imu: bool,
+    variance: Array, tilts: tuple[float, float],
 ) -> None:  # fmt: skip
-    """Fill in the covariance by what is constant.
+    """Fill in the covariance by what is constant, and how much of what IMU and encoders differ by is the IMU's.
 
     Args:
         block: of `Turned`.
         posture: `Views`.
         columns: of the joints between trunk and support sole, and between trunk and IMU.
         R_trunk: (3, 3) of the trunk in the base frame.
-        source: BY_ENCODERS or BY_IMU.
+        by_imu: roll and pitch are the IMU's.
         variance: (nv,) of the encoders, zeros and rounding [rad^2].
-        tilt: variance of the slope of the ground, or of how the IMU is mounted [rad^2].
-        out: (2, 3, 3) for work.
+        tilts: variances of the slope of the ground, and of how the IMU is mounted [rad^2].
     """
     at, J = turned_of(block), posture.value.J
-    out[:] = 0.0
-    axis = np.zeros(3)
+    C, axis = np.zeros((2, 3, 3)), np.zeros(3)
     for of in range(2):
         for c in columns[of]:
             for i in range(3):
                 axis[i] = R_trunk[0, i] * J[3, c] + R_trunk[1, i] * J[4, c] + R_trunk[2, i] * J[5, c]
             for i in range(3):
                 for j in range(3):
-                    out[of, i, j] += variance[c] * axis[i] * axis[j]
+                    C[of, i, j] += variance[c] * axis[i] * axis[j]
     u = at.R[2]
-    yaw = 0.0
+    yaw = trace = 0.0
     for i in range(3):
+        trace += C[0, i, i]
         for j in range(3):
-            yaw += u[i] * out[0, i, j] * u[j]
+            yaw += u[i] * C[0, i, j] * u[j]
+    flat = tilts[0] + 0.5 * (trace - yaw)  # of roll and pitch by the encoders
+    at.shares[1], at.shares[2] = tilts[1] / (tilts[1] + flat), FAR * np.sqrt(tilts[1] + flat)
     for i in range(3):
         for j in range(3):
             level = (1.0 if i == j else 0.0) - u[i] * u[j]
-            if source == BY_IMU:
-                at.constants[i, j] = out[1, i, j] + tilt * level + yaw * u[i] * u[j]
+            if by_imu:
+                mount = (1.0 - at.shares[1]) * tilts[1] * level
+                at.constants[i, j] = C[1, i, j] + mount + yaw * u[i] * u[j]
             else:
-                at.constants[i, j] = out[0, i, j] + tilt * level
+                at.constants[i, j] = C[0, i, j] + tilts[0] * level

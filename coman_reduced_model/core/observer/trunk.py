@@ -42,16 +42,16 @@ class TrunkFilter:
         widths = nominal.widths
         self._robot = robot
         self._natural = float(np.sqrt(gravity / radius))  # [rad/s]
-        self._tilts = widths["ground_slope.spread"] ** 2, widths["imu.spread"] ** 2  # by source
+        self._tilts = widths["ground_slope.spread"] ** 2, widths["imu.spread"] ** 2  # of sole and IMU
         self._zero = widths["encoder_bias.bias.spread"] ** 2
         self._variance = np.zeros(robot.model.nv)
         self._columns: dict[tuple[Foot, int], tuple[Integers, Integers]] = {}
-        self._block, self._work = np.zeros(SIZE), np.empty((2, 3, 3))
+        self._block = np.zeros(SIZE)
         self._at = turned_of(self._block)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past, but not how the IMU is mounted."""
         self._at.walks[:] = (WALK * self._natural) ** 2
         self._foot, self._source = Foot.NONE, BY_ENCODERS
         self._stamp_ns = self._imu_ns = self._considered_ns = 0
@@ -82,8 +82,8 @@ class TrunkFilter:
             self._considered_ns = sample.stamp_ns
             self._variance[robot.idx_v] = self._zero + np.where(np.isfinite(steps), steps, 0.0) ** 2 / 12.0
             consider(
-                self._block, link.views, self._between(foot, frame), R_trunk, source, self._variance,
-                self._tilts[source], self._work,
+                self._block, link.views, self._between(foot, frame), R_trunk, source == BY_IMU, self._variance,
+                self._tilts,
             )  # fmt: skip
         out = np.empty((OUT, 3))
         step, sensors = (what, dt, int(now.support.phase != Phase.DOUBLE)), (source, oriented, turning, late)
