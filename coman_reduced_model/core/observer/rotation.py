@@ -73,7 +73,7 @@ def turned_of(block: Array) -> Turned:
 def follow(
     block: Array, step: tuple[int, float, int], sensors: tuple[int, bool, bool, float], natural: float,
     posture: tuple[Array, Array, Array], up: Array, orientation: Array, gyro: Array, out: Array,
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
     """Bring the filter to a sample.
 
     Args:
@@ -86,8 +86,12 @@ def follow(
         up: (3,) against gravity in the axes of the support sole, as far as it is known without the IMU.
         orientation, gyro: (4,) x y z w, (3,) [rad/s] of the IMU.
         out: (OUT, 3), filled in: R, w, covariance (6, 6) of both.
+
+    Returns:
+        Whether all of that is finite.
     """
     at, (what, dt, alone), (source, oriented, turning, late) = turned_of(block), step, sensors
+    turning = turning and all_finite(gyro) and gyro.any()  # drivers without a gyro send zeros
     R_imu, R_trunk, _ = posture
     measured = _measured(at, source, oriented, posture, up, orientation, dt if what != BEGINS else 0.0)
     if what == BEGINS:
@@ -121,7 +125,8 @@ def follow(
         _learn_white(at, measured, new, turning, dt)
     if new:
         at.before[:] = measured
-    _write(at, turning, out)
+    _write(at, out)
+    return all_finite(out.ravel())
 
 
 @compiled
@@ -273,7 +278,7 @@ def _add_difference(at: Turned, kind: int, difference: Array, times: float, shar
 
 
 @compiled
-def _write(at: Turned, turning: bool, out: Array) -> None:
+def _write(at: Turned, out: Array) -> None:
     """Fill in `out` of `follow`; innovations that have lately been large or small scale it as that of the COM."""
     covariance, scale = out[4:].reshape(6, 6), np.empty(6)
     out[:3], out[3], covariance[:] = at.R, at.w, 0.0
@@ -317,7 +322,7 @@ def turn_by(angles: Array) -> Array:
 @compiled
 def consider(
     block: Array, posture: Held, columns: tuple[Integers, Integers], R_trunk: Array, by_imu: bool,
-    variance: Array, tilts: tuple[float, float],
+    steps: Array, idx_v: Integers, zero: float, tilts: tuple[float, float],
 ) -> None:  # fmt: skip
     """Fill in the covariance by what is constant, and how much of what IMU and encoders differ by is the IMU's.
 
@@ -327,11 +332,15 @@ def consider(
         columns: of the joints between trunk and support sole, and between trunk and IMU.
         R_trunk: (3, 3) of the trunk in the base frame.
         by_imu: roll and pitch are the IMU's.
-        variance: (nv,) of the encoders, zeros and rounding [rad^2].
+        steps: (nj,) of the encoders [rad]; infinite where not known.
+        idx_v: (nj,) columns of the joints.
+        zero: variance of the zeros of the encoders [rad^2].
         tilts: variances of the slope of the ground, and of how the IMU is mounted [rad^2].
     """
     at, J = turned_of(block), posture.value.J
-    C, axis = np.zeros((2, 3, 3)), np.zeros(3)
+    C, axis, variance = np.zeros((2, 3, 3)), np.zeros(3), np.zeros(J.shape[1])
+    for j in range(steps.shape[0]):
+        variance[idx_v[j]] = zero + (steps[j] ** 2 / 12.0 if np.isfinite(steps[j]) else 0.0)
     for of in range(2):
         for c in columns[of]:
             for i in range(3):
