@@ -112,12 +112,12 @@ def sentence(words: str, walks: list[TurnedErrors]) -> str:
     steps = np.array([len(walk.nees) for walk in walks])
     low, high = chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
     band = chi2.ppf([0.025, 0.975], 2 * n) / n
+    turn, fast = (", ".join(f"{each:.0f}" for each in part) for part in inside)
     good = int(((rates >= low) & (rates <= high)).sum())
     return (
         f"Trunk {words}, {n} walks. NEES of roll and pitch, a walk counting once: {tilt.mean():.1f} on average, median "
         f"{np.median(tilt):.1f} (2 is expected, 95 % band of the mean {band[0]:.1f} to {band[1]:.1f}). NEES of angular "
         f"velocity: median {np.median(rates):.1f} (3 is expected); {good} of {n} walks in the band of their "
-        f"steps, {int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: roll, "
-        f"pitch, yaw {', '.join(f'{each:.0f}' for each in inside[0])} %, angular velocity "
-        f"{', '.join(f'{each:.0f}' for each in inside[1])} %."
+        f"steps, {int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: "
+        f"roll, pitch, yaw {turn} %, angular velocity {fast} %."
     )
