@@ -107,7 +107,7 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert message.estimated_rotation_covariance.tolist() == trunk.covariance.ravel().tolist()
     assert message.estimated_by_imu is True
     read = m.prediction_from(message).estimate.trunk
-    assert read.R == pytest.approx(trunk.R, abs=1e-12) and read.by_imu
+    assert pytest.approx(trunk.R, abs=1e-12) == read.R and read.by_imu
     assert read.covariance.tolist() == trunk.covariance.tolist()
 
 
