@@ -91,7 +91,7 @@ def follow(
         Whether all of that is finite.
     """
     at, (what, dt, alone), (source, oriented, turning, late) = turned_of(block), step, sensors
-    turning = turning and all_finite(gyro) and gyro.any()  # drivers without a gyro send zeros
+    turning = turning and all_finite(gyro) and bool(gyro.any())  # drivers without a gyro send zeros
     R_imu, R_trunk, _ = posture
     measured = _measured(at, source, oriented, posture, up, orientation, dt if what != BEGINS else 0.0)
     if what == BEGINS:
