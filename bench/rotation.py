@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 import coman_reduced_model as coman
 from coman_reduced_model.core.base.types import Array, ImuMessage
-from coman_reduced_model.core.evaluation.consistency import SETTLED, TrueMotion
+from coman_reduced_model.core.evaluation.consistency import SETTLED, Consistency, TrueMotion
 from coman_reduced_model.core.evaluation.rotation import TrueRotation, TurnedErrors
 from coman_reduced_model.core.evaluation.statistics import NINETY
 from coman_reduced_model.core.robot.posture import Posture
@@ -86,6 +86,33 @@ def rows(walks: Mapping[str, Turning]) -> str:
     with_imu, without = [walk.fused for walk in some], [walk.blind for walk in walks.values()]
     said = [sentence("with the IMU", with_imu), sentence("without it", without)]
     return "\n".join([table(HEAD, lines), "", *(each for each in said if each)])
+
+
+GROUND = [
+    "recording", "RMS error of velocity against the ground [mm/s]", "of that by encoders alone", "NEES of it",
+]  # fmt: skip
+
+
+def against_ground(walks: Mapping[str, Consistency]) -> str:
+    """The velocity of the COM against the ground."""
+    walks = {name: walk for name, walk in walks.items() if len(walk.ground_nees)}
+    if not walks:
+        return ""
+    lines = [
+        [name, *(rms(walk.ground_errors[:, k]) for k in range(2)), f"{walk.ground_nees.mean():.1f}"]
+        for name, walk in walks.items()
+    ]
+    means = np.array([walk.ground_nees.mean() for walk in walks.values()])
+    steps = np.array([len(walk.ground_nees) for walk in walks.values()])
+    low, high = chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
+    inside = 100.0 * (np.abs(np.concatenate([walk.ground_off for walk in walks.values()])) <= NINETY).mean(axis=0)
+    good, below, above = ((means >= low) & (means <= high)).sum(), (means < low).sum(), (means > high).sum()
+    said = (
+        f"NEES of velocity against the ground: median {np.median(means):.1f} (3 is expected); {good} of {len(means)} "
+        f"walks in the band of their steps, {below} below, {above} above. Within its 90 % interval, x, y, z: "
+        f"{', '.join(f'{each:.0f}' for each in inside)} %."
+    )
+    return f"{table(GROUND, lines)}\n\n{said}"
 
 
 def rms(errors: Array) -> str:

@@ -28,7 +28,7 @@ def _prediction_format(frame: bytes, horizons: int) -> struct.Struct:
     layout = Layout().header(frame).header(frame).add("B", 2).add("d", 3 + 7 * 3 + 7).add("I")
     if horizons:
         layout.add("d", 16 * horizons)
-    return struct.Struct(layout.add("I").add("d", 9 + 3 + 3 + 36 + 9 + 1 + 4 + 3 + 36).add("B").format)
+    return struct.Struct(layout.add("I").add("d", 9 + 3 + 3 + 36 + 9 + 1 + 3 + 9 + 4 + 3 + 36).add("B").format)
 
 
 @lru_cache(maxsize=64)
@@ -179,6 +179,8 @@ def encode_prediction(prediction: Prediction) -> bytes:
         *p.estimate.covariance.ravel().tolist(),
         *p.estimate.measured_covariance.ravel().tolist(),
         p.estimate.nis,
+        *p.estimate.ground_vel.tolist(),
+        *p.estimate.ground_vel_covariance.ravel().tolist(),
         *quaternion(trunk.R),
         *trunk.angular_velocity.tolist(),
         *trunk.covariance.ravel().tolist(),

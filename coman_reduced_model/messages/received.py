@@ -191,6 +191,10 @@ def _estimate_from(message: Any) -> Estimate:
         _covariance_from(message, "measured_covariance"),
         nis=message.nis,
         trunk=_trunk_from(message),
+        ground_vel=_xyz(message.estimated_ground_velocity)
+        if hasattr(message, "estimated_ground_velocity")
+        else np.full(3, np.nan),
+        ground_vel_covariance=_covariance_from(message, "estimated_ground_velocity_covariance"),
     )
 
 

@@ -66,6 +66,7 @@ def a_prediction(seed=0, horizons=3):
             TrunkRotation(
                 Rotation.random(random_state=seed + 1).as_matrix(), rng.normal(size=3), rng.normal(size=(6, 6)), True
             ),
+            rng.normal(size=3), rng.normal(size=(3, 3)),
         ),
     )  # fmt: skip
 
@@ -106,6 +107,9 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert xyz(message.estimated_angular_velocity) == trunk.angular_velocity.tolist()
     assert message.estimated_rotation_covariance.tolist() == trunk.covariance.ravel().tolist()
     assert message.estimated_by_imu is True
+    assert xyz(message.estimated_ground_velocity) == sent.estimate.ground_vel.tolist()
+    assert message.estimated_ground_velocity_covariance.tolist() == sent.estimate.ground_vel_covariance.ravel().tolist()
+    assert m.prediction_from(message).estimate.ground_vel.tolist() == sent.estimate.ground_vel.tolist()
     read = m.prediction_from(message).estimate.trunk
     assert pytest.approx(trunk.R, abs=1e-12) == read.R and read.by_imu
     assert read.covariance.tolist() == trunk.covariance.tolist()

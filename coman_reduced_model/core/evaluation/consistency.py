@@ -30,6 +30,7 @@ class TrueMotion:
         first_ns: stamp at time 0.
         time: (n,) [s].
         com, com_vel: by foot (n, 3) [m], and its derivative [m/s].
+        ground_vel: by foot (n, 3) velocity against the ground, in the axes of the sole [m/s].
         rotation: of the root link; None: not known.
     """
 
@@ -37,6 +38,7 @@ class TrueMotion:
     time: Array
     com: dict[Foot, Array]
     com_vel: dict[Foot, Array]
+    ground_vel: dict[Foot, Array]
     rotation: TrueRotation | None = None
 
     @classmethod
@@ -53,18 +55,27 @@ class TrueMotion:
             for foot, T in poses.items()
         }
         speeds = {foot: np.gradient(place, t, axis=0) for foot, place in places.items()}
+        in_world = np.gradient(com.astype(float), t, axis=0)
+        ground = {foot: np.einsum("nji,nj->ni", T[:, :3, :3].astype(float), in_world) for foot, T in poses.items()}
         turned = None
         if trunk is not None:
             turned = TrueRotation.of(t, *trunk, {foot: T[:, :3, 0] for foot, T in poses.items()})
-        return cls(int(stamp_ns[0]), t, places, speeds, turned)
+        return cls(int(stamp_ns[0]), t, places, speeds, ground, turned)
 
     def at(self, stamp_ns: int, foot: Foot) -> tuple[Array, Array]:
         """COM (3,) [m] and its velocity (3,) [m/s] at a stamp."""
+        com, vel = self._between(stamp_ns, foot, (self.com, self.com_vel))
+        return com, vel
+
+    def ground_vel_at(self, stamp_ns: int, foot: Foot) -> Array:
+        """Velocity (3,) [m/s] against the ground at a stamp."""
+        return self._between(stamp_ns, foot, (self.ground_vel,))[0]
+
+    def _between(self, stamp_ns: int, foot: Foot, parts: tuple[dict[Foot, Array], ...]) -> list[Array]:
         t = (stamp_ns - self.first_ns) * 1e-9
         k = int(np.clip(np.searchsorted(self.time, t), 1, len(self.time) - 1))
         w = np.clip((t - self.time[k - 1]) / (self.time[k] - self.time[k - 1]), 0.0, 1.0)
-        com, vel = ((1.0 - w) * values[foot][k - 1] + w * values[foot][k] for values in (self.com, self.com_vel))
-        return com, vel
+        return [(1.0 - w) * values[foot][k - 1] + w * values[foot][k] for values in parts]
 
 
 class Consistency:
@@ -75,6 +86,8 @@ class Consistency:
         nees: (n, 2) of position and velocity, there.
         nis: (n,) there; also without a truth.
         errors: (n, 2, 3) [m/s] of the velocity: of the estimate, and of encoders alone, at all samples.
+        ground_errors: (n, 2, 3) [m/s] the same of the velocity against the ground.
+        ground_off, ground_nees: (n, 3), (n,) of that velocity, at the middles of steps.
         position_errors: (n, 2, 3) [m] the same of the position.
         turned: errors of the trunk's rotation; None: its truth is not known.
     """
@@ -91,6 +104,8 @@ class Consistency:
         self._nis: list[float] = []
         self._errors: list[list[Array]] = []
         self._position_errors: list[list[Array]] = []
+        self._ground_errors: list[list[Array]] = []
+        self._ground: list[tuple[Array, float]] = []
 
     def add(self, prediction: Prediction) -> None:
         """Take in the next one."""
@@ -113,6 +128,8 @@ class Consistency:
         if self._truth is not None:
             com, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
             self._position_errors.append([estimate.com - com, prediction.measured_com - com])
+            ground = self._truth.ground_vel_at(prediction.stamp_ns, prediction.support.support_foot)
+            self._ground_errors.append([estimate.ground_vel - ground, prediction.measured_com_vel - ground])
             self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
         if self._phase and self._phase[-1].support.phase != prediction.support.phase:
             self._close()
@@ -129,7 +146,9 @@ class Consistency:
         if self._truth is None:
             return
         off = errors_of(estimate, *self._truth.at(middle.stamp_ns, middle.support.support_foot))
-        P = estimate.covariance
+        P, C = estimate.covariance, estimate.ground_vel_covariance
+        ground = estimate.ground_vel - self._truth.ground_vel_at(middle.stamp_ns, middle.support.support_foot)
+        self._ground.append((ground / np.sqrt(np.diag(C)), float(ground @ np.linalg.solve(C, ground))))
         self._nees.append([float(e @ np.linalg.solve(P[s, s], e)) for e, s in zip(off, PARTS, strict=True)])
         self._off.append(off / np.sqrt(np.diag(P)).reshape(2, 3))
 
@@ -151,6 +170,20 @@ class Consistency:
         return np.array(self._errors).reshape(-1, 2, 3)
 
     @property
+    def ground_errors(self) -> Array:
+        return np.array(self._ground_errors).reshape(-1, 2, 3)
+
+    @property
+    def ground_off(self) -> Array:
+        self._close()
+        return np.array([off for off, _ in self._ground]).reshape(-1, 3)
+
+    @property
+    def ground_nees(self) -> Array:
+        self._close()
+        return np.array([nees for _, nees in self._ground])
+
+    @property
     def position_errors(self) -> Array:
         return np.array(self._position_errors).reshape(-1, 2, 3)
 
@@ -166,7 +199,7 @@ class Consistency:
         if self._truth is None or not self._off:
             return found
         position, velocity = self.nees.mean(axis=0).tolist()
-        rms = np.sqrt((self.errors**2).mean(axis=0))
+        rms, ground = (np.sqrt((errors**2).mean(axis=0)) for errors in (self.errors, self.ground_errors))
         return {
             **found,
             "steps": len(self._off),
@@ -175,6 +208,10 @@ class Consistency:
             "within_90": dict(zip(("position", "velocity"), map(by_axis, within(self.off)), strict=True)),
             "rmse_velocity_m_s": by_axis(rms[0]),
             "rmse_encoder_velocity_m_s": by_axis(rms[1]),
+            "nees_ground_velocity": float(self.ground_nees.mean()),
+            "ground_velocity_within_90": by_axis((np.abs(self.ground_off) <= NINETY).mean(axis=0)),
+            "rmse_ground_velocity_m_s": by_axis(ground[0]),
+            "rmse_encoder_ground_velocity_m_s": by_axis(ground[1]),
             "reliability": {
                 name: dict(zip(map(str, LEVELS), reliability(self.off[:, k]), strict=True))
                 for k, name in enumerate(("position", "velocity"))

@@ -24,6 +24,7 @@ import pinocchio as pin
 
 from ..base.compiled import all_finite
 from ..base.types import Array, Estimate, Flags, Foot, Phase
+from .ground import follow_ground
 from .masses import masses_covariance
 from .memory import BEGINS, CHANGES, GOES_ON, ROWS, SIZES, Noise, learn_posture, learn_steps, memory_of
 from .moment import SIZE, follow, look, moment_of
@@ -72,8 +73,9 @@ class Observer:
         self._constant = zeros[0] + slope**2, zeros[1] + slope**2, zeros[2] + mass**2 + gains
         self._masses: Array | None = None  # (3, 3) [m^2] of the COM by those of the masses, base frame
         self._encoders = np.full((2, len(robot.joint_names)), np.inf)  # as in `learn_steps`
-        self._block = np.zeros(sum(SIZES))
+        self._block, self._ground_block = np.zeros(sum(SIZES)), np.zeros(sum(SIZES))
         self._memory = memory_of(self._block)
+        self._sole = np.zeros((2, 3))  # as `follow_ground` has it
         self._extra = np.zeros(SIZE)
         self._moment = np.full((7, 3), np.nan)  # and its covariance, as `look` fills it in
         data = robot.model.createData()
@@ -84,11 +86,13 @@ class Observer:
 
     def reset(self) -> None:
         """Forget the past, but not the steps of the encoders."""
-        self._block[:] = 0.0
-        self._memory.walks[:] = (WALK * self._weight) ** 2
-        self._memory.constant[:] = self._constant
-        self._memory.scalars[1:] = 3.0, np.nan
-        self._memory.squares[:] = 1.0
+        for block in (self._block, self._ground_block):
+            block[:], memory = 0.0, memory_of(block)
+            memory.walks[:] = (WALK * self._weight) ** 2
+            memory.constant[:] = self._constant
+            memory.scalars[1:] = 3.0, np.nan
+            memory.squares[:] = 1.0
+        self._tilts = False  # whether the last sample knew how the sole tilts
         self._extra[:] = 0.0
         moment = moment_of(self._extra)
         moment.walks[:], moment.zeros[:] = (WALK * self._weight * self._radius) ** 2, self._zeros
@@ -131,10 +135,30 @@ class Observer:
                 self._block, self._extra, self._noise, step, self._radius, link.data.Ag, self._robot.idx_v, sample.qd,
                 link.base_in_sole, R, R_other, self._moment,
             )  # fmt: skip
+        ground = out
+        if trunk.by_imu:
+            ground = np.empty((ROWS, 3))
+            R_trunk = link.orientation(self._robot.base_id)
+            follow_ground(
+                self._ground_block, self._sole, self._block, self._noise, (what if self._tilts else BEGINS, dt, alone),
+                own, others, R, R_other, R_trunk, trunk.R, com, com_vel, ground,
+            )  # fmt: skip
+        self._tilts = trunk.by_imu
         nis, moment = self._judge(), self._moment
         com_covariance, force_covariance = out[9:].reshape(6, 6), out[6:9]
         return Estimate(
-            out[0], out[1], com_covariance, out[3:6], out[2], force_covariance, nis, moment[0], moment[1:], trunk
+            out[0],
+            out[1],
+            com_covariance,
+            out[3:6],
+            out[2],
+            force_covariance,
+            nis,
+            moment[0],
+            moment[1:],
+            trunk,
+            ground[1],
+            ground[9:].reshape(6, 6)[3:, 3:],
         )
 
     def _look(self, link: Posture, foot: Foot) -> None:
@@ -150,7 +174,7 @@ class Observer:
     def _judge(self) -> float:
         """Say how consistent the innovations are; that of the last sample."""
         _, self.nis, nis = self._memory.scalars.tolist()
-        if not isfinite(self.nis):
+        if not isfinite(self.nis + self._ground_block[0]):
             self.reset()  # it begins again
         most = 3.0 * (FOUND if self.flags else LOST)
         self.flags = Flags.OK if self.nis < most else Flags.INCONSISTENT
