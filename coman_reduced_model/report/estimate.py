@@ -60,6 +60,15 @@ def _intervals(found: Mapping[str, Any]) -> Table:
     rows += [
         [f"RMS error of velocity {of} [mm/s]", *(f"{1e3 * found[key][a]:.1f}" for a in AXES)] for of, key in speeds
     ]
+    if "ground_velocity_within_90" in found:
+        rows.insert(2, ["velocity against the ground", *(percent(found["ground_velocity_within_90"][a]) for a in AXES)])
+        rows += [
+            [f"RMS error of velocity against the ground {of} [mm/s]", *(f"{1e3 * found[key][a]:.1f}" for a in AXES)]
+            for of, key in (
+                ("of the estimate", "rmse_ground_velocity_m_s"),
+                ("of encoders alone", "rmse_encoder_ground_velocity_m_s"),
+            )
+        ]
     return Table(["within the 90 % interval", *AXES], [*rows, *_trunk(found)])
 
 

@@ -19,8 +19,9 @@ LOADED = 0.1  # of the weight: load from which on a centre of pressure counts; b
 
 @compiled
 def follow_ground(
-    block: Array, state: Array, other_block: Array, noise: Noise, step: tuple[int, float, int], own: Array,
-    other: Array, R: Array, R_other: Array, R_trunk: Array, turned: Array, com: Array, com_vel: Array, out: Array,
+    block: Array, state: Array, other_block: Array, noise: Noise, step: tuple[int, float, int],
+    wrenches: tuple[Array, Array], posture: tuple[Array, Array, Array], turned: Array, measured: tuple[Array, Array],
+    out: Array,
 ) -> None:  # fmt: skip
     """Bring the filter to a sample.
 
@@ -28,10 +29,13 @@ def follow_ground(
         block: of its `Memory`.
         state: (2, 3) tilt of the sole at the last sample [rad], what it has moved the COM by [m]; changed in place.
         other_block: of the `Memory` of the filter that takes the sole as fixed, at this sample.
-        noise, step, own, other, R, R_other, com, com_vel, out: as in `take`.
-        R_trunk: (3, 3) of the trunk in the base frame.
+        noise, step, out: as in `take`.
+        wrenches: own, other there.
+        posture: orientations (3, 3) of support sole, other sole and trunk in the base frame.
         turned: (3, 3) of the trunk in the level frame, estimated.
+        measured: COM and its velocity there.
     """
+    (own, other), (R, R_other, R_trunk), (com, com_vel) = wrenches, posture, measured
     memory, fixed, tilt, moved = memory_of(block), memory_of(other_block), np.zeros(3), np.empty(3)
     memory.rounding[:], memory.constants[:] = fixed.rounding, fixed.constants
     for k in range(3):  # against gravity in the axes of the sole: (-pitch, roll, 1)

@@ -141,7 +141,7 @@ class Observer:
             R_trunk = link.orientation(self._robot.base_id)
             follow_ground(
                 self._ground_block, self._sole, self._block, self._noise, (what if self._tilts else BEGINS, dt, alone),
-                own, others, R, R_other, R_trunk, trunk.R, com, com_vel, ground,
+                (own, others), (R, R_other, R_trunk), trunk.R, (com, com_vel), ground,
             )  # fmt: skip
         self._tilts = trunk.by_imu
         nis, moment = self._judge(), self._moment
