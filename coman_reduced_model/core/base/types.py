@@ -246,7 +246,7 @@ class Estimate:
         default_factory=lambda: _NAN63
     )  # (6, 3) of force and moment with it [N Nm], [Nm^2]
     trunk: TrunkRotation = field(default_factory=lambda: _NO_ROTATION)
-    # (3,) of the COM against the ground, in the axes of the sole: that tilts, as far as an IMU says it [m/s]
+    # (3,) of the COM against the ground, in the axes of the sole, which tilts; NaN without an IMU [m/s]
     ground_vel: Array = field(default_factory=lambda: _NAN3)
     ground_vel_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [m^2/s^2]
 

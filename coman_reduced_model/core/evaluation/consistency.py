@@ -128,8 +128,9 @@ class Consistency:
         if self._truth is not None:
             com, velocity = self._truth.at(prediction.stamp_ns, prediction.support.support_foot)
             self._position_errors.append([estimate.com - com, prediction.measured_com - com])
-            ground = self._truth.ground_vel_at(prediction.stamp_ns, prediction.support.support_foot)
-            self._ground_errors.append([estimate.ground_vel - ground, prediction.measured_com_vel - ground])
+            if isfinite(estimate.ground_vel[0]):
+                ground = self._truth.ground_vel_at(prediction.stamp_ns, prediction.support.support_foot)
+                self._ground_errors.append([estimate.ground_vel - ground, prediction.measured_com_vel - ground])
             self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
         if self._phase and self._phase[-1].support.phase != prediction.support.phase:
             self._close()
@@ -147,8 +148,9 @@ class Consistency:
             return
         off = errors_of(estimate, *self._truth.at(middle.stamp_ns, middle.support.support_foot))
         P, C = estimate.covariance, estimate.ground_vel_covariance
-        ground = estimate.ground_vel - self._truth.ground_vel_at(middle.stamp_ns, middle.support.support_foot)
-        self._ground.append((ground / np.sqrt(np.diag(C)), float(ground @ np.linalg.solve(C, ground))))
+        if isfinite(estimate.ground_vel[0]):
+            ground = estimate.ground_vel - self._truth.ground_vel_at(middle.stamp_ns, middle.support.support_foot)
+            self._ground.append((ground / np.sqrt(np.diag(C)), float(ground @ np.linalg.solve(C, ground))))
         self._nees.append([float(e @ np.linalg.solve(P[s, s], e)) for e, s in zip(off, PARTS, strict=True)])
         self._off.append(off / np.sqrt(np.diag(P)).reshape(2, 3))
 
@@ -199,7 +201,15 @@ class Consistency:
         if self._truth is None or not self._off:
             return found
         position, velocity = self.nees.mean(axis=0).tolist()
-        rms, ground = (np.sqrt((errors**2).mean(axis=0)) for errors in (self.errors, self.ground_errors))
+        rms = np.sqrt((self.errors**2).mean(axis=0))
+        if self._ground:
+            ground = np.sqrt((self.ground_errors**2).mean(axis=0))
+            found |= {
+                "nees_ground_velocity": float(self.ground_nees.mean()),
+                "ground_velocity_within_90": by_axis((np.abs(self.ground_off) <= NINETY).mean(axis=0)),
+                "rmse_ground_velocity_m_s": by_axis(ground[0]),
+                "rmse_encoder_ground_velocity_m_s": by_axis(ground[1]),
+            }
         return {
             **found,
             "steps": len(self._off),
@@ -208,10 +218,6 @@ class Consistency:
             "within_90": dict(zip(("position", "velocity"), map(by_axis, within(self.off)), strict=True)),
             "rmse_velocity_m_s": by_axis(rms[0]),
             "rmse_encoder_velocity_m_s": by_axis(rms[1]),
-            "nees_ground_velocity": float(self.ground_nees.mean()),
-            "ground_velocity_within_90": by_axis((np.abs(self.ground_off) <= NINETY).mean(axis=0)),
-            "rmse_ground_velocity_m_s": by_axis(ground[0]),
-            "rmse_encoder_ground_velocity_m_s": by_axis(ground[1]),
             "reliability": {
                 name: dict(zip(map(str, LEVELS), reliability(self.off[:, k]), strict=True))
                 for k, name in enumerate(("position", "velocity"))

@@ -40,6 +40,7 @@ WALK = 0.1  # of the weight: how far an external force wanders in the root of a 
 FORCE = 0.001  # of the weight times the root of a second: force that neither sensors nor gains explain
 LOST = 4.0  # times what the NIS should be: consistency is lost
 FOUND = 2.0  # times: it is found again
+_NO_GROUND = np.full((ROWS, 3), np.nan)
 EVERY_NS = 20_000_000  # between new covariances of the measured COM, and new moments
 
 
@@ -135,7 +136,7 @@ class Observer:
                 self._block, self._extra, self._noise, step, self._radius, link.data.Ag, self._robot.idx_v, sample.qd,
                 link.base_in_sole, R, R_other, self._moment,
             )  # fmt: skip
-        ground = out
+        ground = _NO_GROUND
         if trunk.by_imu:
             ground = np.empty((ROWS, 3))
             R_trunk = link.orientation(self._robot.base_id)

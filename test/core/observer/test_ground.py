@@ -60,10 +60,10 @@ def test_the_velocity_in_the_sole_is_not():
     assert np.abs([each.com_vel[0] for each in found]).max() < 0.5 * np.abs(true[:, 0]).max()
 
 
-def test_without_an_imu_it_is_the_velocity_in_the_sole():
+def test_without_an_imu_nobody_knows_it():
     for each in rocked(False, 3.0)[0]:
-        assert each.ground_vel.tolist() == each.com_vel.tolist()
-        assert each.ground_vel_covariance.tolist() == each.covariance[3:, 3:].tolist()
+        assert np.isnan(each.ground_vel).all() and np.isnan(each.ground_vel_covariance).all()
+        assert np.isfinite(each.com_vel).all()
 
 
 def test_it_begins_again_where_the_imu_is_lost():
@@ -75,6 +75,6 @@ def test_it_begins_again_where_the_imu_is_lost():
         each = now(stamp, BENT, message)
         each.sample.left_wrench, each.sample.right_wrench = weight, np.zeros(6)
         estimate = observer.update(each)
-        assert np.isfinite(estimate.ground_vel).all()
-        if k > 20:
+        assert np.isfinite(estimate.ground_vel).all() == (message is not None)
+        if k > 20 and message is not None:
             assert estimate.ground_vel == pytest.approx(np.zeros(3), abs=0.1)
