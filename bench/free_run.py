@@ -231,7 +231,7 @@ def tables(rows: list[Figures]) -> list[str]:
         f"Pitch of the trunk {AHEAD} s ahead, over whole recordings: RMS error [degrees] of what it differs by from "
         "that of a rigid robot whose future motors are known. A horizon holds the COM alone; the pitch follows from "
         "the deflections of the joints, which are predicted beside it, without a blend. As now: the deflections stay; "
-        "rigid: there are none. The estimate has no pitch: it knows the COM and forces alone.",
+        "rigid: there are none. How the estimate knows the pitch now: the page of the observer.",
         table(
             ["recording", "predicted", "as now", "rigid"],
             [[row.title, *degrees(row.pitch_ahead).split(", ")] for row in rows if np.isfinite(row.pitch_ahead).any()],

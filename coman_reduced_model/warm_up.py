@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
-from .core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
+from .core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
+from .core.base.types import Foot, ImuMessage, JointMessage, Phase, Reference, WrenchMessage
 from .core.config.schema import Config
 from .core.pipeline import Pipeline
 from .core.robot.robot import Robot
-from .messages import FROM, MessageTypes, joint_to, reference_to, wrench_to
+from .messages import FROM, MessageTypes, imu_to, joint_to, reference_to, wrench_to
 
 _PERIOD_NS = 5_000_000
 _SAMPLES = 100
@@ -60,6 +60,10 @@ def _walk(robot: Robot, config: Config, types: MessageTypes) -> None:
         for foot, part in ((Foot.LEFT, share), (Foot.RIGHT, 1.0 - share)):
             wrench = WrenchMessage(stamp + _APART_NS, soles[foot], np.array((0.0, 0.0, part * weight)), np.zeros(3))
             pipeline.feed(WRENCHES[foot], wrench_to(types, wrench), FROM[WRENCHES[foot]])
+        if 2 * index > _SAMPLES:  # with an IMU, and without
+            level = np.array((0.0, 0.0, 0.0, 1.0))
+            imu = ImuMessage(stamp + _APART_NS, config.robot.base_frame, level, np.full(3, 0.01), np.full(3, 0.1))
+            pipeline.feed(IMU, imu_to(types, imu), FROM[IMU])
         apart = _APART_NS if 2 * index < _SAMPLES else -_APART_NS
         reference = reference_to(types, _reference(stamp + apart))
         pipeline.feed(REFERENCE, reference, FROM[REFERENCE])

@@ -28,7 +28,7 @@ def _prediction_format(frame: bytes, horizons: int) -> struct.Struct:
     layout = Layout().header(frame).header(frame).add("B", 2).add("d", 3 + 7 * 3 + 7).add("I")
     if horizons:
         layout.add("d", 16 * horizons)
-    return struct.Struct(layout.add("I").add("d", 9 + 3 + 3 + 36 + 9 + 1).format)
+    return struct.Struct(layout.add("I").add("d", 9 + 3 + 3 + 36 + 9 + 1 + 3 + 9 + 4 + 3 + 36).add("B").format)
 
 
 @lru_cache(maxsize=64)
@@ -146,6 +146,7 @@ def encode_deflection(prediction: Prediction, names: tuple[bytes, ...]) -> bytes
 def encode_prediction(prediction: Prediction) -> bytes:
     """A ComPrediction; messages.prediction_to, serialised."""
     p, s, T = prediction, prediction.support, prediction.T_odom_sole
+    trunk = p.estimate.trunk
     frame = cdr_string(p.frame_id)
     header = header_values(p.stamp_ns, frame)
     ahead = [
@@ -178,4 +179,10 @@ def encode_prediction(prediction: Prediction) -> bytes:
         *p.estimate.covariance.ravel().tolist(),
         *p.estimate.measured_covariance.ravel().tolist(),
         p.estimate.nis,
+        *p.estimate.ground_vel.tolist(),
+        *p.estimate.ground_vel_covariance.ravel().tolist(),
+        *quaternion(trunk.R),
+        *trunk.angular_velocity.tolist(),
+        *trunk.covariance.ravel().tolist(),
+        trunk.by_imu,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.base.pose import LEVEL
 from ..core.base.types import Foot
 from ..core.evaluation.consistency import TrueMotion
 
@@ -21,8 +22,12 @@ def true_motion(bag: str | Path) -> TrueMotion | None:
         with np.load(path, allow_pickle=False) as file:
             stamps, com = file["stamp_ns"], file["com"]
             poses = {Foot.LEFT: file["T_left"], Foot.RIGHT: file["T_right"]}
+            trunk = file.get("base_orientation"), file.get("gravity", LEVEL)  # of files without it, level ground
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
     n = len(stamps)
     shapes = com.shape == (n, 3) and all(T.shape == (n, 4, 4) for T in poses.values())
-    return TrueMotion.of(stamps, com, poses) if n > 1 and shapes else None
+    if n < 2 or not shapes:
+        return None
+    turned = trunk if trunk[0] is not None and trunk[0].shape == (n, 4) and trunk[1].shape == (3,) else None
+    return TrueMotion.of(stamps, com, poses, turned)

@@ -93,7 +93,13 @@ def _estimate(found: dict[str, Any]) -> str:
     text = f"estimate: NIS {found['nis']:.1f}"
     if "steps" in found:
         text += f", NEES of position {found['nees_position']:.1f}, of velocity {found['nees_velocity']:.1f}"
-    return f"{text} (3 is expected)"
+    if "nees_ground_velocity" in found:
+        text += f", of velocity against the ground {found['nees_ground_velocity']:.1f}"
+    text += " (3 is expected)"
+    if "rmse_turn_rad" in found:
+        pitch, encoders = (1e3 * found[f"rmse_{of}turn_rad"]["y"] for of in ("", "encoder_"))
+        text += f"; pitch of the trunk: RMS error {pitch:.1f} mrad, of encoders alone {encoders:.1f} mrad"
+    return text
 
 
 def _errors(errors: dict[str, Any]) -> list[str]:

@@ -252,8 +252,8 @@ class Predictor:
         return sample, flags | Flags.STALE_WRENCH if stale else flags
 
     def _estimate(self, now: Now) -> Estimate:
-        """By the observer; nothing by computed wrenches, which hold the balance by construction."""
-        return Estimate() if self.computed else self.observer.update(now)
+        """By the observer; by computed wrenches, which hold the balance by construction, only the trunk's rotation."""
+        return self.observer.update(now, self.computed is None)
 
     def _possible(self, com: Array, com_vel: Array) -> bool:
         """Whether the COM is in reach of the support sole, and no faster past it than any runner's."""

@@ -25,6 +25,7 @@ from ..core.base.types import (
     Prediction,
     Reference,
     SupportState,
+    TrunkRotation,
     WrenchMessage,
 )
 from ..core.streams.stream import Refused
@@ -189,6 +190,24 @@ def _estimate_from(message: Any) -> Estimate:
         _covariance_from(message, "estimated_covariance", 6),
         _covariance_from(message, "measured_covariance"),
         nis=message.nis,
+        trunk=_trunk_from(message),
+        ground_vel=_xyz(message.estimated_ground_velocity)
+        if hasattr(message, "estimated_ground_velocity")
+        else np.full(3, np.nan),
+        ground_vel_covariance=_covariance_from(message, "estimated_ground_velocity_covariance"),
+    )
+
+
+def _trunk_from(message: Any) -> TrunkRotation:
+    """NaN in messages of earlier versions."""
+    if not hasattr(message, "estimated_orientation"):
+        return TrunkRotation()
+    o = message.estimated_orientation
+    return TrunkRotation(
+        matrix(0.0, 0.0, 0.0, o.x, o.y, o.z, o.w)[:3, :3],
+        _xyz(message.estimated_angular_velocity),
+        _covariance_from(message, "estimated_rotation_covariance", 6),
+        bool(message.estimated_by_imu),
     )
 
 

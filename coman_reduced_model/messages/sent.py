@@ -76,6 +76,12 @@ def prediction_to(types: MessageTypes, prediction: Prediction) -> Any:
         estimated_covariance=estimate.covariance.ravel(),
         measured_covariance=estimate.measured_covariance.ravel(),
         nis=float(estimate.nis),
+        estimated_ground_velocity=_vector(types.Vector3, estimate.ground_vel),
+        estimated_ground_velocity_covariance=estimate.ground_vel_covariance.ravel(),
+        estimated_orientation=types.Quaternion(**dict(zip("xyzw", quaternion(estimate.trunk.R), strict=True))),
+        estimated_angular_velocity=_vector(types.Vector3, estimate.trunk.angular_velocity),
+        estimated_rotation_covariance=estimate.trunk.covariance.ravel(),
+        estimated_by_imu=bool(estimate.trunk.by_imu),
     )
 
 

@@ -33,6 +33,8 @@ def estimate_section(summary: Mapping[str, Any], run: Run, plots: Path | None) -
     text = f"NIS, the normalised innovation squared of the measured COM: {nis:.1f} on average; 3 is expected."
     if found.get("inconsistent"):
         text += f" In {percent(found['inconsistent'])} of the samples it was far larger for seconds (INCONSISTENT)."
+    if "tilt_by_imu" in found:
+        text += f" Roll and pitch of the trunk are the IMU's in {percent(found['tilt_by_imu'])} of the samples."
     parts: list[Part] = [Text(text)]
     if "reliability" in found:
         values = {"position": found["nees_position"], "velocity": found["nees_velocity"]}
@@ -58,7 +60,35 @@ def _intervals(found: Mapping[str, Any]) -> Table:
     rows += [
         [f"RMS error of velocity {of} [mm/s]", *(f"{1e3 * found[key][a]:.1f}" for a in AXES)] for of, key in speeds
     ]
-    return Table(["within the 90 % interval", *AXES], rows)
+    if "ground_velocity_within_90" in found:
+        rows.insert(2, ["velocity against the ground", *(percent(found["ground_velocity_within_90"][a]) for a in AXES)])
+        rows += [
+            [f"RMS error of velocity against the ground {of} [mm/s]", *(f"{1e3 * found[key][a]:.1f}" for a in AXES)]
+            for of, key in (
+                ("of the estimate", "rmse_ground_velocity_m_s"),
+                ("of encoders alone", "rmse_encoder_ground_velocity_m_s"),
+            )
+        ]
+    return Table(["within the 90 % interval", *AXES], [*rows, *_trunk(found)])
+
+
+def _trunk(found: Mapping[str, Any]) -> list[list[str]]:
+    """The rotation of the trunk, about its axes."""
+    if "turn_within_90" not in found:
+        return []
+    shares = (("rotation of the trunk", "turn"), ("its angular velocity", "angular_velocity"))
+    errors = (
+        ("of the rotation of the trunk [mrad]", "turn_rad"),
+        ("of its angular velocity [mrad/s]", "angular_velocity_rad_s"),
+    )
+    return [
+        *([name, *(percent(found["turn_within_90"][key][a]) for a in AXES)] for name, key in shares),
+        *(
+            [f"RMS error {name}{whose}", *(f"{1e3 * found[f'rmse_{of}{key}'][a]:.1f}" for a in AXES)]
+            for name, key in errors
+            for whose, of in (("", ""), (", of encoders alone", "encoder_"))
+        ),
+    ]
 
 
 def reliability(shares: Mapping[str, Mapping[str, float]]) -> Figure:

@@ -314,7 +314,8 @@ def _references(plan: WalkPlan, robot: VirtualRobot) -> Iterator[Reference | Non
 def save_truth(path: str | Path, truths: Sequence[Truth], robot: VirtualRobot) -> None:
     """Writes truths, one row a sensor period, as arrays by the names of the fields of Truth (float32 but for t).
 
-    Besides: stamp_ns, contact (n, 2: left, right), joint_names, stiffness and damping of the joints, disturbances.
+    Besides: stamp_ns, contact (n, 2: left, right), joint_names, stiffness and damping of the joints, disturbances, and
+    gravity (3,) in the world [m/s^2], whose z is that of the floor.
     """
     arrays: dict[str, Any] = {
         f.name: np.array([getattr(truth, f.name) for truth in truths], dtype=np.float32) for f in fields(Truth)
@@ -323,6 +324,7 @@ def save_truth(path: str | Path, truths: Sequence[Truth], robot: VirtualRobot) -
     arrays["stamp_ns"] = robot.start_ns + np.round(1e9 * arrays["t"]).astype(np.int64)
     arrays["contact"] = np.column_stack([arrays["left_wrench"][:, 2], arrays["right_wrench"][:, 2]]) > CONTACT_FORCE
     arrays["joint_names"] = np.array(robot.table.joint_names)
+    arrays["gravity"] = np.array(robot.model.opt.gravity)
     arrays["stiffness"], arrays["damping"] = robot.stiffness, robot.damping
     arrays["disturbances"] = np.array([repr(disturbance) for disturbance in robot.disturbances])
     np.savez_compressed(path, **arrays)

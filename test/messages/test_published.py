@@ -38,6 +38,7 @@ from coman_reduced_model.core.base.types import (
     Phase,
     Prediction,
     SupportState,
+    TrunkRotation,
 )
 from coman_reduced_model.report.verdict import sentence
 
@@ -62,6 +63,10 @@ def a_prediction(seed=0, horizons=3):
         estimate=Estimate(
             *rng.normal(size=(2, 3)), rng.normal(size=(6, 6)), rng.normal(size=(3, 3)), rng.normal(size=3),
             rng.normal(size=(3, 3)), 2.5, rng.normal(size=3), rng.normal(size=(6, 3)),
+            TrunkRotation(
+                Rotation.random(random_state=seed + 1).as_matrix(), rng.normal(size=3), rng.normal(size=(6, 6)), True
+            ),
+            rng.normal(size=3), rng.normal(size=(3, 3)),
         ),
     )  # fmt: skip
 
@@ -97,6 +102,17 @@ def test_every_figure_of_a_prediction_is_in_its_message(types):
     assert [xyz(each.model_share) for each in message.horizons] == [each.model_share.tolist() for each in sent.horizons]
     assert message.predicted_covariance.tolist() == sent.predicted_covariance.ravel().tolist()
     assert message.flags == 48
+    trunk, o = sent.estimate.trunk, message.estimated_orientation
+    assert Rotation.from_quat([o.x, o.y, o.z, o.w]).as_matrix() == pytest.approx(trunk.R, abs=1e-12)
+    assert xyz(message.estimated_angular_velocity) == trunk.angular_velocity.tolist()
+    assert message.estimated_rotation_covariance.tolist() == trunk.covariance.ravel().tolist()
+    assert message.estimated_by_imu is True
+    assert xyz(message.estimated_ground_velocity) == sent.estimate.ground_vel.tolist()
+    assert message.estimated_ground_velocity_covariance.tolist() == sent.estimate.ground_vel_covariance.ravel().tolist()
+    assert m.prediction_from(message).estimate.ground_vel.tolist() == sent.estimate.ground_vel.tolist()
+    read = m.prediction_from(message).estimate.trunk
+    assert pytest.approx(trunk.R, abs=1e-12) == read.R and read.by_imu
+    assert read.covariance.tolist() == trunk.covariance.tolist()
 
 
 def test_predictions_of_the_version_before_are_read_and_reported(tmp_path):
@@ -114,6 +130,7 @@ def test_predictions_of_the_version_before_are_read_and_reported(tmp_path):
     for unknown in (last.predicted_covariance, last.horizons[0].covariance, last.horizons[0].model_share):
         assert np.isnan(unknown).all()
     assert np.isnan(last.estimate.com).all() and np.isnan(last.estimate.covariance).all()
+    assert np.isnan(last.estimate.trunk.R).all() and np.isnan(last.estimate.trunk.covariance).all()
     assert run(["report", str(folder)]) == 0
     assert sentence(summary) in (folder / "report.html").read_text(encoding="utf-8")
 

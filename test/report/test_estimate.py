@@ -24,6 +24,20 @@ def test_with_a_truth_it_has_nees_and_a_reliability_plot():
     assert {type(part) for part in parts} == {Text, Picture, Table}
 
 
+def test_the_rotation_of_the_trunk_stands_in_the_table():
+    found = {
+        "nis": 2.8, "steps": 7, "nees_position": 3.6, "nees_velocity": 2.0, "tilt_by_imu": 0.5,
+        "within_90": {"position": XYZ, "velocity": XYZ}, "rmse_velocity_m_s": XYZ, "rmse_encoder_velocity_m_s": XYZ,
+        "reliability": {}, "turn_within_90": {"turn": XYZ, "angular_velocity": XYZ},
+        **{f"rmse_{of}{key}": XYZ for of in ("", "encoder_") for key in ("turn_rad", "angular_velocity_rad_s")},
+    }  # fmt: skip
+    parts = estimate_section({"estimate": found}, RUN, None).parts
+    assert "50" in parts[0].text and "IMU" in parts[0].text
+    rows = {row[0]: row[1:] for row in parts[-1].rows}
+    assert rows["RMS error of the rotation of the trunk [mrad]"] == ["900.0", "800.0", "1000.0"]
+    assert len(rows) == 4 + 6
+
+
 def test_without_a_truth_it_has_the_innovations_alone():
     parts = estimate_section({"estimate": {"nis": 3.1, "inconsistent": 0.0}}, RUN, None).parts
     assert len(parts) == 1 and isinstance(parts[0], Text)

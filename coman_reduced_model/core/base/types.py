@@ -214,6 +214,24 @@ class HorizonPrediction:
 
 
 @dataclass(slots=True)
+class TrunkRotation:
+    """Rotation of the trunk (`robot.base_frame`) to gravity; NaN where it is not known.
+
+    The level frame is the support sole turned upright: z against gravity, x above that of the sole. So roll and pitch
+    are those to gravity, yaw is that against the support sole.
+    """
+
+    R: Array = field(default_factory=lambda: _NAN33)  # (3, 3) trunk to level frame
+    angular_velocity: Array = field(default_factory=lambda: _NAN3)  # (3,) of the trunk, in its own axes [rad/s]
+    # (6, 6) of a small turn about the axes of the trunk and of the angular velocity [rad^2, rad^2/s, rad^2/s^2]
+    covariance: Array = field(default_factory=lambda: _NAN66)
+    by_imu: bool = False  # roll and pitch are the IMU's; else the encoders', the support sole being taken as flat
+
+
+_NO_ROTATION = TrunkRotation()
+
+
+@dataclass(slots=True)
 class Estimate:
     """What the observer knows at one sample, in the frame of the support sole; NaN where it knows nothing."""
 
@@ -228,6 +246,10 @@ class Estimate:
     moment_covariance: Array = field(
         default_factory=lambda: _NAN63
     )  # (6, 3) of force and moment with it [N Nm], [Nm^2]
+    trunk: TrunkRotation = field(default_factory=lambda: _NO_ROTATION)
+    # (3,) of the COM against the ground, in the axes of the sole, which tilts; NaN without an IMU [m/s]
+    ground_vel: Array = field(default_factory=lambda: _NAN3)
+    ground_vel_covariance: Array = field(default_factory=lambda: _NAN33)  # (3, 3) [m^2/s^2]
 
 
 _NO_ESTIMATE = Estimate()

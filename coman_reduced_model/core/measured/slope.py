@@ -59,7 +59,6 @@ class Slope:
     def __init__(self, robot: Robot, measured: bool = True) -> None:
         """`measured`: whether sensors measure the wrenches of the feet."""
         self._robot, self._measured = robot, measured
-        self._frame: tuple[str, int | None] = "", None
         self.doubted = False
         self.reset()
 
@@ -124,12 +123,10 @@ class Slope:
         imu = sample.imu
         if imu is None or imu.orientation is None:
             return None
-        if imu.frame_id != self._frame[0]:
-            self._frame = imu.frame_id, self._robot.sensor_frame(imu.frame_id.lstrip("/"))
-        if self._frame[1] is None:
+        if (frame := self._robot.sensor_frame(imu.frame_id)) is None:
             return None
         up = np.empty(3)
-        _upwards(imu.orientation, link.orientation(self._frame[1]), link.R[foot], up)
+        _upwards(imu.orientation, link.orientation(frame), link.R[foot], up)
         return up
 
 

@@ -92,6 +92,7 @@ class Robot:
         outlines = {foot: outline(points) for foot, points in self.shapes.items()}
         self.soles = {f: np.array([-x, x, -y, y]) if o is None else o for f, o in outlines.items()}
         self._wrench_maps: dict[tuple[Foot, str], tuple[Array, Array]] = {}
+        self._sensor_frames: dict[str, int | None] = {}
         self._sensors = {foot: sensor_origin(urdf, self.model, sole) for foot, sole in self.sole_ids.items()}
 
     def _frame(self, name: str, key: str, source: str) -> int:
@@ -155,6 +156,11 @@ class Robot:
 
     def sensor_frame(self, name: str) -> int | None:
         """The frame of an IMU: `robot.base_frame` if the URDF lacks it; None if it is neither on the root nor trunk."""
+        if name not in self._sensor_frames:
+            self._sensor_frames[name] = self._sensor_frame(name.lstrip("/"))
+        return self._sensor_frames[name]
+
+    def _sensor_frame(self, name: str) -> int | None:
         if not self.model.existFrame(name, pin.FrameType.BODY):
             return self.base_id
         found = int(self.model.getFrameId(name, pin.FrameType.BODY))

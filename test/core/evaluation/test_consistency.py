@@ -88,6 +88,34 @@ def test_the_nis_of_steps_is_that_of_the_middles_of_single_supports():
     assert consistency.nis.tolist() == [0.0, 20.0, 30.0]
 
 
+def test_the_velocity_against_the_ground_counts_where_it_is_known():
+    """The sole pitches about its origin at a constant rate, the COM is at rest in it."""
+    t = np.linspace(0.0, 10.0, 2001)
+    pitch, arm = 0.05 * t, np.array([0.0, 0.0, 0.5])
+    pose = np.tile(np.eye(4), (len(t), 1, 1))
+    pose[:, 0, 0], pose[:, 2, 2], pose[:, 0, 2], pose[:, 2, 0] = (
+        np.cos(pitch),
+        np.cos(pitch),
+        np.sin(pitch),
+        -np.sin(pitch),
+    )
+    com = pose[:, :3, :3] @ arm
+    motion = TrueMotion.of(np.round(1e9 * t).astype(np.int64), com, {Foot.LEFT: pose, Foot.RIGHT: pose})
+    consistency = Consistency(motion)
+    for k in range(300):
+        phase = Phase.LEFT if (k // 30) % 2 else Phase.DOUBLE
+        each = prediction(k * 30_000_000, phase, arm, np.zeros(3))
+        if k > 200:
+            each.estimate.ground_vel = np.array([0.025 + 2e-3, 0.0, 0.0])
+            each.estimate.ground_vel_covariance = np.diag([1e-3**2] * 3)
+        consistency.add(each)
+    found = consistency.summary()
+    assert found["rmse_ground_velocity_m_s"] == pytest.approx({"x": 2e-3, "y": 0.0, "z": 0.0}, abs=1e-5)
+    assert found["rmse_encoder_ground_velocity_m_s"]["x"] == pytest.approx(0.025, abs=1e-5)
+    assert found["nees_ground_velocity"] == pytest.approx(4.0, abs=0.05)
+    assert found["rmse_velocity_m_s"]["x"] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_true_motion_is_in_the_axes_of_the_sole():
     com, vel = truth(2.0).at(0, Foot.LEFT)  # the sole's x is the world's y
     assert com == pytest.approx([0.01, 0.0, 0.5], abs=1e-6)
