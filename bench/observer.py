@@ -31,6 +31,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from bands import bands, counted
 from markdown import table
 from rotation import Turning, against_ground, rows, turned
 from scipy.stats import chi2
@@ -38,7 +39,7 @@ from truth import truth_of
 
 import coman_reduced_model as coman
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.core.base.types import Array, Integers
+from coman_reduced_model.core.base.types import Array
 from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency, reliability, within
 from coman_reduced_model.core.evaluation.statistics import NINETY
 from coman_reduced_model.judge.by_kind import new_kinds
@@ -141,12 +142,13 @@ def pooled(walks: list[Consistency]) -> str:
     position = np.array([walk.nees[:, 0].mean() for walk in walks])
     steps = sum(len(walk.nees) for walk in walks)
     single, together = chi2.ppf([0.025, 0.975], 3), chi2.ppf([0.025, 0.975], 3 * n) / n
+    inside_one = int(((position >= single[0]) & (position <= single[1])).sum())
     off: Array = np.concatenate([walk.off for walk in walks])
     inside = within(off)
     lines = [
         f"{n} worlds, {steps} steps.",
         f"NEES of position, a walk counting once: {position.mean():.1f} on average (95 % band {together[0]:.1f} to "
-        f"{together[1]:.1f}); {_in(position, *single)} of {n} within the band of one walk, {single[0]:.1f} to "
+        f"{together[1]:.1f}); {inside_one} of {n} within the band of one walk, {single[0]:.1f} to "
         f"{single[1]:.1f}.",
         *in_bands(walks),
         "Within their 90 % interval, all worlds together, x, y, z: position "
@@ -178,27 +180,17 @@ def worse_than_encoders(walks: dict[str, Consistency]) -> str:
 def in_bands(walks: list[Consistency]) -> list[str]:
     """How many walks are consistent, each in the band of as many steps as it has."""
     walks = [walk for walk in walks if len(walk.nis)]  # with a single support
-    low, high = bands(np.array([len(walk.nis) for walk in walks]))
     lines = []
     for name, values in (
         ("NIS", [walk.nis for walk in walks]),
         ("NEES of velocity", [walk.nees[:, 1] for walk in walks]),
     ):
-        means = np.array([each.mean() for each in values])
+        median, inside, below, above = counted(values)
         lines.append(
-            f"{name}: median {np.median(means):.1f}; {_in(means, low, high)} of {len(walks)} walks in the band, "
-            f"{int((means < low).sum())} below (too cautious), {int((means > high).sum())} above (too sure)."
+            f"{name}: median {median:.1f}; {inside} of {len(walks)} walks in the band, {below} below (too cautious), "
+            f"{above} above (too sure)."
         )
     return lines
-
-
-def bands(steps: Integers) -> tuple[Array, Array]:
-    """Ends of the 95 % bands of the mean over each number of steps."""
-    return chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
-
-
-def _in(values: Array, low: Array, high: Array) -> int:
-    return int(((values >= low) & (values <= high)).sum())
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from bands import counted
 from markdown import table
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -102,13 +103,10 @@ def against_ground(walks: Mapping[str, Consistency]) -> str:
         [name, *(rms(walk.ground_errors[:, k]) for k in range(2)), f"{walk.ground_nees.mean():.1f}"]
         for name, walk in walks.items()
     ]
-    means = np.array([walk.ground_nees.mean() for walk in walks.values()])
-    steps = np.array([len(walk.ground_nees) for walk in walks.values()])
-    low, high = chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
+    median, good, below, above = counted([walk.ground_nees for walk in walks.values()])
     inside = 100.0 * (np.abs(np.concatenate([walk.ground_off for walk in walks.values()])) <= NINETY).mean(axis=0)
-    good, below, above = ((means >= low) & (means <= high)).sum(), (means < low).sum(), (means > high).sum()
     said = (
-        f"NEES of velocity against the ground: median {np.median(means):.1f} (3 is expected); {good} of {len(means)} "
+        f"NEES of velocity against the ground: median {median:.1f} (3 is expected); {good} of {len(walks)} "
         f"walks in the band of their steps, {below} below, {above} above. Within its 90 % interval, x, y, z: "
         f"{', '.join(f'{each:.0f}' for each in inside)} %."
     )
@@ -135,16 +133,13 @@ def sentence(words: str, walks: list[TurnedErrors]) -> str:
     tilt = np.array([walk.nees[:, 0].mean() for walk in walks])
     off = np.concatenate([walk.off for walk in walks])
     inside = 100.0 * (np.abs(off) <= NINETY).mean(axis=0)
-    rates = np.array([walk.nees[:, 1].mean() for walk in walks])
-    steps = np.array([len(walk.nees) for walk in walks])
-    low, high = chi2.ppf(0.025, 3 * steps) / steps, chi2.ppf(0.975, 3 * steps) / steps
+    median, good, below, above = counted([walk.nees[:, 1] for walk in walks])
     band = chi2.ppf([0.025, 0.975], 2 * n) / n
     turn, fast = (", ".join(f"{each:.0f}" for each in part) for part in inside)
-    good = int(((rates >= low) & (rates <= high)).sum())
     return (
         f"Trunk {words}, {n} walks. NEES of roll and pitch, a walk counting once: {tilt.mean():.1f} on average, median "
         f"{np.median(tilt):.1f} (2 is expected, 95 % band of the mean {band[0]:.1f} to {band[1]:.1f}). NEES of angular "
-        f"velocity: median {np.median(rates):.1f} (3 is expected); {good} of {n} walks in the band of their "
-        f"steps, {int((rates < low).sum())} below, {int((rates > high).sum())} above. Within their 90 % interval: "
+        f"velocity: median {median:.1f} (3 is expected); {good} of {n} walks in the band of their "
+        f"steps, {below} below, {above} above. Within their 90 % interval: "
         f"roll, pitch, yaw {turn} %, angular velocity {fast} %."
     )

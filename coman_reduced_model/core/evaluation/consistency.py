@@ -17,7 +17,7 @@ import numpy as np
 
 from ..base.types import Array, Estimate, Flags, Foot, Integers, Phase, Prediction
 from .rotation import TrueRotation, TurnedErrors
-from .statistics import LEVELS, NINETY, QUANTILES, by_axis
+from .statistics import LEVELS, NINETY, QUANTILES, beside, by_axis
 
 SETTLED = 2.0  # [s] that are left out at the beginning
 
@@ -72,9 +72,7 @@ class TrueMotion:
         return self._between(stamp_ns, foot, (self.ground_vel,))[0]
 
     def _between(self, stamp_ns: int, foot: Foot, parts: tuple[dict[Foot, Array], ...]) -> list[Array]:
-        t = (stamp_ns - self.first_ns) * 1e-9
-        k = int(np.clip(np.searchsorted(self.time, t), 1, len(self.time) - 1))
-        w = np.clip((t - self.time[k - 1]) / (self.time[k] - self.time[k - 1]), 0.0, 1.0)
+        k, w = beside(self.time, (stamp_ns - self.first_ns) * 1e-9)
         return [(1.0 - w) * values[foot][k - 1] + w * values[foot][k] for values in parts]
 
 

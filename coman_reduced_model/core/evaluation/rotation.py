@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ..base.pose import matrix
 from ..base.types import Array, Foot, Phase, Prediction
 from ..observer.rotation import rotation_vector
-from .statistics import NINETY, by_axis
+from .statistics import NINETY, beside, by_axis
 
 
 @dataclass(frozen=True)
@@ -31,15 +32,7 @@ class TrueRotation:
     @classmethod
     def of(cls, time: Array, orientation: Array, gravity: Array, ahead: dict[Foot, Array]) -> TrueRotation:
         """From quaternions (n, 4) x y z w, gravity (3,) and, by foot, x (n, 3) of the soles, all in the world."""
-        x, y, z, w = (orientation.astype(float) / np.linalg.norm(orientation.astype(float), axis=1)[:, None]).T
-        world = np.stack(
-            [
-                np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=1),
-                np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=1),
-                np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1),
-            ],
-            axis=1,
-        )
+        world = np.array([matrix(0.0, 0.0, 0.0, *each)[:3, :3] for each in orientation.astype(float).tolist()])
         up = -gravity.astype(float) / np.linalg.norm(gravity)
         turned = {}
         for foot, direction in ahead.items():
@@ -54,8 +47,7 @@ class TrueRotation:
 
     def at(self, t: float, foot: Foot) -> tuple[Array, Array]:
         """R (3, 3) and the angular velocity (3,) at a time, of the samples beside it; R of small turns between them."""
-        k = int(np.clip(np.searchsorted(self.time, t), 1, len(self.time) - 1))
-        share = np.clip((t - self.time[k - 1]) / (self.time[k] - self.time[k - 1]), 0.0, 1.0)
+        k, share = beside(self.time, t)
         rate = (1.0 - share) * self.rate[k - 1] + share * self.rate[k]
         if foot == Foot.NONE:
             return np.full((3, 3), np.nan), rate

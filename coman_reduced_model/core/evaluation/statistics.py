@@ -85,3 +85,9 @@ class RunStatistics:
 def by_axis(values: Array) -> dict[str, float]:
     """(3,) as {"x": ..., "y": ..., "z": ...}."""
     return dict(zip(AXES, values.tolist(), strict=True))
+
+
+def beside(times: Array, t: float) -> tuple[int, float]:
+    """Index, from 1 on, of the later one of the times (n,) around t, and its share; 0 or 1 beyond the ends."""
+    k = int(np.clip(np.searchsorted(times, t), 1, len(times) - 1))
+    return k, float(np.clip((t - times[k - 1]) / (times[k] - times[k - 1]), 0.0, 1.0))

@@ -133,9 +133,14 @@ class Slope:
 @compiled
 def _upwards(quaternion: Array, R_imu: Array, R_sole: Array, up: Array) -> None:
     """Fill in up (3,) in a sole frame by the orientation x y z w of an IMU; both frames (3, 3) in the base frame."""
+    up[:] = apply(R_sole.T, apply(R_imu, up_of(quaternion)))
+
+
+@compiled
+def up_of(quaternion: Array) -> Array:
+    """Up (3,) in the frame of an IMU, by its orientation x y z w."""
     x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    by_imu = np.array((2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)))
-    up[:] = apply(R_sole.T, apply(R_imu, by_imu))
+    return np.array((2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)))
 
 
 def _by_plan(sample: Sample, foot: Foot) -> Array | None:

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..base.compiled import Held, all_finite, compiled, mul
 from ..base.types import Array, Integers
+from ..measured.slope import up_of
 from .memory import BEGINS, CALM, CHANGES, FASTEST, LATELY, LEARNT, learn_walk
 
 FIRST_RATE, FIRST_ZERO = 1.0, 0.05  # [rad/s] by which angular velocity and zero of the gyro may be off at first
@@ -137,8 +138,7 @@ def _measured(
     """The measured R: its z by the IMU or by the sole, its x by the sole."""
     R_imu, R_trunk, R_sole = posture
     u, flat, ahead = np.zeros(3), np.zeros(3), np.zeros(3)  # up by the IMU and by the sole, x of it; axes of the trunk
-    x, y, z, w = orientation[0], orientation[1], orientation[2], orientation[3]
-    seen = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), w * w + z * z - x * x - y * y
+    seen = up_of(orientation)
     for i in range(3):
         for k in range(3):
             ahead[i] += R_trunk[k, i] * R_sole[k, 0]
