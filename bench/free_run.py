@@ -106,7 +106,7 @@ def figures(title: str, bag: Path, config: Config) -> Figures:
             statistics.add(prediction)
             consistency.add(prediction)
             if np.isfinite(prediction.predicted_tilt[1]) and not prediction.flags.diverged:
-                rigid = predictor.dynamics.motor.tilt(prediction.support.support_foot)[1]  # type: ignore[attr-defined]
+                rigid = predictor.dynamics.motor.tilt[1]  # type: ignore[attr-defined]
                 pitch.append(prediction.measured_tilt[1] - np.array([rigid, prediction.predicted_tilt[1]]))
                 turned.add(prediction, predictor.link, rigid)
     found.whole, found.within, found.pitch_ahead = judge.rmse(), judge.within(), turned.rms()

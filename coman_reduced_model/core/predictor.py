@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import dist, expm1, hypot, isfinite
+from math import expm1, hypot, inf, isfinite
 
 import numpy as np
 
-from .base.limits import DIVERGED, TOPPLED
+from .base.limits import DIVERGED, TOPPLED, is_near
 from .base.nominal import load_nominal
 from .base.pose import LEVEL
 from .base.types import (
@@ -28,7 +28,7 @@ from .effects.catalogue import Effect, build_effects
 from .effects.hooks import Now
 from .evaluation.baselines import BASELINES, predict_baselines
 from .evaluation.blend import MEMORY, NOW, follow
-from .evaluation.deflections import DeflectionJudge, measured_deflections
+from .evaluation.deflections import DeflectionJudge
 from .evaluation.horizons import HELD, REPEATED, STEPPING, HorizonJudge
 from .measured.computed_wrenches import ComputedWrenches
 from .measured.odometry import FootOdometry
@@ -121,8 +121,8 @@ class Predictor:
         chosen = config.prediction
         self.judge = HorizonJudge(tuple(sorted(chosen.horizons)), chosen.reference != "none", chosen.blend)
         self._horizons = np.array(self.judge.horizons)
-        self._legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
-        self.deflections = DeflectionJudge(self._horizons, 3 + len(self._legs))
+        legs = np.concatenate((robot.legs[Foot.LEFT], robot.legs[Foot.RIGHT]))
+        self.deflections = DeflectionJudge(self._horizons, legs)
         self._after = self.deflections.after.tolist()
         self._residuals = np.zeros(10)  # as in `follow`
         self._no_motors = np.full(len(robot.joint_names), np.nan)
@@ -206,7 +206,7 @@ class Predictor:
         began_ns = sample.stamp_ns - round(since * 1e9)
         now = Now(
             sample, support, dt, self.link, com, com_vel, zmp, T_odom_sole, began_ns, self._stance, down,
-            self.link.tilt(foot) if self.model.turning else _NAN2, self.support.lifting, self._touchdown(support),
+            self.link.tilt if self.model.turning else _NAN2, self.support.lifting, self._touchdown(support),
         )  # fmt: skip
         dynamics, ready = self.dynamics, self.dynamics.prepare(now)
         horizons: list[HorizonPrediction] = []
@@ -267,9 +267,9 @@ class Predictor:
             com, com_vel = estimate.com, estimate.com_vel
         plan = plan_ahead(now.sample, now.foot)
         ahead[0] = dynamics.ahead(now, com, com_vel, plan, self._horizons) if ready else np.nan
-        ahead[1:] = predict_baselines(
-            com, com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
-            dynamics.reference, dynamics.reference_vel, *plan,
+        predict_baselines(
+            ahead[1:], com, com_vel, _NAN3 if zmp is None else zmp, gravity, self._horizons,
+            dynamics.reference, dynamics.reference_vel, plan,
         )  # fmt: skip
         # The model's, and what a ZMP or a plan that is none makes of the simpler ones.
         if drop_impossible(ahead, now.com, now.com_vel, self._horizons, gravity, self.DIVERGED) and ready:
@@ -288,13 +288,12 @@ class Predictor:
 
     def _deflections(self, now: Now, ready: bool) -> list[DeflectionPrediction]:
         """Of COM and joints, now and at the horizons; none, if the model has no input."""
-        sample, judge = now.sample, self.deflections
+        sample, dynamics = now.sample, self.dynamics
         if not ready:
             return []
         motors = self._no_motors if sample.motor_q is None else sample.motor_q
-        measured = measured_deflections(now.com, self.dynamics.reference, sample.q, motors, self._legs)
-        values = self.dynamics.deflections(now, len(self._horizons))
-        sigma = judge.update(sample.stamp_ns, measured, values, self.dynamics.repeating or self.dynamics.stepping)
+        values, known = dynamics.deflections(now, len(self._horizons)), dynamics.repeating or dynamics.stepping
+        sigma = self.deflections.update(sample.stamp_ns, now.com, dynamics.reference, sample.q, motors, values, known)
         return [
             DeflectionPrediction(*each)
             for each in zip(self._after, values[:, :3], sigma[:, :3], values[:, 3:], sigma[:, 3:], strict=True)
@@ -322,14 +321,9 @@ class Predictor:
     def _near(self, now: Now) -> bool:
         """Whether the free run is where the robot can be by the measurement."""
         assert self.dynamics.state is not None
-        x, y, z, *velocity = self.dynamics.state.tolist()
-        if not dist((x, y, z), now.com.tolist()) < self.DIVERGED:  # a sum of squares could overflow
-            return False
-        if self.model.turning:
-            (roll, pitch), (measured_roll, measured_pitch) = self.dynamics.tilt.tolist(), now.tilt.tolist()
-            if not (abs(roll - measured_roll) < self.TOPPLED and abs(pitch - measured_pitch) < self.TOPPLED):
-                return False
-        return isfinite(sum(velocity))
+        limits = self.DIVERGED, self.TOPPLED if self.model.turning else inf
+        near: bool = is_near(self.dynamics.state, self.dynamics.tilt, now.com, now.tilt, limits)
+        return near
 
     def _finish(
         self,

@@ -40,23 +40,24 @@ def test_ahead_in_a_repeated_stride_is_far_better_than_to_hold_what_is_now(walk,
 
 
 def test_sigma_is_the_rms_of_the_errors_by_kind_and_nan_before():
-    judge, rng = DeflectionJudge(np.array([0.1]), 2), np.random.default_rng(0)
-    first = judge.update(10**9, np.zeros(2), np.zeros((2, 2)), False)
+    judge, rng = DeflectionJudge(np.array([0.1]), np.array([1])), np.random.default_rng(0)
+    measured = np.ones(3), np.array([1.0, 0.0, 1.0]), np.array([0.0, 0.5]), np.array([0.0, 0.4])
+    now = np.array([0.0, 1.0, 0.0, 0.1])
+    first = judge.update(10**9, *measured, np.array([now, now]), False)
     assert np.isnan(first[1]).all()
     sigma = first
     for k in range(1, 4000):
-        predicted = np.zeros((2, 2))
-        predicted[1] = rng.standard_normal(2) * [0.01, 0.2]
-        sigma = judge.update(10**9 + 5_000_000 * k, np.zeros(2), predicted, True)
-    assert sigma[1] == pytest.approx([0.01, 0.2], rel=0.15)
-    held = judge.update(10**9 + 5_000_000 * 4000, np.zeros(2), np.zeros((2, 2)), False)
-    assert not (held[1] > 0.0).any()  # such predictions were hardly ever made, and none was wrong
+        predicted = np.array([now, now + rng.standard_normal(4) * [0.01, 0.02, 0.03, 0.2]])
+        sigma = judge.update(10**9 + 5_000_000 * k, *measured, predicted, True)
+    assert sigma[1] == pytest.approx([0.01, 0.02, 0.03, 0.2], rel=0.15)
+    held = judge.update(10**9 + 5_000_000 * 4000, *measured, np.array([now, now]), False)
+    assert not (held[1] > 1e-9).any()  # such predictions were hardly ever made, and none was wrong
 
 
 def test_after_a_jump_of_time_nothing_old_is_judged():
-    judge = DeflectionJudge(np.array([0.1]), 1)
-    judge.update(10**9, np.zeros(1), np.full((2, 1), 5.0), True)
+    judge, zero = DeflectionJudge(np.array([0.1]), np.zeros(0, dtype=np.intp)), np.zeros(3)
+    judge.update(10**9, zero, zero, zero, zero, np.full((2, 3), 5.0), True)
     judge.restart()
     for k in range(100):
-        sigma = judge.update(2 * 10**9 + 5_000_000 * k, np.zeros(1), np.zeros((2, 1)), True)
+        sigma = judge.update(2 * 10**9 + 5_000_000 * k, zero, zero, zero, zero, np.zeros((2, 3)), True)
     assert sigma[1, 0] == 0.0

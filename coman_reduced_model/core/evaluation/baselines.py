@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.compiled import compiled
 from ..base.types import Array
-from ..model.reference import look
+from ..model.reference import Plan, look
 
 BASELINES = ("planned", "deflected", "persistence", "still", "lipm")
 
@@ -23,28 +23,28 @@ def best_baseline(errors: Mapping[str, float | None]) -> tuple[float, str]:
 
 @compiled
 def predict_baselines(
-    com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array, reference: Array, reference_vel: Array,
-    plan: Array, plan_vel: Array, plan_dt: float,
-) -> Array:  # fmt: skip
-    """Predictions (5, k, 3) [m] in the support sole, by BASELINES.
+    out: Array, com: Array, com_vel: Array, zmp: Array, gravity: float, horizons: Array, reference: Array,
+    reference_vel: Array, plan: Plan,
+) -> None:  # fmt: skip
+    """Fill in predictions (5, k, 3) [m] in the support sole, by BASELINES.
 
     planned: where the reference will be, by its preview or else at its velocity: a rigid robot. deflected: the same,
     as far from it as now. persistence: p + p' h. still: p. lipm: from this state about the measured ZMP, its height
     constant.
 
     Args:
+        out: filled in.
         com, com_vel: (3,) measured or estimated [m], [m/s].
         zmp: (3,) measured [m]; NaN where not known.
         gravity: [m/s^2].
         horizons: (k,) [s].
         reference, reference_vel: (3,) COM of the rigid robot now; NaN if there is none.
-        plan, plan_vel, plan_dt: from `reference.plan_ahead`.
+        plan: from `reference.plan_ahead`.
     """
-    out = np.empty((5, horizons.shape[0], 3))
     omega = np.sqrt(gravity / max(com[2], 0.05))
     moved, faster = np.empty(3), np.empty(3)
     for h in range(horizons.shape[0]):
-        look(plan, plan_vel, plan_dt, reference_vel, horizons[h], moved, faster)
+        look(*plan, reference_vel, horizons[h], moved, faster)
         c, s = np.cosh(omega * horizons[h]), np.sinh(omega * horizons[h])
         for i in range(3):
             out[0, h, i] = reference[i] + moved[i]
@@ -53,4 +53,3 @@ def predict_baselines(
             out[3, h, i] = com[i]
             out[4, h, i] = zmp[i] + (com[i] - zmp[i]) * c + com_vel[i] / omega * s
         out[4, h, 2] = com[2] + 0.0 * zmp[0]
-    return out

@@ -74,13 +74,13 @@ def learn(experience: Experience, h: int, off: Array, blended: Array, dt: float)
     moments, times, k = experience.moments[h], experience.times[h], off.shape[0]
     for axis in range(3):
         for i in range(k):
-            for j in range(k):
-                moments[axis, i, j] *= 1.0 - fresh
-                times[axis, i, j] *= 1.0 - fresh
+            for j in range(i + 1):
+                moment, time = (1.0 - fresh) * moments[axis, i, j], (1.0 - fresh) * times[axis, i, j]
                 product = off[i, axis] * off[j, axis]
                 if np.isfinite(product):
-                    moments[axis, i, j] += fresh * product
-                    times[axis, i, j] += fresh
+                    moment, time = moment + fresh * product, time + fresh
+                moments[axis, i, j] = moments[axis, j, i] = moment
+                times[axis, i, j] = times[axis, j, i] = time
     experience.known[h] = remember(experience.errors[h], experience.known[h], blended, fresh)
     experience.fresh[h] = True
 
@@ -147,15 +147,16 @@ def least_squares(C: Array, usable: Booleans, weights: Array) -> None:
     for i in range(k):
         for j in range(k):
             alike[i, j] = unit[i] * C[i, j] * unit[j] if j != i else 0.0
+    rest = unit.copy()  # unit - alike z; most of z stays zero
     for _ in range(SWEEPS):
         changed = 0.0
         for i in range(k):
-            rest = unit[i]
-            for j in range(k):
-                rest -= alike[i, j] * z[j]
-            rest = max(rest, 0.0)
-            changed = max(changed, abs(rest - z[i]))
-            z[i] = rest
+            more = max(rest[i], 0.0) - z[i]
+            if more != 0.0:
+                z[i] += more
+                changed = max(changed, abs(more))
+                for j in range(k):
+                    rest[j] -= more * alike[i, j]
         if changed <= STAYS * z.sum():
             break
     total = (unit * z).sum()

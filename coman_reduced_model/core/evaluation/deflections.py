@@ -18,6 +18,7 @@ _WAITING = 1024  # predictions of a horizon that wait for their time
 class Judged(NamedTuple):
     """Of k moments and n deflections; kinds of predictions are 0: as now, 1: by stride or plan."""
 
+    legs: Array  # (n - 3,) indices of the joints whose deflections are the last ones
     after_ns: Integers  # (k,) moments after the stamp [ns]
     rows: Array  # (k, _WAITING, n) predictions that wait, in a ring
     dues: Integers  # (k, _WAITING) stamps when their time has come [ns]
@@ -28,17 +29,17 @@ class Judged(NamedTuple):
 
 
 class DeflectionJudge:
-    """Compares predicted deflections with those that are measured when their time has come."""
+    """Compares predicted deflections of COM and joints with those that are measured when their time has come."""
 
-    def __init__(self, horizons: Array, size: int) -> None:
-        """For `size` deflections now and at horizons (k,) [s]."""
+    def __init__(self, horizons: Array, legs: Array) -> None:
+        """Now and at horizons (k,) [s], for joints of indices `legs` (m,)."""
         self.after = np.concatenate(([0.0], horizons))  # [s]
-        k = len(self.after)
+        k, size = len(self.after), 3 + len(legs)
         dues, kinds = np.zeros((2, k, _WAITING), dtype=np.int64)
         square, known = np.zeros((2, 2, k, size))
         after_ns, ends = np.rint(self.after * 1e9).astype(np.int64), np.zeros((k, 2), dtype=np.int64)
         self._ends = ends
-        judged = Judged(after_ns, np.zeros((k, _WAITING, size)), dues, kinds, ends, square, known)
+        judged = Judged(legs, after_ns, np.zeros((k, _WAITING, size)), dues, kinds, ends, square, known)
         self._judged = hold(judged)
         self._last_ns = 0
 
@@ -47,33 +48,40 @@ class DeflectionJudge:
         self._ends[:] = 0
         self._last_ns = 0
 
-    def update(self, stamp_ns: int, measured: Array, predicted: Array, known: bool) -> Array:
-        """Take what is measured (n,) and predicted (1 + k, n) at a stamp; `known`: by stride or plan.
+    def update(
+        self, stamp_ns: int, com: Array, reference: Array, q: Array, motor_q: Array, predicted: Array, known: bool
+    ) -> Array:
+        """Take what is measured and predicted at a stamp.
+
+        Args:
+            stamp_ns: of the sample.
+            com, reference: (3,) COM and that of the reference [m].
+            q, motor_q: (nj,) positions of joints and motors [rad].
+            predicted: (1 + k, 3 + m) deflections.
+            known: whether by stride or plan.
 
         Returns:
-            Standard deviation (1 + k, n) of such predictions, about zero; NaN where none has been judged yet.
+            Standard deviation (1 + k, 3 + m) of such predictions, about zero; NaN where none has been judged yet.
         """
         dt = min(max(stamp_ns - self._last_ns, 0) * 1e-9, NOW)
-        self._last_ns = stamp_ns
-        return _update(self._judged, stamp_ns, 1.0 - exp(-dt / MEMORY), measured, predicted, int(known))
+        self._last_ns, sigma = stamp_ns, np.empty(predicted.shape)
+        fresh = 1.0 - exp(-dt / MEMORY)
+        _update(self._judged, stamp_ns, fresh, com, reference, q, motor_q, predicted, known, sigma)
+        return sigma
 
 
 @compiled
-def measured_deflections(com: Array, reference: Array, q: Array, motor_q: Array, legs: Array) -> Array:
-    """Of the COM against the reference (3,) [m] and of the joints `legs` (m,) against their motors [rad]: (3 + m,)."""
-    out = np.empty(3 + legs.shape[0])
-    for i in range(3):
-        out[i] = com[i] - reference[i]
-    for j in range(legs.shape[0]):
-        out[3 + j] = q[legs[j]] - motor_q[legs[j]]
-    return out
-
-
-@compiled
-def _update(held: Held, stamp: int, fresh: float, measured: Array, predicted: Array, kind: int) -> Array:
+def _update(
+    held: Held, stamp: int, fresh: float, com: Array, reference: Array, q: Array, motor_q: Array, predicted: Array,
+    known_ahead: bool, out: Array,
+) -> None:  # fmt: skip
     """`DeflectionJudge.update`; of several predictions whose time has come, the last one counts."""
-    judged = held.value
-    out, ends, room = np.empty(predicted.shape), judged.ends, judged.rows.shape[1]
+    judged, measured, kind = held.value, np.empty(out.shape[1]), int(known_ahead)
+    ends, legs, room = judged.ends, judged.legs, judged.rows.shape[1]
+    for i in range(3):
+        measured[i] = com[i] - reference[i]
+    for j in range(legs.shape[0]):
+        measured[3 + j] = q[legs[j]] - motor_q[legs[j]]
     for k in range(predicted.shape[0]):
         place = ends[k, 1] % room
         judged.rows[k, place], judged.dues[k, place], judged.kinds[k, place] = (
@@ -97,4 +105,3 @@ def _update(held: Held, stamp: int, fresh: float, measured: Array, predicted: Ar
         for i in range(measured.shape[0]):
             share = judged.known[kind, k, i]
             out[k, i] = np.sqrt(judged.square[kind, k, i] / share) if share > KNOWN else np.nan
-    return out

@@ -110,7 +110,7 @@ class HorizonJudge:
         self.experiences: Experiences = (held, repeated, stepping)
         self._known = hold((self._pending, self._errors, self._past, *self.experiences))
         self._kind, self._repeated = 0, False
-        self._simpler = False, False, False  # whether a baseline has been better than the model, by kind
+        self._simpler = False  # whether a baseline has been better than the model, through the last kind
         self._last_ns = self._weighed_ns = 0
 
     def restart(self) -> None:
@@ -177,7 +177,7 @@ class HorizonJudge:
     @property
     def simpler_is_better(self) -> bool:
         """Whether on some axis, at some horizon, a baseline has lately been better than the model."""
-        return self._simpler[self._kind]
+        return self._simpler
 
     def simpler(self) -> list[tuple[str, int, str]]:
         """Horizon (as text), axis and the best baseline, wherever it has lately been better than the model."""
@@ -244,10 +244,10 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
     options: tuple[bool, bool, int, int], spread: Spread,
-) -> tuple[bool, bool, bool]:  # fmt: skip
+) -> bool:  # fmt: skip
     """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights, kind and lag.
 
-    Returns whether a baseline has been better than the model, by kind.
+    Returns whether a baseline has been better than the model.
     """
     (blended, reweigh, kind, lag_ns), known = options, held.value
     pending, errors, past, experiences = known[0], known[1], known[2], known[3:]
@@ -274,13 +274,13 @@ def _update(
         carry(spread, pending.ahead_ns[h] * 1e-9, made[h, 1:4])
         covariance_ahead(experiences, h, made[h, 1:4])
         for i in range(3):
-            made[h, 4, i] = experience.weights[h, i, :OWN].sum()
+            weights = experience.weights[h, i]
+            made[h, 4, i] = weights[0] + weights[1]  # of its OWN
             errors.simpler[0, h, i] += experience.worse[h, i]
             errors.simpler[1, h, i] += 1
     _add(pending, made, kind, stamp_ns, pose, every)
     errors.last[:] = now
-    still, repeated, stepping = experiences
-    return still.worse.any(), repeated.worse.any(), stepping.worse.any()
+    return experience.worse.any()
 
 
 @compiled

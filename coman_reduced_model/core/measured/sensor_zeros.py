@@ -16,11 +16,12 @@ where a robot is lighter than its URDF, and nothing is taken off any more.
 from __future__ import annotations
 
 from dataclasses import replace
-from math import hypot, isfinite
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..base.compiled import all_finite
 from ..base.input_warning import InputWarning, WarningKind
 from ..base.stream_names import WRENCHES
 from ..base.types import Array, Foot, Sample
@@ -89,7 +90,7 @@ class SensorZeros:
     def corrected(self, sample: Sample, link: Posture) -> Sample:
         """A sample, whose joints `link` has, with the zeros taken off its wrenches: itself where there are none."""
         left, right = sample.left_wrench, sample.right_wrench
-        if left is None or right is None or not isfinite(sum(left.tolist()) + sum(right.tolist())):
+        if left is None or right is None or not (all_finite(left) and all_finite(right)):
             return sample
         dt, self._last_ns = min(max((sample.stamp_ns - self._last_ns) * 1e-9, 0.0), GAP_S), sample.stamp_ns
         if self._refuted == self.weight:

@@ -12,7 +12,7 @@ slope: the ground is always in doubt.
 
 from __future__ import annotations
 
-from math import expm1, hypot
+from math import atan2, expm1, hypot
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -98,10 +98,10 @@ class Slope:
         return Ground(self._source, float(np.arctan2(-y, -z)), float(np.arctan2(x, hypot(y, z))), self.doubtful)
 
     def _decide(self) -> None:
-        x, y, z = self._up
-        angle = np.arctan2(hypot(x, y), z)
+        x, y, z = self._up.tolist()
+        angle = atan2(hypot(x, y), z)
         self.doubtful = False
-        self.tilted = bool(angle > (LEAST * GONE if self.tilted else LEAST))
+        self.tilted = angle > (LEAST * GONE if self.tilted else LEAST)
         self.down = -self._up / np.linalg.norm(self._up) if self.tilted else LEVEL
 
     def _doubt(self, sample: Sample, link: Posture, foot: Foot, fresh: float) -> None:

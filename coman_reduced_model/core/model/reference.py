@@ -32,20 +32,19 @@ def plan_ahead(sample: Sample, foot: Foot) -> Plan:
     plan = sample.reference
     if plan is None or len(plan.preview_com) == 0 or not plan.preview_dt > 0.0:
         return _NOTHING, _NOTHING, 0.0
-    R = plan.sole_pose(foot)[:3, :3]
     out = np.zeros((2, len(plan.preview_com) + 1, 3))
-    _change(plan.preview_com, plan.com, plan.preview_com_vel, plan.com_vel, R, out)
+    _change(plan.preview_com, plan.com, plan.preview_com_vel, plan.com_vel, plan.sole_pose(foot), out)
     return out[0], out[1], plan.preview_dt
 
 
 @compiled
-def _change(preview: Array, now: Array, preview_vel: Array, now_vel: Array, R: Array, out: Array) -> None:
-    """Add previews (n, 3) minus what is now (3,), in the axes R (3, 3), to out (2, n + 1, 3) after its first rows."""
+def _change(preview: Array, now: Array, preview_vel: Array, now_vel: Array, T: Array, out: Array) -> None:
+    """Add previews (n, 3) minus what is now (3,), in the axes of T (4, 4), to out (2, n + 1, 3) after first rows."""
     for k in range(preview.shape[0]):
         for i in range(3):
             for j in range(3):
-                out[0, k + 1, i] += (preview[k, j] - now[j]) * R[j, i]
-                out[1, k + 1, i] += (preview_vel[k, j] - now_vel[j]) * R[j, i]
+                out[0, k + 1, i] += (preview[k, j] - now[j]) * T[j, i]
+                out[1, k + 1, i] += (preview_vel[k, j] - now_vel[j]) * T[j, i]
 
 
 @compiled

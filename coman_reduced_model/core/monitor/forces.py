@@ -272,17 +272,16 @@ def _foot_displacement(
     cop = np.empty(2)
     cop[0] = min(max(-wrench[4] / load, edges[0]), edges[1])
     cop[1] = min(max(wrench[3] / load, edges[2]), edges[3])
-    now = apply(level, com)
-    displacement = now - before.com
+    displacement = np.empty(3)
     for i in range(3):
-        before.com[i] = now[i]
-    for k in range(3):
-        axis = apply(level, R[:, k].copy())
-        if k < 2:  # less the displacement of the sole at the centre of pressure
-            displacement -= (axis - before.axes[k]) * 0.5 * (cop[k] + before.cop[k])
-        for i in range(3):
-            before.axes[k, i] = axis[i]
-    displacement *= 0.5 * (share + before.share)
+        now = level[i, 0] * com[0] + level[i, 1] * com[1] + level[i, 2] * com[2]
+        displacement[i], before.com[i] = now - before.com[i], now
+        for k in range(3):
+            axis = level[i, 0] * R[0, k] + level[i, 1] * R[1, k] + level[i, 2] * R[2, k]
+            if k < 2:  # less the displacement of the sole at the centre of pressure
+                displacement[i] -= (axis - before.axes[k, i]) * 0.5 * (cop[k] + before.cop[k])
+            before.axes[k, i] = axis
+        displacement[i] *= 0.5 * (share + before.share)
     before.cop[0], before.cop[1], before.share = cop[0], cop[1], share
     return displacement
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -78,19 +79,18 @@ class IntermittentForces:
 
     def _test(self) -> None:
         """Compare the recent scatter with the earlier one."""
-        earlier = np.array(self._earlier)
-        usual = np.maximum(np.median(earlier, axis=0), np.median(earlier[-_EARLIER:], axis=0)).clip(self._min_scatter)
-        scatter = np.median([difference for *_, difference in self._recent], axis=0)
         size = np.std([force for _, force, _ in self._recent], axis=0)
         known = {each.axis: each for each in self.forces}
         self.forces = []
         for axis in range(2):
-            ratio = float(scatter[axis] / usual[axis])
+            earlier = [float(each[axis]) for each in self._earlier]
+            scatter = median([float(each[axis]) for *_, each in self._recent])
+            ratio = scatter / max(median(earlier), median(earlier[-_EARLIER:]), self._min_scatter)
             if ratio <= self.threshold * (_RELEASE if axis in known else _ONSET):
                 continue
             if axis in known:
                 onset = known[axis].onset
             else:
-                first = next(time for time, _, each in self._recent if each[axis] > 0.5 * scatter[axis])
+                first = next(time for time, _, each in self._recent if each[axis] > 0.5 * scatter)
                 onset = float(first - 1e-9 * WINDOW_NS)
             self.forces.append(IntermittentForce(axis, float(size[axis]), ratio, onset))

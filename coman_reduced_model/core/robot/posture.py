@@ -32,6 +32,12 @@ class Jointed(Protocol):
     def scatter(self, q: Array, out: Array, /) -> None: ...
 
 
+def compact(columns: Integers) -> Integers | slice:
+    """Indices (n,) as a slice, by which numpy is faster, if each follows the one before."""
+    following = len(columns) > 0 and bool((np.diff(columns) == 1).all())
+    return slice(int(columns[0]), int(columns[-1]) + 1) if following else columns
+
+
 class Views(NamedTuple):
     """A posture for compiled functions: arrays of `Posture` by the same names."""
 
@@ -43,6 +49,7 @@ class Views(NamedTuple):
     p_left: Array
     R_right: Array
     p_right: Array
+    up: Array
 
 
 class Posture:
@@ -58,14 +65,15 @@ class Posture:
         views: of these, held for compiled functions.
         base_in_sole: (6, 3) the root link, from the last `com_in_sole`: rotation and position [m] in the sole frame,
             linear [m/s] and angular velocity [rad/s] in its own axes.
+        tilt: (2,) roll and pitch [rad] of the trunk about x, y of that sole, which lies flat.
     """
 
     def __init__(self, robot: Jointed) -> None:
         self.robot = robot
         self.data = robot.model.createData()
         self.configuration = pin.neutral(robot.model)
-        self._v = np.zeros(robot.model.nv)
-        self.base_in_sole = np.full((6, 3), np.nan)
+        self._v, self._columns = np.zeros(robot.model.nv), compact(robot.idx_v)
+        self.base_in_sole, self.tilt = np.full((6, 3), np.nan), np.full(2, np.nan)
         self._orientations: dict[int, Array] = {}
         self.update(np.zeros(len(robot.joint_names)), np.zeros(len(robot.joint_names)))
         # Pinocchio's containers keep their addresses, so that the views stay valid and cost nothing to read.
@@ -76,23 +84,17 @@ class Posture:
         self.up = self.orientation(robot.base_id)[:, 2]
         left, right = self._soles[Foot.LEFT], self._soles[Foot.RIGHT]
         soles = left.rotation, left.translation, right.rotation, right.translation
-        self.views = hold(Views(self.com, self.J, self.J_com, self._v, *soles))
+        self.views = hold(Views(self.com, self.J, self.J_com, self._v, *soles, self.up))
 
     def update(self, q: Array, qd: Array) -> None:
         """Set joint positions (nj,) [rad] and velocities (nj,) [rad/s]."""
         robot = self.robot
         robot.scatter(q, self.configuration)
-        self._v[robot.idx_v] = qd
+        self._v[self._columns] = qd
         pin.jacobianCenterOfMass(
             robot.model, self.data, self.configuration, False
         )  # COM, J_com, J, and where the joints are
         pin.updateFramePlacements(robot.model, self.data)
-
-    def tilt(self, foot: Foot) -> Array:
-        """Roll and pitch (2,) [rad] of the trunk about x, y of a sole that lies flat."""
-        out = np.empty(2)
-        out[0], out[1] = tilt(self.R[foot], self.up)
-        return out
 
     def orientation(self, frame: int) -> Array:
         """Rotation (3, 3) of any frame of the model; a view."""
@@ -106,9 +108,9 @@ class Posture:
 
     def com_in_sole(self, foot: Foot) -> tuple[Array, Array]:
         """COM and its velocity (3,), (3,) in the frame of a sole that stands still, flat on the ground."""
-        out = np.empty((8, 3))  # what compiled code fills costs less than what it returns
+        out = np.empty((9, 3))  # what compiled code fills costs less than what it returns
         _com_in_sole(self.views, self.robot.sole_columns[foot], foot == Foot.LEFT, out)
-        self.base_in_sole = out[2:]
+        self.base_in_sole, self.tilt = out[2:8], out[8, :2]
         return out[0], out[1]
 
     def sole_pose(self, foot: Foot, other: Foot) -> Array:
@@ -145,6 +147,7 @@ def _com_in_sole(held: Held, columns: Array, left: bool, out: Array) -> None:
             out[2 + i, j] = R[j, i]
     out[6, 0], out[6, 1], out[6, 2] = -t0, -t1, -t2
     out[7, 0], out[7, 1], out[7, 2] = -w0, -w1, -w2
+    out[8, 0], out[8, 1] = tilt(R, at.up)
 
 
 @compiled

@@ -19,7 +19,7 @@ from ...errors import RobotError
 from ..base.types import Array, Foot
 from .configuration import LegConfig, RobotConfig
 from .force_sensor import sensor_origin
-from .posture import Posture
+from .posture import Posture, compact
 from .sole import outline, shape_points
 
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
@@ -62,6 +62,7 @@ class Robot:
         self._continuous = [(i, joint.idx_q) for i, (_, joint) in enumerate(joints) if joint.nq == 2]
         self._from = np.array([i for i, _ in simple], dtype=np.intp)
         self._to = np.array([idx for _, idx in simple], dtype=np.intp)
+        self._all = compact(self._to)
         self.base_id = self._frame(config.base_frame, "robot.base_frame", source)
         self.sole_ids: dict[Foot, int] = {}
         self.legs: dict[Foot, Array] = {}
@@ -228,7 +229,7 @@ class Robot:
             for i, idx in self._continuous:
                 out[idx], out[idx + 1] = np.cos(q[i]), np.sin(q[i])
         else:
-            out[self._to] = q
+            out[self._all] = q
 
     def gather(self, configuration: Array) -> Array:
         """Joint positions (nj,) [rad] of a configuration vector of the model: what `scatter` wrote."""

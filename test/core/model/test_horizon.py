@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from coman_reduced_model.core.base.types import Array
-from coman_reduced_model.core.evaluation.baselines import predict_baselines
+from coman_reduced_model.core.evaluation.baselines import BASELINES, predict_baselines
 from coman_reduced_model.core.evaluation.horizons import HELD, PREDICTORS, REPEATED, WITH_REFERENCE, HorizonJudge
 from coman_reduced_model.core.model.horizon import drop_impossible, predict_horizons
 from coman_reduced_model.core.model.reference import look
@@ -129,7 +129,9 @@ def test_baselines_know_an_announced_motion():
 
 
 def baselines(zmp, *plan):
-    return predict_baselines(COM, COM_VEL, zmp, 9.81, HORIZONS, REFERENCE, REFERENCE_VEL, *(plan or NO_PLAN))
+    out = np.empty((len(BASELINES), len(HORIZONS), 3))
+    predict_baselines(out, COM, COM_VEL, zmp, 9.81, HORIZONS, REFERENCE, REFERENCE_VEL, plan or NO_PLAN)
+    return out
 
 
 def test_without_reference_the_model_is_the_lipm():

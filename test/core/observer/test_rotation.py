@@ -57,7 +57,7 @@ def bowing(t: float, stamp: int) -> Now:
     ankle = robot().joint_names.index(robot().config.left.joints[-2])
     q[ankle] -= pitch(t)[0]
     flat = now(stamp, q, None)
-    assert flat.link.tilt(Foot.LEFT)[1] == pytest.approx(pitch(t)[0], abs=1e-9)
+    assert flat.link.tilt[1] == pytest.approx(pitch(t)[0], abs=1e-9)
     return flat
 
 

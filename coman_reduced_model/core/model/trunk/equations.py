@@ -100,9 +100,7 @@ class Equations:
         made = self._spare[self._spare[0] is before]
         made.foot, made.double = foot, double
         held, v, a = made.held, self._v, self._a
-        pose_legs(
-            held, state.y, state.w, order, motor_q, motor_qd, robot.idx_v, self._q, self._rates, v
-        )  # fmt: skip
+        pose_legs(made.terms.theta, state.y, state.w, order, motor_q, motor_qd, robot.idx_v, self._q, self._rates, v)
         posture.update(self._q, self._rates)
         dt = elapsed if before is not None and before.foot == foot else 0.0
         take_posture(held, self._poses[foot], ground, state.y, state.w, dt, v, a)

@@ -12,6 +12,7 @@ from ...base.compiled import Held, compiled
 from ...base.types import Array, Foot, Integers
 from ...robot.leg import add_gravity_stiffness
 from .contact import Linear, Sole, contacts, track
+from .published import Seen, publish
 
 
 @compiled
@@ -136,13 +137,13 @@ def geometry_of(block: Array, m: int) -> Geometry:
 
 @compiled
 def pose_legs(
-    held: Held, y: Array, w: Array, order: Integers, motor_q: Array, motor_qd: Array, idx_v: Integers, q: Array,
+    theta: Array, y: Array, w: Array, order: Integers, motor_q: Array, motor_qd: Array, idx_v: Integers, q: Array,
     rates: Array, v: Array,
 ) -> None:  # fmt: skip
     """Set the joints of the model: those of the legs by a state, the others by their motors.
 
     Args:
-        held: the terms, whose theta is filled in.
+        theta: (m,) of the terms, filled in.
         y, w: (m + 6,) coordinates and their rates.
         order: (m,) indices of the legs' joints, the support leg's first.
         motor_q, motor_qd: (nj,) [rad], [rad/s].
@@ -152,7 +153,6 @@ def pose_legs(
         v: (nv,) velocities of the model, filled in but for the base.
     """
     m = order.shape[0]
-    theta = held.value[0].theta
     for j in range(q.shape[0]):
         q[j], rates[j], v[idx_v[j]] = motor_q[j], motor_qd[j], motor_qd[j]
     for i in range(m):
@@ -325,8 +325,11 @@ def assemble(
 
 
 @compiled
-def advance(held: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float) -> bool:
-    """`contact.track` of both states, the filter's first, by terms and those of the sample before.
+def advance(
+    held: Held, same: bool, states: Held, q: Array, order: Integers, double: bool, dt: float, seen: Seen,
+    published: Array,
+) -> bool:  # fmt: skip
+    """`contact.track` of both states, the filter's first, by terms and those of the sample before; then `publish`.
 
     Args:
         held: these terms, and those before.
@@ -336,6 +339,7 @@ def advance(held: Held, same: bool, states: Held, q: Array, order: Integers, dou
         order: (m,) as in `pose_legs`.
         double: whether the other foot may touch the ground.
         dt: since the sample before [s].
+        seen, published: as in `publish`, which fills the latter in.
 
     Returns:
         Whether the filter is finite.
@@ -344,4 +348,6 @@ def advance(held: Held, same: bool, states: Held, q: Array, order: Integers, dou
     theta, measured = np.empty(m), np.empty(m)
     for i in range(m):
         theta[i], measured[i] = before.theta[i if same else (i + m // 2) % m], q[order[i]]
-    return track(both, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options)
+    finite = track(both, terms.linear, terms.M, double, theta, terms.theta, measured, dt, options)
+    publish(published, held, states, q, order, seen)
+    return finite

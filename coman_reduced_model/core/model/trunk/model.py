@@ -38,7 +38,7 @@ from .contact import ROWS, Options, State, switch_support
 from .equations import Equations
 from .kinematics import Assembled, advance
 from .planned import PlannedWalk
-from .published import com_and_tilt, deflections
+from .published import Seen, publish
 from .stride import Stride
 
 # Bandwidth of the filter that follows the measured joints. Below it the encoders are believed (0.4 mrad of quantisation
@@ -109,20 +109,36 @@ class TrunkModel(Dynamics):
         self._terms = terms = self._assemble(now, before)
         if first:  # compiled or loaded now, not in the middle of a walk
             switch_support(self._filtered, terms.terms.linear, self.robot.soles[now.foot])
-        if not first and not self._advance(now, terms, before or terms):  # no longer finite, nor is the free run,
+        if first:
+            self._publish(now)
+        elif not self._advance(now, terms, before or terms):  # no longer finite, nor is the free run,
             self._filtered = self._measured(sample)  # at whose posture all terms are taken
+            self._publish(now)
         return True
 
     def _advance(self, now: Now, terms: Assembled, before: Assembled) -> bool:
         """Filter and free run to this sample, by its own terms and the motors since the sample before."""
-        filtered, order = self._filtered, self._order[self._foot]
+        same, order, seen = before.foot == terms.foot, self._order[self._foot], self._seen(now)
+        finite: bool = advance(
+            terms.held, same, self._held, now.sample.q, order, terms.double, now.dt, seen, self._published
+        )
+        return finite
+
+    def _publish(self, now: Now) -> None:
+        """What is published of states that `_advance` has not brought here."""
+        assert self._terms is not None
+        seen = self._seen(now)
+        publish(self._published, self._terms.held, self._held, now.sample.q, self._order[self._foot], seen)
+
+    def _seen(self, now: Now) -> Seen:
+        """What `publish` needs, room for what it fills in being made and the states being held."""
+        filtered, foot = self._filtered, self._foot
         assert filtered is not None
         states = filtered, copied(filtered) if self._free is None else self._free
         if self._states is None or states[0] is not self._states[0] or states[1] is not self._states[1]:
             self._states, self._held = states, hold((states, self._options))
-        same, dt = before.foot == terms.foot, now.dt
-        finite: bool = advance(terms.held, same, self._held, now.sample.q, order, terms.double, dt)
-        return finite
+        self._published = np.empty(11 + len(self._order[foot]))
+        return self._posture.R[foot], self._posture.up, now.com, self.reference, foot == Foot.LEFT
 
     def _measured(self, sample: Sample) -> State:
         """The state by the encoders alone, the support sole level on the ground."""
@@ -146,15 +162,19 @@ class TrunkModel(Dynamics):
         assert self._filtered is not None
         self._free = copied(self._filtered)
         self._R_odom_sole = now.T_odom_sole[:3, :3]
-        self._publish()
+        self._publish(now)
+        self.advance(now)
         if self.state is None or not np.isfinite(self.state).all():
             # The terms are those of a free run that has left all bounds.
             self.state, self.tilt = np.concatenate((now.com, now.com_vel)), now.tilt
 
     def advance(self, now: Now) -> None:
         """`prepare` has already brought it there."""
-        if not self._publish():
-            self.state = np.full(6, np.nan)
+        self.state, self.tilt = self._published[:6], self._published[6:8]
+        if self._above:
+            self.state[3:] += self._posture.com_in_sole(self._foot)[1]
+        for axis in self._following:
+            self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
 
     def ahead(self, now: Now, com: Array, com_vel: Array, plan: Plan, horizons: Array) -> Array:
         """Through the stride before, if the robot repeats it: from the filtered joints, whatever the state handed in.
@@ -179,31 +199,16 @@ class TrunkModel(Dynamics):
 
     def deflections(self, now: Now, horizons: int) -> Array:
         """As in `Dynamics`: now by the filter; ahead by the stride before or the plan, else as they are now."""
-        assert self._terms is not None and self._filtered is not None
-        out, foot = np.empty((1 + horizons, 3 + len(self._order[Foot.LEFT]))), self._foot
-        deflections(
-            out[0], self._terms.held, self._filtered.y, now.sample.q, self._order[foot], now.com, self.reference,
-            foot == Foot.LEFT,
-        )  # fmt: skip
-        out[1:] = out[0] if self._ahead is None else self._ahead
+        out = np.empty((1 + horizons, len(self._published) - 8))
+        out[:] = self._published[8:]
+        if self._ahead is not None:
+            out[1:] = self._ahead
         return out
 
     def _land(self, now: Now) -> None:
         """Look where the other foot has come down."""
         self._soles.land(now.link, now.foot)
         self.flags = Flags.UNKNOWN_GROUND if self._soles.aslant else Flags.OK
-
-    def _publish(self) -> bool:
-        """The free run as COM and tilt; whether it stands."""
-        t, free, values = self._terms, self._free, np.empty(8)
-        assert t is not None and free is not None
-        stands: bool = com_and_tilt(values, t.held, self._posture.R[t.foot], self._posture.up, free.y, free.w)
-        self.state, self.tilt = values[:6], values[6:]
-        if self._above:
-            self.state[3:] += self._posture.com_in_sole(t.foot)[1]
-        for axis in self._following:
-            self.state[axis], self.state[3 + axis] = self.reference[axis], self.reference_vel[axis]
-        return stands
 
     def _change_leg(self, foot: Foot) -> None:
         self._foot, t = foot, self._terms
