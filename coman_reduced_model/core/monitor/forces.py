@@ -4,7 +4,8 @@
 The residual force is foot forces + weight - m a; an external force is its negative. Weighted with a window w(t) that
 vanishes with its slope at both ends, integration by parts gives `int w F dt + m int w' dc` of foot forces and weight F
 and the displacement c of the COM, so no measurement is differentiated. (1 - s^2)^2 is the window that amplifies white
-position noise least.
+position noise least. Forces count at each sample, as those of a robot that shakes change from one to the next; the
+posture does at each look.
 
 The displacement of the COM is taken against the point of the ground under the centre of pressure, which is at rest even
 while the foot rocks on its edge; the two feet are weighted by their loads. The inclination of the base comes from an
@@ -69,7 +70,9 @@ BALANCE = np.dtype(
         ("imu_since_ns", np.int64),  # first look of those in a row with an IMU
         ("imu_last_ns", np.int64),  # last look with it
         ("heading", np.float64),  # of the x axis of the stored vectors, in the support sole frame [rad]
-        ("force", np.float64, 3),  # foot forces + weight at the last look [N]
+        ("felt_ns", np.int64),  # of the last sample
+        ("felt", np.float64, (2, 3)),  # force on each foot then, sole axes [N]
+        ("impulse", np.float64, (2, 3)),  # on each foot since the last look [Ns]
         ("on_left", np.bool_),  # the support foot at the last look
         ("uses_imu", np.bool_),
     ],
@@ -91,7 +94,7 @@ class ForceBalance:
     """Residual force of a robot over the last seconds.
 
     Attributes:
-        memory: for `take_forces`, which compiled code may call in place of `look`.
+        memory: for `take_wrenches` and `take_forces`, which compiled code may call in place of `feel` and `look`.
     """
 
     def __init__(self, mass: float, gravity: float, soles: Array) -> None:
@@ -105,7 +108,7 @@ class ForceBalance:
     def reset(self) -> None:
         """Forget the past."""
         state = self._state
-        for field in ("count", "last_ns", "imu_since_ns", "imu_last_ns", "heading"):
+        for field in ("count", "last_ns", "imu_since_ns", "imu_last_ns", "heading", "felt_ns", "impulse"):
             state[field] = 0
         state["on_left"], state["uses_imu"] = True, False
 
@@ -118,6 +121,10 @@ class ForceBalance:
     def heading(self) -> float:
         """Direction of the x axis of the stored vectors, in the support sole frame [rad]."""
         return float(self._state["heading"])
+
+    def feel(self, stamp_ns: int, left: Array, right: Array) -> None:
+        """Take the wrenches (6,) on both feet, as in `Feet`, of a sample between two looks."""
+        take_wrenches(self.memory, stamp_ns, left, right)
 
     def look(self, stamp_ns: int, foot: Foot, feet: Feet, R_ground_base: Array) -> None:
         """Take one sample.
@@ -141,9 +148,24 @@ class ForceBalance:
 
 
 @compiled
+def take_wrenches(memory: BalanceMemory, stamp: int, left: Array, right: Array) -> None:
+    """`ForceBalance.feel`; stamp in ns."""
+    state = memory.state[0]
+    dt = (stamp - state.felt_ns) * 1e-9
+    state.felt_ns = stamp
+    for k in range(3):
+        for foot in range(2):
+            now = left[k] if foot == 0 else right[k]
+            if 0.0 < dt < _GAP_S:
+                state.impulse[foot, k] += 0.5 * (state.felt[foot, k] + now) * dt
+            state.felt[foot, k] = now
+
+
+@compiled
 def take_forces(memory: BalanceMemory, stamp: int, on_left: bool, feet: Feet, R_ground_base: Array) -> None:
     """`ForceBalance.look`; stamp in ns."""
     state = memory.state[0]
+    take_wrenches(memory, stamp, feet.left, feet.right)
     dt = (stamp - state.last_ns) * 1e-9
     state.last_ns = stamp
     continuous = 0.0 < dt < _GAP_S
@@ -160,10 +182,14 @@ def take_forces(memory: BalanceMemory, stamp: int, on_left: bool, feet: Feet, R_
         level[:] = R_ground_base
     at = state.count % _CAPACITY
     step = memory.steps[at : at + 1]
+    mean = np.empty((2, 3))
+    for foot in range(2):
+        for k in range(3):
+            mean[foot, k] = state.impulse[foot, k] / dt if continuous else state.felt[foot, k]
+            state.impulse[foot, k] = 0.0
     state.heading = _add_step(
-        step, memory.feet, state.force, state.heading, R, feet, level, uses_imu,
-        memory.soles, memory.weight,
-    )  # fmt: skip
+        step, memory.feet, mean, state.heading, R, feet, level, uses_imu, memory.soles, memory.weight
+    )
     step[0].middle, step[0].dt = stamp * 1e-9 - 0.5 * dt, dt
     if state.count == 0:  # no look before it
         step[0].middle = step[0].dt = np.nan
@@ -193,7 +219,7 @@ def _heading_in(heading: float, R_before: Array, R: Array) -> float:
 def _add_step(
     step: Records,
     feet_before: Records,
-    force_before: Array,
+    mean: Array,
     heading: float,
     R: Array,
     feet: Feet,
@@ -202,9 +228,9 @@ def _add_step(
     soles: Array,
     weight: float,
 ) -> float:
-    """Write mean force and displacement since the last look into `step` (1,), and this look into the two after it.
+    """Write mean force and displacement since the last look into `step` (1,), and this look into `feet_before`.
 
-    R is that of the support sole.
+    Mean (2, 3) [N]: force on each foot since then, sole axes. R is that of the support sole.
 
     Returns:
         The heading.
@@ -217,7 +243,7 @@ def _add_step(
         heading = np.arctan2((R[:, 1] * level[0]).sum(), (R[:, 0] * level[0]).sum())
     else:
         level = _level_by_soles(share * feet.R_left[:, 2] + (1.0 - share) * feet.R_right[:, 2], R, heading)
-    force = apply(level, apply(feet.R_left, feet.left[:3]) + apply(feet.R_right, feet.right[:3]))
+    force = apply(level, apply(feet.R_left, mean[0]) + apply(feet.R_right, mean[1]))
     force[2] -= weight
     from_left, from_right = feet.com - feet.p_left, feet.com - feet.p_right
     left = _foot_displacement(feet_before[0], level, from_left, feet.R_left, feet.left, soles[0], weight, share)
@@ -225,9 +251,8 @@ def _add_step(
         feet_before[1], level, from_right, feet.R_right, feet.right, soles[1], weight, 1.0 - share
     )
     for k in range(3):
-        step[0].force[k] = 0.5 * (force[k] + force_before[k])
+        step[0].force[k] = force[k]
         step[0].displacement[k] = left[k] + right[k]
-        force_before[k] = force[k]
     return float(heading)
 
 

@@ -32,7 +32,7 @@ from .channels import (
     shown,
 )
 from .forces import WINDOW_NS, ForceBalance
-from .residuals import JOINT, JOINT_SUMS, RESIDUAL, Sums, take_look
+from .residuals import JOINT, JOINT_SUMS, RESIDUAL, Sums, feel, take_look
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot
@@ -181,6 +181,11 @@ class Laws:
             (self._dt, dt_before),
         )  # fmt: skip
         self.looks += 1
+
+    def feel(self, sample: Sample) -> None:
+        """Take the forces of a sample between two looks, with both wrenches."""
+        assert sample.left_wrench is not None and sample.right_wrench is not None
+        feel(self._held, sample.stamp_ns, sample.left_wrench, sample.right_wrench)
 
     def _imu(self, sample: Sample, link: Posture) -> tuple[Array, Array]:
         """Orientation (4,) of the IMU against the ground, or NaN, and its rotation (3, 3) in the base frame."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..base.compiled import Held, Record, Records, apply, compiled
 from ..base.types import Array
 from .channels import COMMON
-from .forces import Feet, take_forces
+from .forces import Feet, take_forces, take_wrenches
 
 _EDGE = 0.004  # [m] from the edge of a sole: nearer, the sole stands on its edge
 _MOMENT, _FEET, _SLIDE, _TILT, _UNLOADED_LEFT, _UNLOADED_RIGHT, _PLAN = (
@@ -129,6 +129,12 @@ def take_look(
     R_ground_base = _mul_transposed(_rotation(imu[0]), imu[1])
     take_forces(memory, stamp, on_left, feet, R_ground_base)
     return _add_look(sums, memory.soles, memory.weight, feet, look, R_ground_base[2], looks, dt, dt_before)
+
+
+@compiled
+def feel(held: Held, stamp: int, left: Array, right: Array) -> None:
+    """`ForceBalance.feel`; held as for `take_look`, stamp in ns."""
+    take_wrenches(held.value[0], stamp, left, right)
 
 
 @compiled

@@ -105,6 +105,22 @@ def test_step_is_no_external_force_and_axes_are_those_of_the_support_sole(imu):
         np.testing.assert_allclose(over(since, since + 0.3), along, atol=0.6)
 
 
+def test_robot_that_shakes_at_nearly_the_rate_of_the_looks_feels_no_external_force():
+    """As forces count at each sample; at the looks alone it would be 5 times a second."""
+    forces, motion = ForceBalance(MASS, GRAVITY, np.array([EDGES, EDGES])), Motion()
+    for k in range(-600, 301):
+        stamp = T0 + 2_000_000 * k
+        feet, turned = motion.look(0.002 * k, 1.0)
+        feet.left[2] += 60.0 * np.sin(2.0 * np.pi * 95.0 * 0.002 * k)
+        if k % 5:
+            forces.feel(stamp, feet.left, feet.right)
+        else:
+            forces.look(stamp, Foot.LEFT, feet, turned)
+    for since in (0.02, 0.1, 0.2):
+        residual = forces.residual(T0 + round(1e9 * since), T0 + round(1e9 * (since + 0.3)))
+        np.testing.assert_allclose(residual, NONE, atol=0.6)
+
+
 def test_residual_is_nan_where_looks_are_missing():
     forces, over = watch(Motion(), end=0.4)
     assert np.isfinite(over(0.0, 0.4)).all() and np.isnan(over(-1.5, 0.4)).all()

@@ -34,6 +34,16 @@ def test_encoder_slip_in_mid_walk_is_detected_within_five_seconds(tmp_path, caps
     assert mismatches(bag, tmp_path / "off", "--set", "monitor.enabled=false") == []
 
 
+def test_stamps_that_jitter_leave_no_look_out():
+    rng = np.random.default_rng(0)
+
+    def jittering(stream, t, message):
+        return replace(message, stamp_ns=message.stamp_ns + round(1e5 * rng.uniform(-1.0, 1.0)))
+
+    looks = [int(watched(each, 5.0).laws.forces.memory.state["count"][0]) for each in (lambda *m: m[2], jittering)]
+    assert looks[0] > 450 and looks[1] == pytest.approx(looks[0], rel=0.02)
+
+
 def test_missing_streams_leave_the_other_channels():
     """Without motor side, torques and IMU: `feet` shows a link encoder, `unloaded` a foot sensor."""
 
