@@ -76,6 +76,7 @@ class Laws:
         scale: (n,) what figures of these rows are multiplied by.
         noise: (kinds, n) nominal standard deviation from phase to phase.
         drift: (n,) variance of the drift from one phase of a kind to the next, as a share of that of the noise.
+        by_load: (n,) standard deviation of the value over nominal robots, as a share of the load.
         gait_independent: (n,) whether values of the last phase can be compared with those of another gait.
         by_wrenches: (n,) whether they depend on the foot wrenches.
         looks: since `begin`.
@@ -137,7 +138,7 @@ class Laws:
         single, double, robots, self._usual = self.scale * np.transpose(
             [(row.single, row.double, row.robots, row.usual) for row in rows]
         )
-        self._by_load, self._usual_load, self._usual_slope = np.transpose(
+        self.by_load, self._usual_load, self._usual_slope = np.transpose(
             [(row.by_load, row.usual_load, row.usual_slope) for row in rows]
         )
         self.noise = np.array([single, single, double, double, double])
@@ -217,11 +218,16 @@ class Laws:
         load[:nl] = self._sums["static_deflection"] / self.looks
         other_load = load - self._usual_load
         values -= self._usual + self._usual_slope * other_load
-        variance += (variance > 0.0) * (self._by_load * other_load) ** 2
+        variance += (variance > 0.0) * (self.by_load * other_load) ** 2
         if not torques_known:  # the needed torque leaves out the inertia of the legs
             variance[:nl] = 0.0
         displacement = self._sums["posture_last"] - self._sums["posture_first"]
         return PhaseMean(values, variance, load, np.append(self._sums["posture"] / self.looks, displacement))
+
+    @property
+    def noise_of_forces(self) -> Array:
+        """(2,) nominal standard deviation [N] of `force/x` and `force/y` from phase to phase."""
+        return np.asarray(self.noise[0, self._force][:2])
 
     def wrenches_moved(self, change: Array) -> bool:
         """Whether foot wrenches that change so (12,) [N, Nm], those of the left foot first, stand out of the noise."""

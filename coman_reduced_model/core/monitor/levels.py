@@ -24,7 +24,6 @@ _MIN_PHASES = 2  # of which a level is made before values are tested against it
 _MEMORY = 20.0  # phases over which a level follows, and noise is known
 _LAW_MEMORY = 200.0  # deviations over which the noise of a law is known
 _MIN_NOISE = 0.3  # of the nominal noise: noise floor, no false alarms on noise-free sensors
-_LOAD_BIAS = 0.03  # of the load of a spring, by which its residual may be off on a nominal robot
 _LONGEST_RUN = 6.0  # phases
 _ALIKE = 0.3  # of one deviation, that the next one must be at least, and the other way round
 _DOUBTFUL = 2.5  # standard deviations beyond which a value is not learnt before the next one of its kind is known
@@ -94,6 +93,7 @@ def update_channels(
     comparable: NDArray[np.bool_],
     nominal: Array,
     drift: Array,
+    by_load: Array,
     threshold: float,
     start: float,
 ) -> None:
@@ -107,6 +107,7 @@ def update_channels(
         comparable: (n,) channels to be tested against their level; the others are tested against zero alone.
         nominal: (n,) standard deviation from phase to phase, as is usual.
         drift: (n,) variance by which the level moves from phase to phase, as a share of that of the noise.
+        by_load: (n,) by which it is off on nominal robots, as a share of the load.
         threshold: standard deviations.
         start: of the phase [s].
     """
@@ -124,7 +125,7 @@ def update_channels(
             channel.level_share = 1.0 + 1.0 / _MEMORY**2 + drift[i]
         else:
             change = mean.load[i] - channel.level_load
-            load = (_LOAD_BIAS * change) ** 2 / usual
+            load = (by_load[i] * change) ** 2 / usual
             doubtful = _test_against_level(channel, law, value, usual, load, threshold, start)
             _learn_level(channel, law, doubtful, change, load, drift[i])
 

@@ -103,7 +103,7 @@ class Monitor:
         self.laws = Laws(robot, config)
         self._zeros = zeros or SensorZeros(self.laws.forces.memory.weight)
         self._threshold = config.monitor.threshold
-        self._intermittent = IntermittentForces(robot.mass * config.robot.gravity, self._threshold)
+        self._intermittent = IntermittentForces(self.laws.noise_of_forces, self._threshold)
         self.first: dict[str, Mismatch] = {}
         self.kept: list[tuple[int, Array, NDArray[np.bool_], Array]] | None = None
         self.phases = 0
@@ -217,8 +217,9 @@ class Monitor:
     def _update_channels(self, kind: int, mean: PhaseMean, comparable: NDArray[np.bool_], start: float) -> None:
         drift = np.where(self._changed, 0.0, self.laws.drift)  # a reported change is no drift
         update_channels(
-            self._channels[kind], *self._noise, mean, comparable, self.laws.noise[kind], drift, self._threshold, start
-        )
+            self._channels[kind], *self._noise, mean, comparable, self.laws.noise[kind], drift, self.laws.by_load,
+            self._threshold, start,
+        )  # fmt: skip
 
     def _same_gait(self, kind: int, features: Array) -> bool:
         """Whether a phase with that duration [s], posture and motion [rad] belongs to the gait before it."""

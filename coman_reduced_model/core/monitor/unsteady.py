@@ -19,7 +19,6 @@ from .forces import WINDOW_NS, about_vertical
 INTERVAL_NS = 200_000_000  # from one window to the next
 _RECENT, _EARLIER, _LONG = 10, 15, 100  # differences: tested, just before those, and long before
 _MIN_DIFFERENCES = 10  # from which the earlier scatter is known
-_MIN_SCATTER = 0.003  # of the weight: lower bound of the earlier scatter
 _ONSET, _RELEASE = 1.1, 0.75  # of the threshold: ratio at which a force is detected, and at which it is over
 
 
@@ -41,16 +40,17 @@ class IntermittentForce:
 
 
 class IntermittentForces:
-    """Watches one robot of a weight [N].
+    """Watches one robot.
 
     Attributes:
+        least: (2,) lower bounds of the earlier scatter of x and y [N]: what such a residual usually scatters by.
         threshold: `monitor.threshold`; may be exchanged at any time.
         forces: present ones.
         last: time of the last window with a known difference [s].
     """
 
-    def __init__(self, weight: float, threshold: float) -> None:
-        self._min_scatter, self.threshold = _MIN_SCATTER * weight, threshold
+    def __init__(self, least: Array, threshold: float) -> None:
+        self.least, self.threshold = least, threshold
         self.reset()
 
     def reset(self) -> None:
@@ -85,7 +85,7 @@ class IntermittentForces:
         for axis in range(2):
             earlier = [float(each[axis]) for each in self._earlier]
             scatter = median([float(each[axis]) for *_, each in self._recent])
-            ratio = scatter / max(median(earlier), median(earlier[-_EARLIER:]), self._min_scatter)
+            ratio = scatter / max(median(earlier), median(earlier[-_EARLIER:]), self.least[axis])
             if ratio <= self.threshold * (_RELEASE if axis in known else _ONSET):
                 continue
             if axis in known:

@@ -47,7 +47,9 @@ def followed(values, row=ROW):
     out = []
     for k, value in enumerate(values):
         mean = PhaseMean(value, nothing, nothing, nothing)
-        update_channels(channels, laws, law_of, mean, all_of_them, np.ones(CHANNELS), nothing, THRESHOLD, float(k))
+        update_channels(
+            channels, laws, law_of, mean, all_of_them, np.ones(CHANNELS), nothing, nothing, THRESHOLD, float(k)
+        )
         out.append(channels.copy())
     return np.array(out)
 

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from coman_reduced_model.core.monitor.unsteady import INTERVAL_NS, IntermittentForces
 
-WEIGHT, THRESHOLD = 300.0, 6.0
+LEAST, THRESHOLD = np.full(2, 0.9), 6.0  # [N]; standard deviations
 EVERY = 1e-9 * INTERVAL_NS
 BEGINS, ENDS = 8.0, 16.0  # [s]
 
 
 def watch(force, seconds=24.0, seed=0, noise=0.4, detector=None):
     """Forces detected after each window of a force [N] (by time) with noise [N], by time."""
-    rng, detector, found = np.random.default_rng(seed), detector or IntermittentForces(WEIGHT, THRESHOLD), {}
+    rng, detector, found = np.random.default_rng(seed), detector or IntermittentForces(LEAST, THRESHOLD), {}
     for when in np.arange(0.0, seconds, EVERY):
         detector.update(when, np.array([0.0, 0.0, 0.0]) + force(when) + noise * rng.normal(size=3))
         found[when] = detector.forces
@@ -64,7 +64,7 @@ def test_unknown_windows_are_left_out():
         return push(when) if round(when / EVERY) % 4 else np.full(3, np.nan)
 
     assert any(watch(seldom).values())
-    detector = IntermittentForces(WEIGHT, THRESHOLD)
+    detector = IntermittentForces(LEAST, THRESHOLD)
     assert any(watch(push, detector=detector).values()) and detector.last == pytest.approx(24.0 - EVERY)
     detector.reset()
     assert not detector.forces and not detector.last
@@ -73,7 +73,7 @@ def test_unknown_windows_are_left_out():
 
 def test_pull_on_feet_that_are_turned_out_is_steady():
     """Given in the axes of the support foot, 40 degrees from those of the other."""
-    detector, rng = IntermittentForces(WEIGHT, THRESHOLD), np.random.default_rng(0)
+    detector, rng = IntermittentForces(LEAST, THRESHOLD), np.random.default_rng(0)
     for k in range(120):
         heading = 0.35 * (1 if k // 2 % 2 else -1)
         pull = 20.0 * (k * EVERY > BEGINS)
