@@ -44,7 +44,7 @@ def policies() -> tuple[Policy, ...]:
             ("~/reset", *common),
         ),
         Policy("trajectory", (), (plan, f"{plan}_path"), ("~/start", "~/stop", "~/reset", *common)),
-        Policy("virtual_robot", (plan,), (*sensors, DESCRIPTION), common),
+        Policy("virtual_robot", (plan, PLANNED_DEFLECTION), (*sensors, DESCRIPTION), common),
     )
 
 

@@ -42,7 +42,7 @@ def test_a_running_node_uses_what_is_allowed_and_nothing_else(node, start, nodes
     from coman_reduced_model.ros.interface import qos
     from coman_reduced_model.topics import DESCRIPTION
 
-    process = start.node(node)
+    process = start.node(node, **({"virtual_robot__compensate": True} if node == "virtual_robot" else {}))
     if node != "virtual_robot":
         peer.publisher(String, DESCRIPTION, qos.latched()).publish(peer.types.String(data=robot_urdf()))
 
