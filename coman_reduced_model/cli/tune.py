@@ -42,7 +42,7 @@ def tune(
             "--parameters",
             metavar="NAMES",
             help="What to fit, with commas: coefficients (a1 to e2, in stages), joint_stiffness, joint_damping,"
-            " parameters of effects such as friction. Default: what the model of the configuration has.",
+            " friction (model.friction), parameters of effects. Default: what the model of the configuration has.",
         ),
     ] = "",
     steps: Annotated[
@@ -74,7 +74,7 @@ def tune(
     names = tuning.chosen(bare, parameters)
     if names and stages:
         raise ConfigError(
-            "--stages: of the paper's coefficients, which this does not fit (--set effects.active=[none])"
+            "--stages: of the paper's coefficients, which this does not fit (--set model.trunk_rotation=without)"
         )
     with progress("tuning") as report:
         recordings = read_all(bags, bare, TopicNames(namespace, remap or ()), urdf, lambda f, w: report(0.2 * f, w))

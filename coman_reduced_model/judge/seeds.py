@@ -32,7 +32,7 @@ class Spent:
 
 @cache
 def spent(use: str) -> tuple[Spent, ...]:
-    """The entries of the file for one use: judge, monitor or walks."""
+    """The entries of the file for one use: worlds, judge, monitor or walks."""
     entries = yaml.safe_load(FILE.read_text(encoding="utf-8"))[use]
     return tuple(Spent(parse_range(entry["seeds"]), entry["purpose"], entry["commit"]) for entry in entries)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ROS messages to and from the types of the core: the one place that knows their fields.
+"""ROS messages to and from the types of the core: with bag/encode and bag/decode what knows their fields.
 
 Every function serves the classes of rclpy and those that rosbags makes from message definitions alike. What makes
 messages takes a `MessageTypes`: `ros_types()` for rclpy, `bag.types.bag_types()` for bags.

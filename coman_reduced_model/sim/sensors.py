@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The sensors of the virtual robot: from true signals to the messages of core/types, seeded.
+"""The sensors of the virtual robot: from true signals to the messages of core/base/types, seeded.
 
 Every stream has its own clock phase: it is sampled at its own physics step of the period and stamped with that time,
 up to a jitter. Joint and motor states come from one driver and share their stamps.

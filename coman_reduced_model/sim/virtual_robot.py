@@ -5,7 +5,7 @@ robot = VirtualRobot(COMAN, seed=1)
 motion, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1")))
 robot.reset(motion)
 while robot.t < motion.end:
-    readings = robot.step()      # messages of core/types
+    readings = robot.step()      # messages of core/base/types
     robot.truth                  # what no sensor shows
 """
 

@@ -2,7 +2,7 @@
 """Tuning any parameters of any model: the predictor itself runs over the samples, in two processes.
 
 For models without the paper's coefficients, such as the turning trunk: ratios of the joint springs (`joint_stiffness`,
-`joint_damping`: the soft joints of each leg), parameters of effects (`friction`), and numbers of the model section.
+`joint_damping`: the soft joints of each leg), parameters of effects, and numbers of the model section (`friction`).
 """
 
 from __future__ import annotations

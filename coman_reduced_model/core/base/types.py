@@ -141,7 +141,7 @@ class Sample:
     """All streams at the stamp of one joint state; what is missing is None, never zero.
 
     Joint arrays are in the order of `Robot.joint_names` (actuated joints of the URDF; joints that no
-    message lists are held at zero position, as interfaces.md says).
+    message lists are held at zero position, as doc/topics.md says).
     """
 
     stamp_ns: int

@@ -130,7 +130,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class PredictionConfig:
-    """What is predicted and from which reference (model.md 5 and 6)."""
+    """What is predicted and from which reference (doc/model.md, Two predictions)."""
 
     reference: str = par(
         "motor", "", "motor-side kinematics, com/reference, or none (LIPM)", choices=("motor", "topic", "none")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the predictor drives: an equation of motion with a free run and predictions ahead.
 
-`PointMass` (the paper), `Pendulum` (`reference: none`) and `TrunkModel` (effect `trunk_rotation`) are three.
+`PointMass` (the paper), `Pendulum` (`reference: none`) and `TrunkModel` (option `trunk_rotation`) are three.
 """
 
 from __future__ import annotations

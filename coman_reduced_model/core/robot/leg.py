@@ -56,7 +56,7 @@ def height_hessian(J: Array) -> Array:
 
 @compiled
 def add_gravity_stiffness(J: Array, load: float, at: Array, K_q: Array, torque: Array) -> None:
-    """Add what a load [N] at the COM does to the joints of a leg, in place: `effects/gravity_stiffness.py`.
+    """Add what a load [N] at the COM does to the joints of a leg, in place: option `gravity_stiffness`.
 
     Args:
         J: (6, n) as in `height_hessian`.

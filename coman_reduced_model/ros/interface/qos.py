@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Quality of service of every topic, in one place.
 
-Every profile can be overridden from the parameter file, as ROS 2 has it:
+Every profile but those of what is displayed alone can be overridden from the parameter file, as ROS 2 has it:
 `qos_overrides./joint_states.subscription.reliability: reliable`.
 """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Kinematics and inertia of the trunk on its legs, with all six freedoms; `trunk_model` has the physics."""
+"""Kinematics and inertia of the trunk on its legs, with all six freedoms; `model.py` has the physics."""
 
 from __future__ import annotations
 
