@@ -316,6 +316,10 @@ def header() -> str:
 #     data sheets and what is common, where learning begins. most: what they allow at most.
 # precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
+# floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]. A simulator whose sensors have no
+#     noise at all must not make every hair's breadth an effect.
+# sensors: the least noise that any sensor is taken to have: force in weights, moment in weights times the length of a
+#     foot, count of an encoder [rad], tilt of a direction [1], com of the measured COM [m].
 # repeats: by law, what it leaves that repeats with each stride, in the median. In weights for N, weights times m for
 #     Nm, mass times m/s for Ns, else SI.
 # leftover: by law, what it leaves [noise floors]: median, and standard deviation of the logarithm. `apart`: how many
