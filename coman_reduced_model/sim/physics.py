@@ -116,12 +116,15 @@ class Sampled(NamedTuple):
     soles: Array  # (2, 4, 4)
     wrenches: Array  # (2, 6) of the ground on each foot, force and moment at its sole frame
     # With their own streams:
-    felt: Array  # (2, 6)
+    felt: Array  # (2, 6) of the step that is sampled, or the mean of all since the last one
+    average: bool  # of the two
+    sums: Array  # (2, 6) since the last sample of each foot
+    steps: Integers  # (2,) of them
     orientation: Array  # (4,) quaternion x y z w, world <- base
     motion: Array  # (2, 6) of the IMU in its frame: rotational and linear velocity; acceleration
 
     @classmethod
-    def of(cls, body: Body) -> Sampled:
+    def of(cls, body: Body, average: bool) -> Sampled:
         """Nothing yet."""
         nj, zeros = len(body.q), np.zeros
         return cls(
@@ -137,6 +140,9 @@ class Sampled(NamedTuple):
             soles=np.tile(np.eye(4), (2, 1, 1)),
             wrenches=zeros((2, 6)),
             felt=zeros((2, 6)),
+            average=average,
+            sums=zeros((2, 6)),
+            steps=np.zeros(2, dtype=np.int64),
             orientation=zeros(4),
             motion=zeros((2, 6)),
         )
@@ -144,12 +150,12 @@ class Sampled(NamedTuple):
 
 @compiled
 def begin_step(i: int, t: float, body: Body, drive: Drive, sampled: Sampled, forced: bool) -> bool:
-    """Before step i of a period, at time t [s]: motors and springs; whether a stream is sampled.
+    """Before step i of a period, at time t [s]: motors and springs; whether anything is sampled.
 
     Forced: outside forces are in `qfrc_applied`, and what springs do beside is added to them.
     """
     nj = len(body.q)
-    sample = False
+    sample = sampled.average
     for stream in range(4):
         sample |= sampled.at[stream] == i
     if sample:
@@ -197,8 +203,7 @@ def end_step(i: int, body: Body, drive: Drive, sampled: Sampled) -> None:
     if sampled.at[JOINTS] == i:
         _sample_joints(body, drive, sampled)
     for foot in range(2):
-        if sampled.at[LEFT + foot] == i:
-            _ground_wrench(sampled.felt[foot], foot, body, sampled)
+        _feel(foot, i, body, sampled)
     if sampled.at[IMU] == i:
         for k in range(4):
             sampled.orientation[k] = sampled.before[4 + k] if k < 3 else sampled.before[3]
@@ -206,6 +211,23 @@ def end_step(i: int, body: Body, drive: Drive, sampled: Sampled) -> None:
             out = sampled.motion[k].ctypes.data
             site = (body.model, body.data, _SITE, body.sites[2], np.int64(out), 1)
             call(body.functions[_VELOCITY + k], site)
+
+
+@compiled
+def _feel(foot: int, i: int, body: Body, sampled: Sampled) -> None:
+    """What the force sensor of a foot makes of a step."""
+    sample, felt = sampled.at[LEFT + foot] == i, sampled.felt[foot]
+    if sampled.average:
+        now, total = np.empty(6), sampled.sums[foot]
+        _ground_wrench(now, foot, body, sampled)
+        total += now
+        sampled.steps[foot] += 1
+        if sample:
+            _copy(felt, 0, total / sampled.steps[foot])
+            total[:] = 0.0
+            sampled.steps[foot] = 0
+    elif sample:
+        _ground_wrench(felt, foot, body, sampled)
 
 
 @compiled

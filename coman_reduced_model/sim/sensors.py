@@ -50,6 +50,7 @@ class SensorOptions:
     imu_every: int = 1  # of the IMU
     wrenches: bool = True  # False: a robot without foot force sensors
     contact_switches: bool = False  # True: foot_contacts, by a switch under each foot
+    wrench_average: bool = False  # True: the mean over the last period; False: of the physics step that is sampled
     wrench_frame: str = "sole"  # frame that wrenches are expressed in: sole or sensor
     wrench_zero: float = 0.0  # [N] largest zero of a force, drawn evenly; of a moment 0.05 m times that
     wrench_gain: float = 0.0  # relative error of the gain of each component
@@ -167,6 +168,8 @@ class Sensors:
         phases = rng.integers(0, self.steps, len(STREAMS)) if o.phase_spread else np.zeros(len(STREAMS), dtype=int)
         phases[0] = 0  # the joints' clock is the robot's
         self.phase = dict(zip(STREAMS, (int(p) for p in phases), strict=True))  # physics steps into the period
+        middle = 0.5 * (self.steps - 1) * dt if o.wrench_average else 0.0
+        self._behind = (0.0, middle, middle, 0.0)  # [s] of STREAMS: a mean over a period is that of its middle
         self._count = 2.0 * np.pi / (1 << o.encoder_bits) if o.encoder_bits else 0.0
         self._motor_count = 2.0 * np.pi / o.motor_counts if o.motor_counts else 0.0
         # The encoder's zero is nowhere special: the grid of counts lies shifted by a part of a count.
@@ -206,7 +209,7 @@ class Sensors:
         drop = self._rng["drop"].random(5) < o.drop
         jitter = np.clip(self._rng["stamps"].standard_normal(4), -3.0, 3.0) * o.stamp_jitter_s
         stamps = {
-            name: self._start_ns + round(1e9 * (t + self.phase[name] * self._dt + jitter[i]))
+            name: self._start_ns + round(1e9 * (t + self.phase[name] * self._dt - self._behind[i] + jitter[i]))
             for i, name in enumerate(STREAMS)
         }
         q, qd = self._link(s)

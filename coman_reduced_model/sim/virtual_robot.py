@@ -158,7 +158,7 @@ class VirtualRobot:
         loop = astuple(self._motor_options) if self._motor_options else ()
         self._drive = Drive.of(max(SETTLE_STEPS, self.sensors.steps), len(theta), laws, loop)
         self._drive.motor[0] = theta
-        self._sampled = Sampled.of(self._body)
+        self._sampled, self._borne = Sampled.of(self._body, self._options.wrench_average), np.zeros((2, 6))
         self._q_history = np.tile(data.qpos[self._body.q], (self.sensors.steps, 1))
         steps = round(settle_s / model.opt.timestep)
         self.t = -steps * model.opt.timestep
@@ -166,6 +166,9 @@ class VirtualRobot:
             n = min(SETTLE_STEPS, steps - first)
             self._physics(np.tile(theta, (n, 1)), np.zeros((n, len(theta))))
         self._sampled.at[:] = [self.sensors.phase[name] for name in STREAMS]
+        self._sampled.sums[:] = 0.0
+        self._sampled.steps[:] = 0
+        self._borne = np.zeros((2, 6))
         self.motion, self._period_index, self.truth = motion, 0, None
 
     def step(self) -> Readings:
@@ -221,14 +224,17 @@ class VirtualRobot:
             disturbance.apply(t, self.model, self.data)
 
     def _add_borne(self, step: int) -> None:
-        """What the ground exerts on the feet beside the contacts, if that step is sampled."""
-        at = self._sampled.at
+        """What the ground exerts on the feet beside the contacts, in what is sampled."""
+        at, steps = self._sampled.at, self.sensors.steps if self._options.wrench_average else 1
         for foot in (0, 1):
             for disturbance in self._bear:
                 if at[JOINTS] == step:
                     self._sampled.wrenches[foot] += disturbance.bear(foot, self.data)
-                if at[LEFT + foot] == step:
-                    self._sampled.felt[foot] += disturbance.bear(foot, self.data)
+                if steps > 1 or at[LEFT + foot] == step:
+                    self._borne[foot] += disturbance.bear(foot, self.data) / steps
+            if at[LEFT + foot] == step:
+                self._sampled.felt[foot] += self._borne[foot]
+                self._borne[foot] = 0.0
 
     def _signals(self, before: Array, theta: Array, rate: Array) -> Signals:
         """What the sensors read of the last period; before: joint positions (n, nj) in the one before it."""

@@ -72,6 +72,30 @@ def test_cross_talk_and_gains_are_linear_in_the_load(standing):
         assert 0.0 < np.abs(errors[0, :3]).max() < 0.1 * 86.0  # half the weight
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "drake"])
+def test_a_foot_sensor_that_averages_reads_the_mean_of_the_steps_of_a_period(standing, engine):
+    if engine == "drake":
+        pytest.importorskip("pydrake")
+
+    def swaying(times):
+        theta, rate = standing(times)
+        return theta + 0.01 * np.sin(40.0 * times)[:, None], rate + 0.4 * np.cos(40.0 * times)[:, None]
+
+    def felt(instant: int, **options) -> tuple[list[int], np.ndarray]:
+        robot = VirtualRobot(COMAN, SensorOptions.exact(**options), engine=engine)
+        robot.reset(swaying, standing.start, settle_s=0.1)
+        robot.sensors.phase["left_wrench"] = robot._sampled.at[1] = instant
+        messages = [robot.step().left_wrench for _ in range(6)]
+        return [m.stamp_ns for m in messages], np.array([[*m.force, *m.torque] for m in messages])
+
+    steps = range(VirtualRobot(COMAN, SensorOptions.exact()).sensors.steps)
+    stamps, each = zip(*(felt(k) for k in steps), strict=True)
+    assert np.ptp(each, axis=0)[1:, 2].max() > 0.1  # the force changes within a period
+    middle, mean = felt(steps[-1], wrench_average=True)
+    assert mean[1:] == pytest.approx(np.mean(each, axis=0)[1:], abs=1e-9)
+    assert middle == [sum(each) // len(steps) for each in zip(*stamps, strict=True)]
+
+
 def test_streams_can_be_slower_than_the_robot(standing):
     readings, _ = read(standing, 60, joints_every=2, wrench_every=5, imu_every=3)
     counts = {name: sum(getattr(r, name) is not None for r in readings) for name in

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import ConfigError
 from ..robot_table import ROBOTS
+from ..sensors import SensorOptions
 from .kinds import AXES, kind_named
 from .world import World, read_world
 
@@ -30,7 +31,8 @@ def draw_world(seed: int, fixed: Mapping[str, str] | None = None) -> World:
     """
     fixed = _with_engine(fixed or {})
     rng = np.random.default_rng([21, seed])
-    world = World(seed=seed, robot=str(rng.choice(ROBOT_CHOICES)))
+    sensors = SensorOptions(wrench_average=True)
+    world = World(seed=seed, robot=str(rng.choice(ROBOT_CHOICES)), sensors=sensors)
     chosen: dict[str, str] = {}
     for number, (axis, kinds) in enumerate(AXES.items()):
         own = np.random.default_rng([22, seed, number])  # to fix one axis leaves the others as they were
