@@ -121,13 +121,16 @@ def learn_leftover(examples: Sequence[Example]) -> dict[str, tuple[float, float]
 
 
 def parameter_errors(examples: Sequence[Example]) -> dict[str, list[float]]:
-    """By effect, errors of the parameters of those that are hidden, where they are compared [standard deviations]."""
+    """By effect, errors of the parameters of those that are hidden, where they are compared [standard deviations].
+
+    An effect that was compared in several ways (joint states late with or without torques) counts in its best one.
+    """
     errors: dict[str, list[float]] = {}
     for example in examples:
         for effect in example.answer["effects"] if example.answer["kind"] in ("single", "pair") else ():
-            for row in example.rows[1:]:
-                if (row["name"], row["where"]) != (effect["name"], effect["where"] or ""):
-                    continue
+            place = effect["name"], effect["where"] or ""
+            ways = [row for row in example.rows[1:] if (row["name"], row["where"]) == place]
+            for row in sorted(ways, key=lambda way: -way["gain"])[:1]:
                 for key, (nominal, x, deviation, logarithmic) in row["parameters"].items():
                     truth = compared(effect).get(key)
                     if isinstance(truth, float) and (not logarithmic or truth > 0.0):
@@ -214,8 +217,7 @@ def learn(
             if (run / "healthy" / name).is_dir()
         ]
         own = list(pool.map(with_baseline, *zip(*(task for _, task in known), strict=True))) if known else []
-    examples = with_factors(examples)
-    baselines = with_factors([Example(answer, *each) for (answer, _), each in zip(known, own, strict=True) if each])
+    baselines = [Example(answer, *each) for (answer, _), each in zip(known, own, strict=True) if each]
     seeds = sorted(int(example.answer["seed"]) for example in examples)
     source = {**nominal.source, "commit": commit(), "cases": len(examples), "seeds": [seeds[0], seeds[-1]]}
     source["kinds"] = kinds_of(
@@ -249,15 +251,6 @@ def mean_of(records: Sequence[Nominal]) -> Nominal:
 def fold_of(answer: Mapping[str, Any]) -> int:
     """Of a case, by its seed."""
     return int(np.random.default_rng([37, int(answer["seed"])]).integers(FOLDS))
-
-
-def with_factors(examples: Sequence[Example]) -> list[Example]:
-    """The examples with the factors on intervals that the other folds give."""
-    several = [[each for each in examples if fold_of(each.answer) != fold] for fold in range(FOLDS)]
-    factors = [interval_factors(each) for each in several]
-    return [
-        replace(each, nominal=replace(each.nominal, interval_factor=factors[fold_of(each.answer)])) for each in examples
-    ]
 
 
 def with_leftover(

@@ -61,7 +61,7 @@ class Example:
         for row in self.rows:
             confirmed = np.nan if row["confirmed"] is None else float(row["confirmed"])
             found = row["gain"], confirmed, row["ways"], row["leftover"], row["pulled"]
-            out.append(features(row["name"], *found, self.nominal))
+            out.append(features(*found, self.nominal))
         return out
 
 

@@ -11,15 +11,13 @@ import pytest
 
 from coman_reduced_model.cli.judge_tables import show_left_out
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.diagnose.inference.decide import NO_ALARM, nats_for_alarm, odds
+from coman_reduced_model.diagnose.inference.decide import NO_ALARM, odds
 from coman_reduced_model.diagnose.inference.explanation import Explanation
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate
 from coman_reduced_model.judge.learn import (
     coverage,
-    fold_of,
     interval_factors,
     learn_leftover,
-    with_factors,
     with_leftover,
 )
 from coman_reduced_model.judge.learn_variability import learn_repeats
@@ -36,8 +34,6 @@ from coman_reduced_model.judge.weights import (
 )
 
 NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)}, interval_factor={"all": 1.0})
-WEIGHTS = {"one": -2.0, "evidence": 1.0, "ways": 0.5, "leftover": 0.1, "apart": 0.3, "pulled": 0.5, "unknown": -3.0}
-DECISION = dict.fromkeys(("selected", "alone"), {**WEIGHTS, "alarm": 0.3})
 
 
 def example(kind: str, gain: float, left: float = 1.0, error: float = 0.0) -> Example:
@@ -144,30 +140,11 @@ def test_without_selecting_recordings_their_evidence_has_no_weight(examples):
     assert learn_decision(other)["alone"] == learn_decision(examples)["alone"]
 
 
-def test_evidence_counts_the_less_the_further_estimates_of_an_effect_are_off():
-    sure, unsure = (replace(NOMINAL, interval_factor={"all": 1.0, "payload": f}) for f in (1.0, 4.0))
-    found = [replace(example("single", 40.0), nominal=each).features[1]["evidence"] for each in (sure, unsure)]
-    assert found[1] == pytest.approx(replace(example("single", 10.0), nominal=sure).features[1]["evidence"])
-    assert found[1] < found[0]
-    nats = [nats_for_alarm(replace(each, decision=DECISION), "payload", 1, True) for each in (sure, unsure)]
-    assert nats[1] == pytest.approx(4.0 * nats[0]) and nats[0] > 0.0
-
-
 def test_training_and_selecting_recordings_must_both_show_an_effect():
     case = example("single", 40.0)
     denied = replace(case, rows=[case.rows[0], {**case.rows[1], "confirmed": -3.0}])
     alone = replace(case, rows=[case.rows[0], {**case.rows[1], "confirmed": None}])
     assert denied.features[1]["evidence"] < 0.0 < alone.features[1]["evidence"] == case.features[1]["evidence"]
-
-
-def test_factors_of_a_fold_are_those_of_the_others():
-    cases = [example("single", 30.0, error=float(e)) for e in np.random.default_rng(4).normal(size=60)]
-    cases = [replace(each, answer={**each.answer, "seed": seed}) for seed, each in enumerate(cases)]
-    own = [each for each in cases if fold_of(each.answer) == 0]
-    rough = [each if each in own else replace(each, rows=example("single", 30.0, error=9.0).rows) for each in cases]
-    found = with_factors(rough)
-    factors = {fold_of(each.answer): each.nominal.interval_factor["payload"] for each in found}
-    assert factors[0] > 4.0 > 2.0 > factors[1]
 
 
 def test_what_laws_leave_is_learnt_from_clean_robots_alone(examples):
@@ -187,6 +164,14 @@ def test_intervals_become_as_long_as_they_must_be():
     rough = [example("single", 30.0, error=float(e)) for e in 3.0 * np.random.default_rng(2).normal(size=400)]
     found = interval_factors(rough)
     assert found["payload"] == pytest.approx(3.0, rel=0.1) == found["all"]
+
+
+def test_an_effect_that_could_be_in_two_ways_is_judged_by_its_better_one():
+    cases = [example("single", 30.0, error=float(e)) for e in np.random.default_rng(2).normal(size=100)]
+    other = example("single", -3.0, error=70.0).rows[1]
+    for ways in ([0, 1], [1, 0]):
+        both = [replace(each, rows=[each.rows[0], *((each.rows[1], other)[k] for k in ways)]) for each in cases]
+        assert interval_factors(both) == interval_factors(cases)
 
 
 def test_intervals_of_one_effect_do_not_become_longer_by_those_of_another():

@@ -43,17 +43,17 @@ def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
     return Odds(none, unknown, tuple(effects), group_of(rivals, effects), weights.get("alarm", NO_ALARM))
 
 
-def nats_for_alarm(nominal: Nominal, effect: str, ways: int, selected: bool) -> float:
+def nats_for_alarm(nominal: Nominal, ways: int, selected: bool) -> float:
     """Evidence [nats] of one effect that raises an alarm, if it leaves and pulls no more than is usual.
 
     Args:
-        effect: its name; ways: number of places at which it could be.
+        ways: number of places at which it could be.
         selected: in selecting recordings it has as much again.
     """
     weights = nominal.decision["selected" if selected else "alone"]
     odds_of_it = 1.0 / weights.get("alarm", NO_ALARM) - 1.0 - np.exp(weights[UNKNOWN])
     wanted = float(np.log(max(odds_of_it, 1e-9))) - weights["one"] + weights["ways"] * float(np.log(ways))
-    return 2.0 * float(np.sinh(max(wanted, 0.0) / max(weights["evidence"], 1e-9))) * nominal.factor_of(effect)
+    return 2.0 * float(np.sinh(max(wanted, 0.0) / max(weights["evidence"], 1e-9)))
 
 
 def probabilities(scores: Sequence[float]) -> list[float]:

@@ -43,12 +43,10 @@ class Explanation:
 
     def features(self, nominal: Nominal) -> dict[str, float]:
         """By name: what decides, see decide.py."""
-        effect = self.option.effect if self.option else ""
-        return features(effect, self.gain, self.confirmed, self.ways, self.leftover, self.pulled, nominal)
+        return features(self.gain, self.confirmed, self.ways, self.leftover, self.pulled, nominal)
 
 
 def features(
-    effect: str,
     gain: float,
     confirmed: float,
     ways: int,
@@ -58,13 +56,12 @@ def features(
 ) -> dict[str, float]:
     """Of the values that an `Explanation` has.
 
-    Training and selecting recordings must both show an effect: the smaller evidence counts. It counts the less, the
-    larger the errors of this effect usually are beside their standard deviations (`Nominal.interval_factor`).
+    Training and selecting recordings must both show an effect: the smaller evidence counts.
     """
     laws = by_law(leftover)
     apart = {law: laws.pop(law) for law in list(laws) if law.endswith(APART)}
     return {
-        "evidence": compressed(float(np.fmin(gain, confirmed)) / nominal.factor_of(effect)),
+        "evidence": compressed(float(np.fmin(gain, confirmed))),
         "ways": -float(np.log(ways)),
         "leftover": worst_leftover(laws, nominal)[0],
         "apart": worst_leftover(apart, nominal)[0],

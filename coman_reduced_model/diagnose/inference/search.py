@@ -165,6 +165,6 @@ def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
         # A deviation d is worth d^2/2 (1/(noise + spread^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + before[i]) - 1.0 / (noise + unknown.reach**2)
         price = 0.5 * np.log((noise + unknown.reach**2) / (noise + before[i]))
-        enough = nats_for_alarm(finding.nominal, unknown.effect, places[unknown.effect], bool(finding.hold))
+        enough = nats_for_alarm(finding.nominal, places[unknown.effect], bool(finding.hold))
         out.append((unknown, float(np.sqrt(2.0 * (enough + price) / max(worth, 1e-30)))))
     return out
