@@ -72,12 +72,13 @@ def lagged(values: Array, time_constant: float) -> Array:
 
 def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
     """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
-    k, d = float(world.stiffness[j]), float(world.damping[j])
-    if world.cubic[j]:
-        return np.asarray(bent_stretch(np.ascontiguousarray(torque), k, d, float(world.cubic[j]), dt))
-    if dt == 1.0 / RATE:
-        return lagged(torque, d / k) / k
-    return (torque - d / k * np.gradient(torque, dt)) / k  # ticks are too far apart for the lag itself
+    k, d, cubic = (float(each[j]) for each in (world.stiffness, world.damping, world.cubic))
+    held_back = d / k * np.gradient(torque, dt)  # of ticks that are too far apart for the lag itself
+    x = (lagged(torque, d / k) if dt == 1.0 / RATE else torque - held_back) / k
+    if cubic:  # what it adds, so that the smallest one is no other way to compute the same
+        bent, straight = (bent_stretch(np.ascontiguousarray(torque), k, d, each, dt) for each in (cubic, 0.0))
+        x = x + bent - straight
+    return np.asarray(x)
 
 
 def slipped(world: World, j: int, torque: Array, dt: float) -> Array:
@@ -119,25 +120,26 @@ def _lost_stretch(torque: Array, k: float, d: float, half: float, held: float, d
 def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> Array:
     """Stretch (n,) of a spring k x (1 + cubic x^2) with a damper d beside it, under a torque (n,) [Nm] every dt [s].
 
-    Backward Euler, as stiff springs need. A softening spring goes on straight where its tangent has fallen to a fifth.
+    The straight spring is under the torque that the bend leaves it, linear between samples: exact without a bend, as
+    `lagged` is, of second order with one. A softening spring goes on straight where its tangent has fallen to a fifth.
     """
-    straight = 1e9
-    if cubic < 0.0:
-        straight = np.sqrt((1.0 - SOFTEST) / (-3.0 * cubic))
+    straight = np.sqrt((1.0 - SOFTEST) / (-3.0 * cubic)) if cubic < 0.0 else 1e9
+    T = max(d / k, 0.0)
+    a = np.exp(-dt / T) if T > 0.0 else 0.0
+    b = T / dt * (1.0 - a)
     out = np.empty(len(torque))
-    x = torque[0] / k
+    x = u = 0.0
     for i in range(len(torque)):
-        last = x
+        now, before = (1.0, 0.0) if i == 0 else (1.0 - b, a * x + (b - a) * u)
+        if i == 0:
+            x = torque[0] / k
         for _ in range(200 if i == 0 else 6):
             at = min(max(x, -straight), straight)
-            force = k * (at + cubic * at**3)
-            tangent = k * (1.0 + 3.0 * cubic * at**2)
-            force += tangent * (x - at)
-            slope = tangent
-            if i > 0:
-                force += d * (x - last) / dt
-                slope += d / dt
-            x -= (force - torque[i]) / slope
+            slope = 3.0 * cubic * at**2
+            bend = cubic * at**3 + slope * (x - at)
+            x -= (x - before - now * (torque[i] / k - bend)) / (1.0 + now * slope)
+        at = min(max(x, -straight), straight)
+        u = torque[i] / k - cubic * at**3 - 3.0 * cubic * at**2 * (x - at)
         out[i] = x
     return out
 

@@ -24,7 +24,7 @@ from .finding import Finding
 # All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
 # in ROUNDS rounds at most.
 FAR_OFF, ROUNDS = 0.1, 4
-CLEARLY = 3.0  # nats
+CLEARLY = 10.0  # nats
 STEPS, SETTLED = 12, 0.05  # steps of one round at most; share of the reach that counts as no change
 
 
@@ -78,7 +78,8 @@ def _gauss_newton(
         at = cache.converged[key]
         cases = cache.near(at, like, released)
         return at, cases, evidence_of(cases).fit(released)
-    longest = np.array([unknown.reach for unknown in known])
+    reach = np.array([unknown.reach for unknown in known])
+    longest = reach.copy()
     last = np.zeros(len(known))
     for _ in range(STEPS):
         step = _values(known, fit, released) - at
@@ -87,7 +88,8 @@ def _gauss_newton(
         at = at + last
         cases = cache.near(at, like, released)
         fit = evidence_of(cases).fit(released)
-        if all(abs(fit.x[i] - at[i]) < SETTLED * known[i].reach + 0.05 * abs(at[i]) for i in released):
+        tolerance = np.minimum(SETTLED * reach, np.sqrt(np.diag(fit.covariance))) + 0.05 * np.abs(at)
+        if np.all(np.abs(fit.x - at)[list(released)] < tolerance[list(released)]):
             break
     cache.converged[key] = at
     return at, cases, fit

@@ -37,6 +37,20 @@ def test_figures_are_named_once_and_leave_their_input_alone():
         assert {known[i].effect for i in option.unknowns} == {option.effect}
 
 
+def test_next_to_nothing_of_an_effect_changes_next_to_nothing():
+    """An effect that is there at all, and no effect, are not computed in two ways that differ."""
+    k = float(standing()[1].stiffness[index()])
+    recording, world = stretched(lambda tau, _: tau / k), standing()[1]
+    where = masks(recording, world)
+    before = evaluate(recording, world, where).residuals
+    for each in unknowns(recording, world):
+        changes = []
+        for share in (1e-6, 1e-2):
+            after = evaluate(*each.apply(recording, world, share * each.reach), where).residuals
+            changes.append(max(np.nanmax(np.abs(after[name] - before[name]), initial=0.0) for name in before))
+        assert changes[0] <= 0.01 * changes[1] + 1e-9, each.name
+
+
 def test_without_motor_states_there_are_no_springs_to_judge():
     recording, world = standing()
     effects = {f.effect for f in unknowns(recording.changed(motor_q=None, tau=None), world)}
