@@ -80,9 +80,10 @@ def test_kinds_come_up_as_often_as_their_weights_say():
             assert share == pytest.approx(kind.weight / total, abs=0.07), (axis, name)
 
 
-def test_the_plain_world_is_the_virtual_robot_as_it_was():
+def test_the_plain_world_is_the_virtual_robot_with_foot_sensors_that_average():
     plain = world_of("plain")
-    assert plain == replace(World(kinds=plain_kinds()), robot=plain.robot) and plain.robot == "coman"
+    averaging = SensorOptions(wrench_average=True)
+    assert plain == World(kinds=plain_kinds(), robot=plain.robot, sensors=averaging) and plain.robot == "coman"
 
 
 def test_the_population_is_as_wide_as_it_is_said_to_be():
