@@ -190,7 +190,7 @@ def learn(
         others = [nominal] * FOLDS
         if not keep_widths:
             clean = [
-                (fold, (run / "bags" / name, run / "learn" / f"{name}.laws.pkl"))
+                (fold, (run / "bags" / name, run / "learn" / f"{name}.{COMPARISON}.laws.pkl"))
                 for fold, (run, name, answer) in zip(folds, cases, strict=True)
                 if answer["kind"] == "clean"
             ]

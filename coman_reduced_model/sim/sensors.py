@@ -2,7 +2,8 @@
 """The sensors of the virtual robot: from true signals to the messages of core/base/types, seeded.
 
 Every stream has its own clock phase: it is sampled at its own physics step of the period and stamped with that time,
-up to a jitter. Joint and motor states come from one driver and share their stamps.
+up to a jitter; a mean of foot forces with the middle of its period. Joint and motor states come from one driver and
+share their stamps.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class SensorOptions:
     imu_every: int = 1  # of the IMU
     wrenches: bool = True  # False: a robot without foot force sensors
     contact_switches: bool = False  # True: foot_contacts, by a switch under each foot
-    wrench_average: bool = False  # True: the mean over the last period; False: of the physics step that is sampled
+    wrench_average: bool = False  # True: the mean over the robot's last period; False: of the step that is sampled
     wrench_frame: str = "sole"  # frame that wrenches are expressed in: sole or sensor
     wrench_zero: float = 0.0  # [N] largest zero of a force, drawn evenly; of a moment 0.05 m times that
     wrench_gain: float = 0.0  # relative error of the gain of each component

@@ -33,7 +33,7 @@ from coman_reduced_model.judge.weights import (
     verdict_of,
 )
 
-NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)}, interval_factor={"all": 1.0})
+NOMINAL = replace(load_nominal(), leftover={"spring|single": (1.0, 0.3)})
 
 
 def example(kind: str, gain: float, left: float = 1.0, error: float = 0.0) -> Example:

@@ -73,11 +73,11 @@ def lagged(values: Array, time_constant: float) -> Array:
 def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
     """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
     k, d, cubic = (float(each[j]) for each in (world.stiffness, world.damping, world.cubic))
-    held_back = d / k * np.gradient(torque, dt)  # of ticks that are too far apart for the lag itself
-    x = (lagged(torque, d / k) if dt == 1.0 / RATE else torque - held_back) / k
+    close = dt == 1.0 / RATE  # ticks are too far apart for the lag itself
+    x = (lagged(torque, d / k) if close else torque - d / k * np.gradient(torque, dt)) / k
     if cubic:  # what it adds, so that the smallest one is no other way to compute the same
-        bent, straight = (bent_stretch(np.ascontiguousarray(torque), k, d, each, dt) for each in (cubic, 0.0))
-        x = x + bent - straight
+        bent, without = (bent_stretch(np.ascontiguousarray(torque), k, d, each, dt) for each in (cubic, 0.0))
+        x = x + bent - without
     return np.asarray(x)
 
 
@@ -122,6 +122,7 @@ def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> 
 
     The straight spring is under the torque that the bend leaves it, linear between samples: exact without a bend, as
     `lagged` is, of second order with one. A softening spring goes on straight where its tangent has fallen to a fifth.
+    Newton's method begins at the straight spring each time: from there it does not overshoot to the other side.
     """
     straight = np.sqrt((1.0 - SOFTEST) / (-3.0 * cubic)) if cubic < 0.0 else 1e9
     T = max(d / k, 0.0)
@@ -131,13 +132,15 @@ def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> 
     x = u = 0.0
     for i in range(len(torque)):
         now, before = (1.0, 0.0) if i == 0 else (1.0 - b, a * x + (b - a) * u)
-        if i == 0:
-            x = torque[0] / k
-        for _ in range(200 if i == 0 else 6):
+        x = before + now * torque[i] / k
+        for _ in range(200):
             at = min(max(x, -straight), straight)
             slope = 3.0 * cubic * at**2
             bend = cubic * at**3 + slope * (x - at)
-            x -= (x - before - now * (torque[i] / k - bend)) / (1.0 + now * slope)
+            step = (x - before - now * (torque[i] / k - bend)) / (1.0 + now * slope)
+            x -= step
+            if abs(step) < 1e-15:
+                break
         at = min(max(x, -straight), straight)
         u = torque[i] / k - cubic * at**3 - 3.0 * cubic * at**2 * (x - at)
         out[i] = x

@@ -25,7 +25,8 @@ from .finding import Finding
 # in ROUNDS rounds at most.
 FAR_OFF, ROUNDS = 0.1, 4
 CLEARLY = 10.0  # nats
-STEPS, SETTLED = 12, 0.05  # steps of one round at most; share of the reach that counts as no change
+STEPS = 12  # of one round at most
+SETTLED = 0.05  # of the reach, or a standard deviation where that is less, and of the value: what counts as no change
 
 
 def settle(
@@ -89,7 +90,7 @@ def _gauss_newton(
         cases = cache.near(at, like, released)
         fit = evidence_of(cases).fit(released)
         tolerance = np.minimum(SETTLED * reach, np.sqrt(np.diag(fit.covariance))) + 0.05 * np.abs(at)
-        if np.all(np.abs(fit.x - at)[list(released)] < tolerance[list(released)]):
+        if np.all(np.abs(_values(known, fit, released) - at) <= tolerance):
             break
     cache.converged[key] = at
     return at, cases, fit

@@ -59,6 +59,26 @@ def test_a_straight_spring_is_the_same_bent_by_nothing(dt):
         for cubic in (0.0, 1e-9, -1e-9)
     )
     assert bent == pytest.approx(straight, abs=1e-12) and backwards == pytest.approx(straight, abs=1e-12)
+    for k, d in ((130.0, 3.0), (130.0, 0.0)):
+        assert bent_stretch(torque, k, d, 0.0, 1.0 / RATE) == pytest.approx(lagged(torque, d / k) / k, abs=1e-12)
+
+
+@settings(max_examples=20)
+@given(st.floats(-0.9, -0.4), st.floats(0.0, 0.6), st.sampled_from([1.0 / RATE, 0.04]))
+def test_a_spring_that_softens_far_is_still_a_spring(bend, d, dt):
+    """Where its tangent has fallen to a fifth it goes on straight; torques that turn round within a sample too."""
+    k, amplitude = 130.0, 20.0
+    cubic = bend / (amplitude / k) ** 2
+    torque = amplitude * np.sign(np.sin(40.0 * t)) * np.abs(np.sin(40.0 * t)) ** 0.3
+    x = bent_stretch(torque, k, d, cubic, dt)
+    straight = np.sqrt(0.8 / (-3.0 * cubic))
+    at = np.clip(x, -straight, straight)
+    borne = k * (at + cubic * at**3 + (1.0 + 3.0 * cubic * at**2) * (x - at))
+    # The damper bears the rest: over a step, the mean of what is left is d times how far it has moved.
+    if d == 0.0:
+        assert borne == pytest.approx(torque, abs=1e-9)
+    assert np.abs(x).max() <= amplitude / (0.2 * k) + straight
+    assert np.all(np.sign(x[np.abs(x) > straight]) == np.sign(borne[np.abs(x) > straight]))
 
 
 def test_a_lag_is_exact_on_a_ramp_and_leads_the_other_way():

@@ -47,7 +47,6 @@ def nominal():
     return replace(
         NOMINAL,
         decision=decision,
-        interval_factor={"all": 1.0},
         leftover={"spring|single": (1.0, 0.5), "spring|single apart": (2.0, 0.3)},
     )
 

@@ -42,13 +42,16 @@ def test_next_to_nothing_of_an_effect_changes_next_to_nothing():
     k = float(standing()[1].stiffness[index()])
     recording, world = stretched(lambda tau, _: tau / k), standing()[1]
     where = masks(recording, world)
-    before = evaluate(recording, world, where).residuals
+    before, moved = evaluate(recording, world, where).residuals, []
     for each in unknowns(recording, world):
         changes = []
         for share in (1e-6, 1e-2):
             after = evaluate(*each.apply(recording, world, share * each.reach), where).residuals
+            assert all((np.isfinite(after[name]) == np.isfinite(before[name])).all() for name in before), each.name
             changes.append(max(np.nanmax(np.abs(after[name] - before[name]), initial=0.0) for name in before))
         assert changes[0] <= 0.01 * changes[1] + 1e-9, each.name
+        moved.append(changes[1] > 0.0)
+    assert np.mean(moved) > 0.5  # of what a standing robot shows
 
 
 def test_without_motor_states_there_are_no_springs_to_judge():
