@@ -73,7 +73,7 @@ def lagged(values: Array, time_constant: float) -> Array:
 def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
     """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
     k, d, cubic = (float(each[j]) for each in (world.stiffness, world.damping, world.cubic))
-    close = dt == 1.0 / RATE  # ticks are too far apart for the lag itself
+    close = dt == 1.0 / RATE  # else at ticks, which are too far apart for the lag itself
     x = (lagged(torque, d / k) if close else torque - d / k * np.gradient(torque, dt)) / k
     if cubic:  # what it adds, so that the smallest one is no other way to compute the same
         bent, without = (bent_stretch(np.ascontiguousarray(torque), k, d, each, dt) for each in (cubic, 0.0))
@@ -141,8 +141,7 @@ def bent_stretch(torque: Array, k: float, d: float, cubic: float, dt: float) -> 
             x -= step
             if abs(step) < 1e-15:
                 break
-        at = min(max(x, -straight), straight)
-        u = torque[i] / k - cubic * at**3 - 3.0 * cubic * at**2 * (x - at)
+        u = (x - before) / now  # what the bend leaves of torque / k
         out[i] = x
     return out
 

@@ -89,7 +89,7 @@ def _gauss_newton(
         at = at + last
         cases = cache.near(at, like, released)
         fit = evidence_of(cases).fit(released)
-        tolerance = np.minimum(SETTLED * reach, np.sqrt(np.diag(fit.covariance))) + 0.05 * np.abs(at)
+        tolerance = np.minimum(SETTLED * reach, np.sqrt(np.diag(fit.covariance))) + SETTLED * np.abs(at)
         if np.all(np.abs(_values(known, fit, released) - at) <= tolerance):
             break
     cache.converged[key] = at
