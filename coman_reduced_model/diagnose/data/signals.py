@@ -16,6 +16,7 @@ from .recording import RATE, Recording
 from .world import World
 
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
+BARELY = 0.008  # [s] standard deviation of the Gaussian before a sign or a dead zone, which is smoothed then
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 NOISY = 0.05  # of a joint's torques, from which on the noise of their sensor matters for derivatives
 
@@ -44,6 +45,11 @@ class Smoothed:
         key = "slipped", j, *law
         return self._made(key, torques, lambda each: slipped(world, j, each[:, j], 1.0 / RATE))
 
+    def rubbing(self, q: Array, creep: Array) -> Array:
+        """(n, nj) -1..1, smoothed: which way, and how far, friction acts on joints at q (n, nj); creep (nj,) [rad/s]."""
+        key = "rubbing", creep.tobytes()
+        return self._made(key, q, lambda each: smooth(np.tanh(rate_of(_barely_smooth(each)) / creep)))
+
     def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Any]) -> Any:
         found = self._known.get(key)
         if found is None or found[0] is not of:
@@ -58,6 +64,11 @@ def _complete(values: Array) -> Booleans:
 def smooth(values: Array) -> Array:
     """Values (n, k) without what is faster than the balance can follow."""
     return np.asarray(gaussian_filter1d(values, SMOOTHING * RATE, axis=0, mode="nearest"))
+
+
+def _barely_smooth(values: Array) -> Array:
+    """Values (n, k) whose sign or rate is asked for before they are smoothed: without most of the counts."""
+    return np.asarray(gaussian_filter1d(values, BARELY * RATE, axis=0, mode="nearest"))
 
 
 def rate_of(values: Array) -> Array:

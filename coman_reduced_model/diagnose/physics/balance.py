@@ -130,7 +130,9 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         balance = {}  # what the sensors say too much
         for name, value in (("force", rest[:, :3]), ("moment", moment)):
             balance |= {f"{name}/{axis}": -np.einsum("nj,nj->n", R[:, k], value) for k, axis in enumerate(AXES)}
-    needed = rest[:, robot.idx_v] + world.friction * np.tanh(motion.qd / world.creep)
+    needed = rest[:, robot.idx_v]
+    if world.friction.any():
+        needed = needed + world.friction * smoothed.rubbing(recording.q, world.creep)[ticks]
     torques = _torques(recording, ticks, needed, smoothed)
     out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
