@@ -182,7 +182,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
             tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
             q[:, j] = recording.motor_q[:, j] - x
         else:
-            tau[:, j] = _twice_smooth(recording.tau[:, j])
+            tau[:, j] = believed(recording.tau[:, j], noise[j])
             bent = spring_stretch(world, int(j), tau[:, j], 1.0 / RATE)
             more = beyond_noise(stretch[:, j] - bent, coarse[j] / world.stiffness[j])
             q[:, j] = recording.motor_q[:, j] - bent - more
@@ -207,6 +207,17 @@ def beyond_noise(gap: Array, noise: float) -> Array:
     slow = _slow(gap)
     fast = _twice_smooth(gap) - slow
     return np.asarray(slow + (1.0 - noise_share(fast, noise)) * fast)
+
+
+def believed(values: Array, noise: float) -> Array:
+    """Values (n,) of a sensor: what is slow, and what of the rest its white noise (standard deviation) does not make.
+
+    Both as they are after they have been smoothed.
+    """
+    slow = _twice_smooth(values)
+    fast = values - slow
+    left = noise * np.sqrt(0.5 / (np.sqrt(np.pi) * SMOOTHING * RATE))
+    return np.asarray(slow + (1.0 - noise_share(smooth(fast), left)) * fast)
 
 
 def encoder_noise(recording: Recording) -> Array:
