@@ -20,7 +20,7 @@ from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
-from .evidence import Evidence, Fit, Problem, Reference, assemble, parts_of, pooled, reference, shifts_of, summed, weigh
+from .evidence import Evidence, Fit, Problem, Reference, assemble, parts_of, pooled, reference, summed, weigh
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
 from .prior import prior_variance
@@ -139,7 +139,7 @@ def examine(
     """
     recording, world, where = prepared
     near = like if fresh is not None else None
-    if like and np.array_equal(like.reference.shifts, shifts_of(known, at)):
+    if like and like.reference.fits(known, at):
         base = like.reference
     else:
         base = reference(recording, world, where, known, at)

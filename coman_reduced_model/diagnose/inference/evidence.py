@@ -50,6 +50,7 @@ from .usual import Usual
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
 NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
+GAINS = ("wrench_scale", "sensor_rotation")  # of foot sensors: what they do grows with the wrench
 TIMED = {name for name, effect in CATALOGUE.items() if effect.clock or effect.late is not Effect.late}
 
 
@@ -83,27 +84,55 @@ class Reference:
 
     Attributes:
         shifts: (P,) deviations of the parameters of clocks, which the reference has; of others 0.
+        gains: (P,) the same of gains of the foot sensors, which the wrenches of the quiet motion have.
     """
 
     measured: State
     quiet: State
     shifts: Array
+    gains: Array
+
+    def fits(self, known: Sequence[Unknown], at: Array) -> bool:
+        """Whether it is of the same clocks and gains."""
+        return np.array_equal(self.shifts, shifts_of(known, at)) and np.array_equal(self.gains, gains_of(known, at))
 
 
 def shifts_of(known: Sequence[Unknown], at: Array) -> Array:
     """Of deviations (P,), those of parameters that shift streams in time; 0 for the others."""
-    timed = [unknown.effect in TIMED for unknown in known]
-    return np.where(timed, at, 0.0)
+    return np.where([unknown.effect in TIMED for unknown in known], at, 0.0)
+
+
+def gains_of(known: Sequence[Unknown], at: Array) -> Array:
+    """Of deviations (P,), those of gains of the foot sensors; 0 for the others."""
+    return np.where([unknown.effect in GAINS for unknown in known], at, 0.0)
 
 
 def reference(recording: Recording, world: World, where: Masks, known: Sequence[Unknown], at: Array) -> Reference:
-    """Of a recording with the nominal state of its robot, under a hypothesis (P,) about its clocks."""
-    shifts = shifts_of(known, at)
+    """Of a recording with the nominal state of its robot, under a hypothesis (P,) about its clocks and gains."""
+    shifts, gains = shifts_of(known, at), gains_of(known, at)
     moved, world = applied(known, shifts, recording, world)
     where = with_taken_up(where, recording, moved, world)
     measured = evaluate(moved, world, where)
     noise = np.inf if moved.tau is None else white(moved.tau[:: moved.stride])
-    return Reference(measured, balanced(evaluate(without_noise(moved, world), world, where), where, noise), shifts)
+    true, _ = applied(known, gains, moved, world)
+    quiet = balanced(evaluate(without_noise(true, world), world, where), where, noise)
+    if gains.any():
+        quiet = _as_read(quiet, where, known, gains)
+    return Reference(measured, quiet, shifts, gains)
+
+
+def _as_read(true: State, where: Masks, known: Sequence[Unknown], gains: Array) -> State:
+    """The same state with wrenches as sensors read them that have these gains (P,).
+
+    What taking back a gain changes is a share of what was read, not of the truth.
+    """
+    recording = true.recording
+    units = dict.fromkeys(recording.wrench, np.vstack([np.zeros(6), np.eye(6)]))
+    taken_back, _ = applied(known, gains, recording.changed(wrench=units), true.world)
+    wrench = {}
+    for foot, (zero, *each) in taken_back.wrench.items():
+        wrench[foot] = (recording.wrench[foot] - zero) @ np.linalg.inv(np.array(each) - zero)
+    return evaluate(recording.changed(wrench=wrench), true.world, where, true)
 
 
 def assemble(
@@ -135,7 +164,7 @@ def assemble(
     fresh = range(len(known)) if like is None else fresh
     measured = applied(known, rest, reference.measured.recording, reference.measured.world)
     moved = [_differences(measured, reference.measured, quiet, where, known[i]) for i in fresh]
-    gains = [known[i].effect in ("wrench_scale", "sensor_rotation") for i in fresh]
+    gains = [known[i].effect in GAINS for i in fresh]
     rows: dict[str, Array] = {}
     columns: dict[str, Array] = {}
     pieces: dict[str, Integers] = {}
