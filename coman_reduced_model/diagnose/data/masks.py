@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from ...core.base.types import Array, Booleans, Foot, Integers, Phase
 from .landings import CONTACT_S, Slide, blows, usual_slides
 from .recording import RATE, Recording
-from .signals import SMOOTHING, encoder_noise, lagged, noise_share, smooth
+from .signals import SMOOTHING, barely_smooth, encoder_noise, lagged, noise_share, smooth
 from .strides import in_stride
 from .world import World
 
@@ -140,13 +139,16 @@ def _taken_up(recording: Recording, world: World) -> Array:
     sure, noise = sure_torque(world), encoder_noise(recording)
     for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
         torque, stretch = recording.tau[:, j], recording.motor_q[:, j] - recording.q[:, j]
-        law = stretch - lagged(torque, world.damping[j] / world.stiffness[j]) / world.stiffness[j]
-        law = gaussian_filter1d(law, SMOOTHING * RATE)
-        low, high = np.percentile(law, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
-        law -= 0.5 * (low + high)
-        seen = np.clip(law / max(SEEN, 0.5 * (high - low)), -1.0, 1.0) * (1.0 - noise_share(law, noise[j]))
-        loaded = np.clip(np.abs(smooth(torque[:, None])[:, 0]) / sure - 1.0, 0.0, 1.0)
-        out[:, j] = loaded * np.sign(torque) + (1.0 - loaded) * seen
+        bears = lagged(torque, world.damping[j] / world.stiffness[j])  # the spring beside its damper
+        law = stretch - bears / world.stiffness[j]
+        smoothed = smooth(law)
+        low, high = np.percentile(smoothed, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
+        middle = 0.5 * (low + high)
+        seen = np.clip((barely_smooth(law) - middle) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
+        seen *= 1.0 - noise_share(smoothed - middle, noise[j])
+        bears = barely_smooth(bears)
+        loaded = np.clip(np.abs(bears) / sure - 1.0, 0.0, 1.0)
+        out[:, j] = loaded * np.sign(bears) + (1.0 - loaded) * seen
     return smooth(out)
 
 

@@ -48,7 +48,7 @@ class Smoothed:
     def rubbing(self, q: Array, creep: Array) -> Array:
         """(n, nj) -1..1, smoothed: which way, and how far, friction acts on joints at q (n, nj); creep (nj,) [rad/s]."""
         key = "rubbing", creep.tobytes()
-        return self._made(key, q, lambda each: smooth(np.tanh(rate_of(_barely_smooth(each)) / creep)))
+        return self._made(key, q, lambda each: smooth(np.tanh(rate_of(barely_smooth(each)) / creep)))
 
     def _made(self, key: tuple[Any, ...], of: Array, make: Callable[[Array], Any]) -> Any:
         found = self._known.get(key)
@@ -66,7 +66,7 @@ def smooth(values: Array) -> Array:
     return np.asarray(gaussian_filter1d(values, SMOOTHING * RATE, axis=0, mode="nearest"))
 
 
-def _barely_smooth(values: Array) -> Array:
+def barely_smooth(values: Array) -> Array:
     """Values (n, k) whose sign or rate is asked for before they are smoothed: without most of the counts."""
     return np.asarray(gaussian_filter1d(values, BARELY * RATE, axis=0, mode="nearest"))
 

@@ -280,7 +280,10 @@ def _joints(
         if warmed is not None:
             elastic = elastic / np.maximum(1.0 + warmed[:, j], SOFTEST)
         if stretch is not None:
-            play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(torque / sure_torque(world))
+            if where.taken_up[:, j].any():
+                play = where.taken_up[:, j]
+            else:
+                play = np.tanh(world.stiffness[j] * elastic / sure_torque(world))
             bent = elastic + 0.5 * world.play[j] * play
             if world.lost[j]:
                 bent = bent + (slipped(world, j, np.nan_to_num(torque), 1.0 / TICKS) if lost is None else lost)
