@@ -37,16 +37,16 @@ class Smoothed:
     def stretch(self, world: World, j: int, torques: Array) -> Array:
         """(n,) [rad] of the spring of joint j under smoothed torques (n, nj) at RATE."""
         law = float(world.stiffness[j]), float(world.damping[j]), float(world.cubic[j])
-        return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j], 1.0 / RATE))
+        return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j]))
 
     def slipped(self, world: World, j: int, torques: Array) -> Array:
         """(n,) [rad] that the lost motion of joint j adds to its spring, of smoothed torques (n, nj) at RATE."""
         law = tuple(float(each[j]) for each in (world.lost, world.slips_at, world.stiffness, world.damping))
         key = "slipped", j, *law
-        return self._made(key, torques, lambda each: slipped(world, j, each[:, j], 1.0 / RATE))
+        return self._made(key, torques, lambda each: slipped(world, j, each[:, j]))
 
     def rubbing(self, q: Array, creep: Array) -> Array:
-        """(n, nj) -1..1, smoothed: which way, and how far, friction acts on joints at q (n, nj); creep (nj,) [rad/s]."""
+        """(n, nj) -1..1, smoothed: friction of joints at q (n, nj), as a share of itself; creep (nj,) [rad/s]."""
         key = "rubbing", creep.tobytes()
         return self._made(key, q, lambda each: smooth(np.tanh(rate_of(barely_smooth(each)) / creep)))
 
@@ -81,22 +81,22 @@ def lagged(values: Array, time_constant: float) -> Array:
     return delays.lagged(values, time_constant, RATE)
 
 
-def spring_stretch(world: World, j: int, torque: Array, dt: float) -> Array:
-    """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) every dt."""
+def spring_stretch(world: World, j: int, torque: Array) -> Array:
+    """Between motor and link (n,) [rad], of spring and damper, for a torque (n,) at RATE."""
     k, d, cubic = (float(each[j]) for each in (world.stiffness, world.damping, world.cubic))
-    close = dt == 1.0 / RATE  # else at ticks, which are too far apart for the lag itself
-    x = (lagged(torque, d / k) if close else torque - d / k * np.gradient(torque, dt)) / k
+    x = lagged(torque, d / k) / k
     if cubic:  # what it adds, so that the smallest one is no other way to compute the same
-        bent, without = (bent_stretch(np.ascontiguousarray(torque), k, d, each, dt) for each in (cubic, 0.0))
+        bent, without = (bent_stretch(np.ascontiguousarray(torque), k, d, each, 1.0 / RATE) for each in (cubic, 0.0))
         x = x + bent - without
     return np.asarray(x)
 
 
-def slipped(world: World, j: int, torque: Array, dt: float) -> Array:
-    """(n,) [rad] that lost motion adds to the stretch of joint j's spring, for a torque (n,) every dt [s]."""
+def slipped(world: World, j: int, torque: Array) -> Array:
+    """(n,) [rad] that lost motion adds to the stretch of joint j's spring, for a torque (n,) at RATE."""
     k, d, held = float(world.stiffness[j]), float(world.damping[j]), float(world.slips_at[j])
     torque = np.ascontiguousarray(torque)
-    with_it, without = (_lost_stretch(torque, k, d, half, held, dt) for half in (0.5 * float(world.lost[j]), 0.0))
+    half = 0.5 * float(world.lost[j])
+    with_it, without = (_lost_stretch(torque, k, d, each, held, 1.0 / RATE) for each in (half, 0.0))
     return np.asarray(with_it - without)
 
 
@@ -183,7 +183,7 @@ def without_noise(recording: Recording, world: World) -> Recording:
             q[:, j] = recording.motor_q[:, j] - x
         else:
             tau[:, j] = believed(recording.tau[:, j], noise[j])
-            bent = spring_stretch(world, int(j), tau[:, j], 1.0 / RATE)
+            bent = spring_stretch(world, int(j), tau[:, j])
             more = beyond_noise(stretch[:, j] - bent, coarse[j] / world.stiffness[j])
             q[:, j] = recording.motor_q[:, j] - bent - more
     return recording.changed(q=q, tau=tau)

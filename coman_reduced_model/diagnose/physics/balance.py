@@ -29,6 +29,7 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from ...core.base.types import Array, Foot, Integers
@@ -130,9 +131,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         balance = {}  # what the sensors say too much
         for name, value in (("force", rest[:, :3]), ("moment", moment)):
             balance |= {f"{name}/{axis}": -np.einsum("nj,nj->n", R[:, k], value) for k, axis in enumerate(AXES)}
-    needed = rest[:, robot.idx_v]
-    if world.friction.any():
-        needed = needed + world.friction * smoothed.rubbing(recording.q, world.creep)[ticks]
+    needed = rest[:, robot.idx_v] + world.friction * smoothed.rubbing(recording.q, world.creep)[ticks]
     torques = _torques(recording, ticks, needed, smoothed)
     out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
@@ -221,6 +220,11 @@ def _torques(recording: Recording, ticks: Integers, needed: Array, smoothed: Smo
     return np.where(smoothed.complete(efforts), efforts[ticks], needed)
 
 
+def _between(values: Array, ticks: Integers) -> Array:
+    """Values (m, k) at the ticks, at each sample from the first tick to the last."""
+    return np.asarray(CubicSpline(ticks, np.nan_to_num(values))(np.arange(ticks[0], ticks[-1] + 1)))
+
+
 def _yielded(
     compliance: float, world: World, recording: Recording, ticks: Integers, torque: Array, smoothed: Smoothed
 ) -> Array:
@@ -267,6 +271,7 @@ def _joints(
     yielding = None
     if world.yielding:
         yielding = _yielded(world.yielding, world, recording, ticks, torques, smoothed)
+    between = np.empty((0, 0)) if efforts is not None and smoothed.complete(efforts).all() else _between(torques, ticks)
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
@@ -276,7 +281,7 @@ def _joints(
             elastic = smoothed.stretch(world, j, efforts)[ticks]
             lost = smoothed.slipped(world, j, efforts)[ticks] if world.lost[j] else None
         else:
-            elastic = spring_stretch(world, j, torque, 1.0 / TICKS)
+            elastic = spring_stretch(world, j, between[:, j])[ticks - ticks[0]]
         if warmed is not None:
             elastic = elastic / np.maximum(1.0 + warmed[:, j], SOFTEST)
         if stretch is not None:
@@ -286,7 +291,7 @@ def _joints(
                 play = np.tanh(world.stiffness[j] * elastic / sure_torque(world))
             bent = elastic + 0.5 * world.play[j] * play
             if world.lost[j]:
-                bent = bent + (slipped(world, j, np.nan_to_num(torque), 1.0 / TICKS) if lost is None else lost)
+                bent = bent + (slipped(world, j, between[:, j])[ticks - ticks[0]] if lost is None else lost)
             out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
     return out
 
