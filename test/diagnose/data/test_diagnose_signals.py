@@ -14,12 +14,18 @@ from scipy.integrate import solve_ivp
 
 from coman_reduced_model.diagnose.data.recording import RATE
 from coman_reduced_model.diagnose.data.signals import (
+    Smoothed,
     _lost_stretch,
+    believed,
     bent_stretch,
     beyond_noise,
     lagged,
+    rate_of,
+    smooth,
     spring_stretch,
 )
+
+few = settings(max_examples=20)
 
 
 @settings(max_examples=8)
@@ -50,12 +56,11 @@ def test_lost_motion_takes_its_time_and_stays_where_it_slipped():
     assert 0.5 * lasts < crosses < 0.5 * lasts + 3.0 * d / k  # the spring has to turn round first
 
 
-@pytest.mark.parametrize("dt", [1.0 / RATE, 0.02])
-def test_a_straight_spring_is_the_same_bent_by_nothing(dt):
+def test_a_straight_spring_is_the_same_bent_by_nothing():
     """Else the difference between two ways to compute the same would speak for an effect."""
     world, torque, j = standing()[1], 10.0 * np.sin(3.0 * t), index()
     straight, bent, backwards = (
-        spring_stretch(replace(world, cubic=np.full_like(world.cubic, cubic)), j, torque, dt)
+        spring_stretch(replace(world, cubic=np.full_like(world.cubic, cubic)), j, torque)
         for cubic in (0.0, 1e-9, -1e-9)
     )
     assert bent == pytest.approx(straight, abs=1e-12) and backwards == pytest.approx(straight, abs=1e-12)
@@ -79,6 +84,26 @@ def test_a_spring_that_softens_far_is_still_a_spring(bend, d, dt):
         assert borne == pytest.approx(torque, abs=1e-9)
     assert np.abs(x).max() <= amplitude / (0.2 * k) + straight
     assert np.all(np.sign(x[np.abs(x) > straight]) == np.sign(borne[np.abs(x) > straight]))
+
+
+def test_friction_acts_before_it_is_smoothed():
+    """The joint turns round within the smoothing: friction of its smoothed speed would be sharper, and lasts longer."""
+    q = np.column_stack([0.2 * np.abs((t * f) % 2.0 - 1.0) / f for f in (1.0, 3.0)])
+    turns = smooth(np.sign(rate_of(q)))
+    inside = slice(40, -40)
+    found = Smoothed().rubbing(q, np.full(2, 0.01))[inside]
+    assert np.abs(found - turns[inside]).max() < 0.1
+    assert np.mean(found * turns[inside]) == pytest.approx(np.mean(turns[inside] ** 2), rel=0.02)
+
+
+@few
+@given(st.integers(0, 2**31), st.floats(0.02, 1.0))
+def test_a_sensor_is_believed_but_for_what_its_noise_makes(seed, noise):
+    white = noise * np.random.default_rng(seed).standard_normal(len(t))
+    wave = 20.0 * np.sin(2.0 * np.pi * 4.0 * t)
+    inside = slice(60, -60)
+    assert smooth(believed(white, noise))[inside].std() < 0.8 * smooth(white)[inside].std()
+    assert smooth(believed(wave + white, noise))[inside] == pytest.approx(smooth(wave)[inside], abs=0.1 + noise)
 
 
 def test_a_lag_is_exact_on_a_ramp_and_leads_the_other_way():
