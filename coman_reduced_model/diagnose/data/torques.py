@@ -15,10 +15,12 @@ def from_deflection(tau: Array | None, motor_q: Array | None, q: Array | None, c
     """Whether torques (n, nj) [Nm] are computed from motor_q - q (n, nj) [rad], all as recorded.
 
     A torque sensor does not know how an encoder rounds. Only joints whose deflection hardly changes faster than by
-    rounding are looked at; counts (nj,) [rad] of the link encoders, 0 where unknown.
+    rounding are looked at; counts (nj,) [rad] of the link encoders, 0 where unknown. Where motors are not recorded, all
+    that is fast in the deflection is taken to be of the link.
     """
-    if tau is None or motor_q is None or q is None:
+    if tau is None or q is None:
         return False
+    motor_q = np.zeros_like(q) if motor_q is None else motor_q
     found = []
     for j in range(q.shape[1]):
         fast, rounding = np.diff(motor_q[:, j] - q[:, j], 2), np.diff(tau[:, j], 2)

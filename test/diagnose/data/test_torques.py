@@ -25,6 +25,7 @@ def test_torques_that_show_the_rounding_of_the_encoders_are_computed():
     _, motor_q, q = joints()
     computed = STIFFNESS * 1.1 * (motor_q - q)  # with a stiffness that is off
     assert from_deflection(computed, motor_q, q, np.full(2, COUNT))
+    assert from_deflection(computed, None, q, np.full(2, COUNT))  # motors that are not recorded
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.5])
@@ -32,6 +33,7 @@ def test_torques_of_a_sensor_are_measured(noise):
     tau, motor_q, q = joints()
     tau = tau + noise * np.random.default_rng(0).standard_normal(tau.shape)
     assert not from_deflection(tau, motor_q, q, np.full(2, COUNT))
+    assert not from_deflection(tau, None, q, np.full(2, COUNT))
 
 
 def test_encoders_without_rounding_show_nothing():
