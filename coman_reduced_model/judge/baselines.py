@@ -60,7 +60,8 @@ def features(bag: Path, config: Path | None) -> Features:
     from ..diagnose.data.masks import masks
     from ..diagnose.data.recording import load
     from ..diagnose.data.world import World
-    from ..diagnose.inference.evidence import assemble, reference
+    from ..diagnose.inference.evidence import assemble
+    from ..diagnose.inference.reference import reference
     from ..diagnose.physics.hypotheses import candidates, unknowns
 
     settings = load_config(config or config_path())

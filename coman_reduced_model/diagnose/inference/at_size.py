@@ -14,8 +14,9 @@ from ...core.effects.unknown import Unknown
 from ..physics.balance import evaluate
 from ..physics.hypotheses import Candidate
 from .case import Case
-from .evidence import TIMED, weighed
+from .evidence import weighed
 from .isolability import SIZE
+from .reference import TIMED
 
 
 def at_share(cases: Sequence[Case], size: float = SIZE) -> list[Case]:

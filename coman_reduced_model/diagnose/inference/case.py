@@ -20,10 +20,11 @@ from ..data.recording import Recording
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
-from .evidence import Evidence, Fit, Problem, Reference, assemble, parts_of, pooled, reference, summed, weigh
+from .evidence import Evidence, Fit, Problem, assemble, parts_of, pooled, summed, weigh
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
 from .prior import prior_variance
+from .reference import Reference, reference
 from .usual import Usual
 
 FAR = 0.2  # [rad] by which no trunk leans unknown to its legs

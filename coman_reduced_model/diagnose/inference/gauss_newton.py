@@ -18,8 +18,9 @@ from ...core.base.types import Array
 from ...core.effects.unknown import Unknown
 from .case import Case, evidence_of
 from .case_cache import CaseCache
-from .evidence import TIMED, Fit
+from .evidence import Fit
 from .finding import Finding
+from .reference import TIMED
 
 # All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
 # in ROUNDS rounds at most.

@@ -14,9 +14,10 @@ from coman_reduced_model.diagnose.data.masks import TICKS, masks
 from coman_reduced_model.diagnose.inference.another import Another, best_first, examined, length_of, like
 from coman_reduced_model.diagnose.inference.at_size import at_share, at_values
 from coman_reduced_model.diagnose.inference.case import Case, examine
-from coman_reduced_model.diagnose.inference.evidence import TIMED, Evidence, Problem, weighed
+from coman_reduced_model.diagnose.inference.evidence import Evidence, Problem, weighed
 from coman_reduced_model.diagnose.inference.isolability import isolability
 from coman_reduced_model.diagnose.inference.noise import Noise
+from coman_reduced_model.diagnose.inference.reference import TIMED
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 
 REACH, FIRST, MORE = 2.0, 5.0, 3.0  # of both parameters; information of one in the recording, in the candidate

@@ -227,7 +227,7 @@ def test_a_hardening_spring_is_explained_by_its_cubic():
 @given(coulomb=st.floats(0.1, 10.0), creep=st.floats(0.01, 0.3))
 @settings(max_examples=10)
 def test_friction_that_creeps_is_explained_by_both_of_its_figures(coulomb, creep):
-    """The torque beyond what motion and ground ask for is against the rate of the joint, and smoothed as all torques."""
+    """The torque beyond what motion and ground ask for is against the rate of the joint, smoothed as torques are."""
     recording, world = standing()
     q, j = recording.q.copy(), index()
     q[:, j] = 0.05 * np.sin(2.0 * np.pi * t)
