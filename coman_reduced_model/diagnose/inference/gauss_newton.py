@@ -55,7 +55,10 @@ def settle(
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases, fit)
         if possible and best is None and start[2].log > fit.log + CLEARLY:
-            return start
+            cases = cache.at(at, "train")  # by derivatives of before it may look worse than it is
+            fit = evidence_of(cases).fit(released)
+            if start[2].log > fit.log + CLEARLY:
+                return start
         if not left or all(abs(at[i] - near[i]) <= FAR_OFF * known[i].reach for i in released):
             break
         near, cases = at, cache.at(at, "train")
