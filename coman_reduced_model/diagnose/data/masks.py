@@ -139,16 +139,16 @@ def _taken_up(recording: Recording, world: World) -> Array:
     sure, noise = sure_torque(world), encoder_noise(recording)
     for j in np.flatnonzero(np.isfinite(world.stiffness) & np.isfinite(recording.tau).all(axis=0)):
         torque, stretch = recording.tau[:, j], recording.motor_q[:, j] - recording.q[:, j]
-        bears = lagged(torque, world.damping[j] / world.stiffness[j])  # the spring beside its damper
-        law = stretch - bears / world.stiffness[j]
+        borne = lagged(torque, world.damping[j] / world.stiffness[j])  # by the spring beside its damper
+        law = stretch - borne / world.stiffness[j]
         smoothed = smooth(law)
         low, high = np.percentile(smoothed, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
         middle = 0.5 * (low + high)
         seen = np.clip((barely_smooth(law) - middle) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
         seen *= 1.0 - noise_share(smoothed - middle, noise[j])
-        bears = barely_smooth(bears)
-        loaded = np.clip(np.abs(bears) / sure - 1.0, 0.0, 1.0)
-        out[:, j] = loaded * np.sign(bears) + (1.0 - loaded) * seen
+        borne = barely_smooth(borne)
+        loaded = np.clip(np.abs(borne) / sure - 1.0, 0.0, 1.0)
+        out[:, j] = loaded * np.sign(borne) + (1.0 - loaded) * seen
     return smooth(out)
 
 

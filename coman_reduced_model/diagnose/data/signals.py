@@ -16,7 +16,8 @@ from .recording import RATE, Recording
 from .world import World
 
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian: half amplitude at 9 Hz, nothing left above 20
-BARELY = 0.008  # [s] standard deviation of the Gaussian before a sign or a dead zone, which is smoothed then
+BARELY = 0.008  # [s] standard deviation of the Gaussian before a sign is taken, or a slip, which is smoothed then
+FAST = 1.0 + 1.0 / np.sqrt(5.0) - 2.0 / np.sqrt(3.0)  # of smoothed white noise, what smoothing twice as much leaves out
 SOFTEST = 0.2  # tangent of a softening spring at its softest, over that at rest
 NOISY = 0.05  # of a joint's torques, from which on the noise of their sensor matters for derivatives
 
@@ -40,10 +41,10 @@ class Smoothed:
         return self._made((j, *law), torques, lambda each: spring_stretch(world, j, each[:, j]))
 
     def slipped(self, world: World, j: int, torques: Array) -> Array:
-        """(n,) [rad] that the lost motion of joint j adds to its spring, of smoothed torques (n, nj) at RATE."""
+        """(n,) [rad], smoothed: what lost motion adds to the spring of joint j, of torques (n, nj) at RATE."""
         law = tuple(float(each[j]) for each in (world.lost, world.slips_at, world.stiffness, world.damping))
         key = "slipped", j, *law
-        return self._made(key, torques, lambda each: slipped(world, j, each[:, j]))
+        return self._made(key, torques, lambda each: smooth(slipped(world, j, barely_smooth(each[:, j]))))
 
     def rubbing(self, q: Array, creep: Array) -> Array:
         """(n, nj) -1..1, smoothed: friction of joints at q (n, nj), as a share of itself; creep (nj,) [rad/s]."""
@@ -166,13 +167,14 @@ def without_noise(recording: Recording, world: World) -> Recording:
     wrench = {foot: _twice_smooth(values) for foot, values in recording.wrench.items()}
     recording = recording.changed(wrench=wrench, up=None if recording.up is None else _twice_smooth(recording.up))
     q = _twice_smooth(recording.q)
-    if recording.motor_q is None or recording.tau is None:
+    if recording.tau is None:
         return recording.changed(q=q)
-    stride = recording.stride
+    noise = white(recording.tau[:: recording.stride])
+    tau = believed(recording.tau, noise, recording.stride)
+    if recording.motor_q is None:
+        return recording.changed(q=q, tau=tau)
     stretch = recording.motor_q - recording.q
-    noise = white(recording.tau[::stride])
     coarse = encoder_noise(recording) * world.stiffness
-    tau = recording.tau.copy()
     known = np.isfinite(world.stiffness + recording.tau.sum(axis=0) + recording.motor_q.sum(axis=0))
     for j in np.flatnonzero(known):
         noisy = noise[j] > max(NOISY * float(np.std(recording.tau[:, j])), 2.0 * coarse[j])
@@ -182,7 +184,6 @@ def without_noise(recording: Recording, world: World) -> Recording:
             tau[:, j] = torque + _slow(recording.tau[:, j] - torque)
             q[:, j] = recording.motor_q[:, j] - x
         else:
-            tau[:, j] = believed(recording.tau[:, j], noise[j])
             bent = spring_stretch(world, int(j), tau[:, j])
             more = beyond_noise(stretch[:, j] - bent, coarse[j] / world.stiffness[j])
             q[:, j] = recording.motor_q[:, j] - bent - more
@@ -209,14 +210,15 @@ def beyond_noise(gap: Array, noise: float) -> Array:
     return np.asarray(slow + (1.0 - noise_share(fast, noise)) * fast)
 
 
-def believed(values: Array, noise: float) -> Array:
-    """Values (n,) of a sensor: what is slow, and what of the rest its white noise (standard deviation) does not make.
+def believed(values: Array, noise: Array, stride: int) -> Array:
+    """Values (n, k) of sensors: what is slow, and what of the rest their noise does not make, as it is once smoothed.
 
-    Both as they are after they have been smoothed.
+    Args:
+        noise: (k,) standard deviation of the white noise of samples, which are `stride` values apart.
     """
     slow = _twice_smooth(values)
     fast = values - slow
-    left = noise * np.sqrt(0.5 / (np.sqrt(np.pi) * SMOOTHING * RATE))
+    left = noise * np.sqrt(FAST * stride / (2.0 * np.sqrt(np.pi) * SMOOTHING * RATE))
     return np.asarray(slow + (1.0 - noise_share(smooth(fast), left)) * fast)
 
 

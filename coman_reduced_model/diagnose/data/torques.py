@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from math import comb
+
 import numpy as np
 
 from ...core.base.types import Array
 
 ALIKE = 0.6  # correlation of the fast parts of torques and deflections, from which they are the same measurement
 ROUNDED = 2.0  # counts of the link encoder: fast changes of a deflection that are no larger are rounding
+WITH_MOTORS, ALONE = 2, 4  # differences: without motors, more of them, as the joint moves more than its spring
 
 
 def from_deflection(tau: Array | None, motor_q: Array | None, q: Array | None, counts: Array) -> bool:
@@ -20,12 +23,15 @@ def from_deflection(tau: Array | None, motor_q: Array | None, q: Array | None, c
     """
     if tau is None or q is None:
         return False
-    motor_q = np.zeros_like(q) if motor_q is None else motor_q
     found = []
     for j in range(q.shape[1]):
-        fast, rounding = np.diff(motor_q[:, j] - q[:, j], 2), np.diff(tau[:, j], 2)
+        alone = motor_q is None or not np.isfinite(motor_q[:, j]).any()
+        order = ALONE if alone else WITH_MOTORS
+        deflection = -q[:, j] if motor_q is None or alone else motor_q[:, j] - q[:, j]
+        fast, rounding = np.diff(deflection, order), np.diff(tau[:, j], order)
         both = np.isfinite(fast) & np.isfinite(rounding)
         fast, rounding = fast[both], rounding[both]
-        if len(fast) and 0.0 < np.std(fast) < ROUNDED * counts[j] and np.std(rounding) > 0.0:
+        most = ROUNDED * counts[j] * np.sqrt(comb(2 * order, order) / comb(2 * WITH_MOTORS, WITH_MOTORS))
+        if len(fast) and 0.0 < np.std(fast) < most and np.std(rounding) > 0.0:
             found.append(float(np.corrcoef(fast, rounding)[0, 1]))
     return bool(found) and float(np.median(found)) > ALIKE

@@ -140,8 +140,7 @@ def examine(
     """
     recording, world, where = prepared
     near = like if fresh is not None else None
-    kept = like and like.reference.fits(known, at)
-    base = like.reference if like and kept else reference(recording, world, where, known, at)
+    base = reference(recording, world, where, known, at, like.reference if like else None)
     usual = like.problem.usual if like else Usual.of(nominal or load_nominal(), world)
     problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), usual)
     evidence, noise, _ = weigh(problem, at, near.noise if near else None)

@@ -49,9 +49,13 @@ class CaseCache:
             self._cases[key] = [examine(each, self.known, at, case) for each, case in pairs]
         return self._cases[key]
 
+    def has(self, at: Array) -> bool:
+        """Whether all derivatives of the training recordings have been computed there."""
+        return ("train", at.tobytes()) in self._cases
+
     def near(self, at: Array, like: Sequence[Case], changed: Sequence[int]) -> list[Case]:
         """Cases of the training recordings, with new derivatives for the parameters `changed` only.
 
-        Takes a quarter of the time of `at`; the other derivatives are those of the cases `like`.
+        Takes a quarter of the time of `at`, for gains of foot sensors more; the other derivatives are those of `like`.
         """
         return [examine(each, self.known, at, case, changed) for each, case in zip(self.train, like, strict=True)]

@@ -114,6 +114,8 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
     at, train, _ = settle(finding, cache, released, 1)
     if np.array_equal(at, finding.at):
         return train, finding.hold
+    if cache.has(at):
+        return cache.at(at, "train"), cache.at(at, "hold")
     select = [
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]

@@ -39,8 +39,8 @@ def settle(
     stiffness is far from linear. After a long way, as with delays, all derivatives are computed again, in at most
     `rounds` linearisations, as long as the evidence grows: values that the next linearisation would leave again for
     worse ones are kept. So is where the finding is, if what is linear there explains clearly more (`CLEARLY`) than the
-    effect itself does, and is possible: a spring that softens in steps is no cubic one. Shifts in time are too far from
-    linear for that.
+    effect itself does, by new derivatives too, and is possible: a spring that softens in steps is no cubic one. Shifts
+    in time are too far from linear for that.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
@@ -55,7 +55,7 @@ def settle(
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases, fit)
         if possible and best is None and start[2].log > fit.log + CLEARLY:
-            cases = cache.at(at, "train")  # by derivatives of before it may look worse than it is
+            cases = cache.at(at, "train")  # with the old derivatives it may look worse than it is
             fit = evidence_of(cases).fit(released)
             if start[2].log > fit.log + CLEARLY:
                 return start

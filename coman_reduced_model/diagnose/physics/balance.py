@@ -35,7 +35,7 @@ from scipy.ndimage import gaussian_filter1d
 from ...core.base.types import Array, Foot, Integers
 from ..data.computed import owing_to_wrenches
 from ..data.landings import slide_lengths
-from ..data.masks import TICKS, Masks, sure_torque
+from ..data.masks import Masks, sure_torque
 from ..data.recording import FEET, RATE, WRENCH, Recording
 from ..data.signals import SOFTEST, Smoothed, noise_share, rate_of, slipped, smooth, spring_stretch
 from ..data.world import World
@@ -131,7 +131,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         balance = {}  # what the sensors say too much
         for name, value in (("force", rest[:, :3]), ("moment", moment)):
             balance |= {f"{name}/{axis}": -np.einsum("nj,nj->n", R[:, k], value) for k, axis in enumerate(AXES)}
-    needed = rest[:, robot.idx_v] + world.friction * smoothed.rubbing(recording.q, world.creep)[ticks]
+    needed = rest[:, robot.idx_v] + _resisted(recording, world, ticks, smoothed)
     torques = _torques(recording, ticks, needed, smoothed)
     out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
@@ -220,16 +220,21 @@ def _torques(recording: Recording, ticks: Integers, needed: Array, smoothed: Smo
     return np.where(smoothed.complete(efforts), efforts[ticks], needed)
 
 
-def _between(values: Array, ticks: Integers) -> Array:
+def _resisted(recording: Recording, world: World, ticks: Integers, smoothed: Smoothed) -> Array | float:
+    """(m, nj) [Nm] that friction takes."""
+    return world.friction * smoothed.rubbing(recording.q, world.creep)[ticks] if world.friction.any() else 0.0
+
+
+def _on_grid(values: Array, ticks: Integers) -> Array:
     """Values (m, k) at the ticks, at each sample from the first tick to the last."""
-    return np.asarray(CubicSpline(ticks, np.nan_to_num(values))(np.arange(ticks[0], ticks[-1] + 1)))
+    return np.asarray(CubicSpline(ticks, values)(np.arange(ticks[0], ticks[-1] + 1)))
 
 
 def _yielded(
     compliance: float, world: World, recording: Recording, ticks: Integers, torque: Array, smoothed: Smoothed
 ) -> Array:
     """(m, nj) [rad] by which position loops yield to torques (m, nj) and to their rotors, a lag later."""
-    load = torque - world.settling * np.gradient(torque, 1.0 / TICKS, axis=0)
+    load = torque - world.settling * RATE * CubicSpline(ticks, torque)(ticks, 1)
     if world.rotor and recording.motor_q is not None:
         load = load + world.rotor * rate_of(rate_of(smoothed(recording.motor_q)))[ticks]
     return compliance * load
@@ -271,24 +276,23 @@ def _joints(
     yielding = None
     if world.yielding:
         yielding = _yielded(world.yielding, world, recording, ticks, torques, smoothed)
-    between = np.empty((0, 0)) if efforts is not None and smoothed.complete(efforts).all() else _between(torques, ticks)
+    measured = np.zeros(len(robot.joint_names), dtype=bool) if efforts is None else smoothed.complete(efforts)
+    between = torques[:0] if measured.all() else _on_grid(torques, ticks)
     out: dict[str, Array] = {}
     for j in np.concatenate([robot.legs[foot] for foot in FEET]):
         name = robot.joint_names[j]
-        torque, lost = torques[:, j], None
-        if efforts is not None and smoothed.complete(efforts)[j]:
-            out[f"torque/{name}"] = torque - needed[:, j]
+        lost = None
+        if recording.tau is not None and efforts is not None and measured[j]:
+            out[f"torque/{name}"] = torques[:, j] - needed[:, j]
             elastic = smoothed.stretch(world, j, efforts)[ticks]
-            lost = smoothed.slipped(world, j, efforts)[ticks] if world.lost[j] else None
+            lost = smoothed.slipped(world, j, recording.tau)[ticks] if world.lost[j] else None
         else:
             elastic = spring_stretch(world, j, between[:, j])[ticks - ticks[0]]
+        borne = world.stiffness[j] * elastic
         if warmed is not None:
             elastic = elastic / np.maximum(1.0 + warmed[:, j], SOFTEST)
         if stretch is not None:
-            if where.taken_up[:, j].any():
-                play = where.taken_up[:, j]
-            else:
-                play = np.tanh(world.stiffness[j] * elastic / sure_torque(world))
+            play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(borne / sure_torque(world))
             bent = elastic + 0.5 * world.play[j] * play
             if world.lost[j]:
                 bent = bent + (slipped(world, j, between[:, j])[ticks - ticks[0]] if lost is None else lost)
