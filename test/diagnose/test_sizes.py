@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -16,10 +17,12 @@ from coman_reduced_model.diagnose.inference.search import search
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 
-HIDDEN = {  # name, where it is, what it has; the parameter that is compared, within a share of it
+# Name, where it is, what it has; the parameter that is compared, within a share of it.
+HIDDEN: dict[str, tuple[str, str, dict[str, float], str, float]] = {
     "friction": ("joint_friction", "", {"coulomb": 1.0}, "coulomb", 0.06),
     "play": ("backlash", "", {"width": 0.006}, "width", 0.12),
     "damping": ("joint_damping", "", {"scale": 2.0}, "scale", 0.06),
+    "slips": ("hysteresis", "RKneeSag", {"width": 0.006, "friction": 0.5}, "width", 0.1),
     "gain": ("wrench_scale", "left", {"scale": 1.4}, "scale", 0.02),
 }
 SIZES = [*((name, ()) for name in HIDDEN), ("friction", ("tau",)), ("damping", ("tau",))]
@@ -28,14 +31,14 @@ SIZES = [*((name, ()) for name in HIDDEN), ("friction", ("tau",)), ("damping", (
 @pytest.fixture(scope="module")
 def walks(tmp_path_factory):
     """A walk with something hidden; each recorded once."""
-    known: dict[str, str] = {}
+    known: dict[str, Path] = {}
 
     def call(name: str):
         if name not in known:
             effect, where, values, *_ = HIDDEN[name]
             known[name] = tmp_path_factory.mktemp("sizes") / name
-            values = {**values, "where": where} if where or "scale" in values else values
-            record("test2", known[name], disturbances=[make(effect, dict(values))], seed=11, duration_s=10.0)
+            hidden = make(effect, {**values, "where": where})
+            record("test2", known[name], disturbances=[hidden], seed=11, duration_s=10.0)
         return known[name]
 
     return call

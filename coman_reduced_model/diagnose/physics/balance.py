@@ -18,8 +18,9 @@
 turned out cancel, z up. It owes nothing to the axes of the root link or of `robot.base_frame`, which point backwards on
 some robots. What stays where it is while the robot turns (pull, slope) is in `odom`, as in the predictor's effects.
 
-All signals pass the same smoothing (Gaussian, zero phase) before anything else, so that it cancels, and the residuals
-are taken at TICKS a second; but for `slide` and `landing`, one value for each landing, from the samples as they are.
+All signals pass the same smoothing (Gaussian, zero phase), so that it cancels: before anything else, but after what
+changes sign (friction, play, slips). The residuals are taken at TICKS a second; but for `slide` and `landing`, one
+value for each landing, from the samples as they are.
 """
 
 from __future__ import annotations

@@ -96,14 +96,31 @@ def test_friction_acts_before_it_is_smoothed():
     assert np.mean(found * turns[inside]) == pytest.approx(np.mean(turns[inside] ** 2), rel=0.02)
 
 
+def test_friction_is_remembered_for_one_motion_and_one_law():
+    smoothed, q = Smoothed(), 0.1 * np.sin(6.0 * t)[:, None]
+    first, slow = np.full(1, 0.05), np.full(1, 0.5)
+    known = smoothed.rubbing(q, first)
+    assert smoothed.rubbing(q, first) is known
+    for other in (smoothed.rubbing(q, slow), smoothed.rubbing(q.copy() * 0.1, first)):
+        assert np.abs(other).max() < 0.9 * np.abs(known).max()
+
+
 @few
-@given(st.integers(0, 2**31), st.floats(0.02, 1.0))
-def test_a_sensor_is_believed_but_for_what_its_noise_makes(seed, noise):
-    white = noise * np.random.default_rng(seed).standard_normal(len(t))
-    wave = 20.0 * np.sin(2.0 * np.pi * 4.0 * t)
-    inside = slice(60, -60)
-    assert smooth(believed(white, noise))[inside].std() < 0.8 * smooth(white)[inside].std()
-    assert smooth(believed(wave + white, noise))[inside] == pytest.approx(smooth(wave)[inside], abs=0.1 + noise)
+@given(st.integers(0, 2**31), st.floats(0.02, 1.0), st.sampled_from([1, 2, 4]))
+def test_a_sensor_is_believed_but_for_what_its_noise_makes(seed, noise, stride):
+    samples = noise * np.random.default_rng(seed).standard_normal((len(t[::stride]), 1))
+    white = np.interp(t, t[::stride], samples[:, 0])[:, None]
+    wave = 20.0 * np.sin(2.0 * np.pi * 4.0 * t)[:, None]
+    inside, sigma = slice(60, -60), np.array([noise])
+    alone = smooth(believed(white, sigma, stride))[inside]
+    slow = smooth(believed(white, 100.0 * sigma, stride))[inside]
+    assert np.std(alone - slow) < 0.7 * np.std(smooth(white)[inside] - slow)  # most of what is fast in it is gone
+    assert smooth(believed(wave + white, sigma, stride))[inside] == pytest.approx(
+        smooth(wave)[inside], abs=0.1 + 2.0 * noise
+    )
+    beside = noise * np.sqrt(stride) * np.sin(2.0 * np.pi * 5.0 * t)[:, None]  # well above what smoothed noise leaves
+    kept = smooth(believed(beside + white, sigma, stride) - believed(white, sigma, stride))[inside]
+    assert np.sum(kept * smooth(beside)[inside]) > 0.6 * np.sum(smooth(beside)[inside] ** 2)
 
 
 def test_a_lag_is_exact_on_a_ramp_and_leads_the_other_way():

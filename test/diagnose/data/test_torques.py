@@ -44,4 +44,21 @@ def test_encoders_without_rounding_show_nothing():
 def test_streams_that_are_missing():
     tau, motor_q, q = joints()
     assert not from_deflection(None, motor_q, q, np.full(2, COUNT))
-    assert not from_deflection(tau, None, q, np.full(2, COUNT))
+    assert not from_deflection(tau, motor_q, None, np.full(2, COUNT))
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_torques_that_go_with_the_motion_are_no_rounding(sign):
+    """Of a joint without motor states: at 100 Hz a motion of 15 rad/s^2 changes as fast as by rounding."""
+    t = np.arange(1000) / 100.0
+    q = np.column_stack([15.0 / w**2 * np.sin(w * t) for w in (16.0, 18.0)])
+    rounded = COUNT * np.round(q / COUNT)
+    assert np.std(np.diff(rounded, 2, axis=0)) > 0.9 * COUNT
+    tau = sign * 50.0 * q + 0.002 * np.random.default_rng(0).standard_normal(q.shape)
+    assert not from_deflection(tau, None, rounded, np.full(2, COUNT))
+
+
+def test_joints_without_motor_states_among_others():
+    _, motor_q, q = joints()
+    computed = STIFFNESS * (motor_q - q)
+    assert from_deflection(computed, np.full_like(q, np.nan), q, np.full(2, COUNT))
