@@ -157,7 +157,7 @@ def test_rivals_that_are_compared_again_converge_to_the_same_values(monkeypatch)
     first = gauss_newton._gauss_newton(cache, [soft], nothing, cases, fit)
     taken = len(steps)
     again = gauss_newton._gauss_newton(cache, [soft], nothing, cases, fit)
-    # Towards 0.5: all else, by derivatives at nominal, has a part in it here. At its true value it is in test_compare.py.
+    # Towards 0.5: all else, by derivatives at nominal, has a part in it here. Its true value: see test_compare.py.
     assert 0.45 < np.exp(first[0][soft]) < 0.75 and taken >= 1
     assert len(steps) == taken + 1
     np.testing.assert_array_equal(again[0], first[0])
