@@ -328,6 +328,7 @@ PAGES: dict[str, Callable[[Path], tuple[str, str]]] = {
     "options": options,
     "identify": script("Springs by experiment", ("identify",)),
     "effects": script("What knowing an effect gains", ("effects",)),
+    "sizes": script("Sizes of hidden effects", ("sizes",)),
     "feedforward": script("The plan's deflection as a feedforward", ("feedforward",), ("feedforward_live",)),
     "engines": script("Two physics engines", ("engines",), ("cases",)),
     "worlds": script("Kinds of worlds", ("worlds", "--pictures", "doc/results", "--draws", "240")),
