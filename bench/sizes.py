@@ -3,7 +3,7 @@
 
     python bench/sizes.py [EFFECT...]      # default: all; some five minutes
 
-COMAN of the data sheet walks test 2 with one effect hidden, which the diagnosis is told (`--assume`): only its size is
+COMAN of the data sheet walks test 2 with one effect hidden, which the diagnosis assumes (`--assume`): only its size is
 asked for, with joint torques and without them. Found: size and 95 % interval of the fit. Left: evidence [nats] that the
 recording of the same robot without the effect has beyond what is left once the effect is fitted, over all laws but that
 of feet in the air, for as many samples: what the laws compute otherwise than the robot does, and how else it walks.

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...core.base.nominal import Nominal
+from ...core.effects.catalogue import CATALOGUE
 from .explanation import UNKNOWN, Explanation, Odds
 
 NO_ALARM = 0.5  # in its place, where none was learnt
@@ -40,7 +41,8 @@ def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
     scores = [score(nothing.features(nominal), weights, False), weights[UNKNOWN]]
     scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
     none, unknown, *effects = probabilities(scores)
-    return Odds(none, unknown, tuple(effects), group_of(rivals, effects), weights.get("alarm", NO_ALARM))
+    group = group_of(rivals, effects)
+    return Odds(none, unknown, tuple(effects), group, weights.get("alarm", NO_ALARM), kin_of(rivals, group))
 
 
 def nats_for_alarm(nominal: Nominal, ways: int, selected: bool) -> float:
@@ -65,6 +67,19 @@ def probabilities(scores: Sequence[float]) -> list[float]:
 def _weights(explanation: Explanation, nominal: Nominal) -> Mapping[str, float]:
     """With selecting recordings that could show the effect, or without."""
     return nominal.decision["alone" if np.isnan(explanation.confirmed) else "selected"]
+
+
+def kin_of(rivals: Sequence[Explanation], group: Sequence[int]) -> tuple[int, ...]:
+    """Rivals of the class of a group's first one, at its place: the weights were learnt for classes."""
+    best = rivals[group[0]].option if group else None
+    ambiguity = CATALOGUE[best.effect].ambiguity if best else None
+    if best is None or ambiguity is None:
+        return ()
+    return tuple(
+        k
+        for k, rival in enumerate(rivals)
+        if rival.option and rival.option.place == best.place and CATALOGUE[rival.option.effect].ambiguity == ambiguity
+    )
 
 
 def group_of(rivals: Sequence[Explanation], effects: Sequence[float]) -> tuple[int, ...]:

@@ -122,6 +122,7 @@ class Odds:
         effects: by rival, in the order of the explanations.
         group: indices of the rivals that cannot be distinguished from the best one, itself first.
         alarm: `none` up to which there is one: few nominal robots get there.
+        kin: indices of the rivals of the best one's class at its place: a lag and a delay of the drives.
     """
 
     none: float
@@ -129,6 +130,7 @@ class Odds:
     effects: tuple[float, ...]
     group: tuple[int, ...]
     alarm: float
+    kin: tuple[int, ...] = ()
 
     @property
     def named(self) -> float:
@@ -137,8 +139,9 @@ class Odds:
 
     @property
     def names(self) -> bool:
-        """Whether the group is at least as likely as not; with an alarm, where something is missing."""
-        return self.named >= 0.5 * (1.0 - self.none if self.alarms else 1.0)
+        """Whether the group, with its kin, is at least as likely as not; with an alarm, where something is missing."""
+        named = sum(self.effects[k] for k in {*self.group, *self.kin})
+        return named >= 0.5 * (1.0 - self.none if self.alarms else 1.0)
 
     @property
     def alarms(self) -> bool:
