@@ -193,3 +193,13 @@ def test_a_part_of_a_recording_has_only_its_ticks():
     first, last = part_of(where, 0.0, 0.5), part_of(where, 0.5, 1.0)
     assert not (first.steady & last.steady).any()
     np.testing.assert_array_equal(first.steady | last.steady, where.steady)
+
+
+def test_an_effect_is_named_with_its_kin(nominal):
+    """A lag and a delay of the drives are of one class, and so are the weights: together they may be likely enough."""
+    rivals = [explanation("motor_lag", 60.0, 60.0), explanation("transport_delay", 50.0, 50.0)]
+    others = [explanation("encoder_delay", 55.0, 55.0)]
+    found = odds([explanation(), *rivals, *others], nominal)
+    assert found.group == (0,) and set(found.kin) == {0, 1}
+    assert found.named < 0.5 * (1.0 - found.none) < found.effects[0] + found.effects[1] and found.names
+    assert not odds([explanation(), rivals[0], *others, *others], nominal).names
