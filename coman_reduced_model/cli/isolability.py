@@ -86,7 +86,7 @@ def _show(found: Isolability) -> None:
 
     best, factors = by_effect(found)
     rows = [
-        [f"{n}", found.options[i].effect, found.options[i].where, figures_of(found.options[i].effect, found.sizes[i]),
+        [f"{n}", found.options[i].effect, found.options[i].where, figures_of(found.sizes[i], found.units[i]),
          f"{found.shown[i]:.0f}"]
         for n, i in enumerate(best, 1)
     ]  # fmt: skip

@@ -164,9 +164,12 @@ def _plausible(value: float, unknown: Unknown, population: Nominal) -> float:
 
 
 def _repeats(own: Mapping[str, float], count: int, population: Nominal) -> dict[str, float]:
-    """By law, what this robot leaves that repeats with each stride, by `count` recordings; shrunk likewise."""
+    """By law, what this robot leaves that repeats with each stride, by `count` recordings; shrunk likewise.
+
+    Of laws that its recordings lack, what the population leaves.
+    """
     usual = population.repeats
-    return {
+    return dict(usual) | {
         law: float(np.sqrt((count * value**2 + POPULATION * usual.get(law, value) ** 2) / (count + POPULATION)))
         for law, value in own.items()
     }

@@ -88,8 +88,8 @@ def as_result(found: Isolability, others: Sequence[Another] = ()) -> dict[str, A
     names = [option.name for option in found.options]
     result: dict[str, Any] = {
         "effects": [
-            {"name": option.effect, "where": option.where, "size": size, "evidence": float(shown)}
-            for option, size, shown in zip(found.options, found.sizes, found.shown, strict=True)
+            {"name": option.effect, "where": option.where, "size": size, "units": units, "evidence": float(shown)}
+            for option, size, units, shown in zip(found.options, found.sizes, found.units, found.shown, strict=True)
         ],
         "factors": found.factors.tolist(),
         "groups": [[names[i] for i in group] for group in found.groups],

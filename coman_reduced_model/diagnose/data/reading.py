@@ -29,8 +29,13 @@ class Reading:
 def refuse_repeated(paths: Sequence[str | Path]) -> None:
     """Raises BagError if a bag is given twice: it cannot confirm what was found in it."""
     for i, path in enumerate(paths):
-        if Path(path).resolve() in {Path(other).resolve() for other in paths[:i]}:
+        if any(_same(Path(path).resolve(), Path(other).resolve()) for other in paths[:i]):
             raise BagError(f"{path}: given twice: a bag cannot confirm what was found in it")
+
+
+def _same(path: Path, other: Path) -> bool:
+    """Whether two paths are one bag, or a bag and a file in it."""
+    return other in (path, path.parent) or other.parent == path
 
 
 def read_bags(

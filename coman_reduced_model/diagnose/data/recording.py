@@ -8,6 +8,7 @@ only takes at its nearest message, is interpolated here: a few milliseconds matt
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from .computed import NOT_SHOWN, with_computed_wrenches
 from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
-_REACH = 0.02  # [s] a grid point farther than this from any sample is not used
+_REACH = 0.02  # [s] a grid point farther than this from any sample is not used; more where samples are rarer
 _SHORTEST = 2.0  # [s] of recording
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
@@ -174,13 +175,15 @@ def _grid(
     config: Config,
     warnings: tuple[str, ...],
 ) -> Recording:
+    samples, again = _longest_run(samples, config.streams.restart_gap)
+    warnings = (*warnings, again) if again else warnings
     complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
         why = f" ({warnings[0]})" if warnings else ""
         text = f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose{why}"
         raise BagError(text)
     stamps = np.array([s.stamp_ns for s in complete])
-    order = np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1) > 0)
+    order = np.flatnonzero(np.diff(np.maximum.accumulate(stamps), prepend=stamps[0] - 1) > 0)
     complete, stamps = [complete[i] for i in order], stamps[order]
     at = (stamps - stamps[0]) * 1e-9
     t = np.arange(0.0, at[-1], 1.0 / RATE)
@@ -215,9 +218,22 @@ def _grid(
         *_plan(complete, phases, shares, robot, at, t),
         phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < _REACH, counts, _yaws(robot, q, supports[later], begins),
+        away < max(_REACH, 0.6 * float(np.median(np.diff(at)))), counts, _yaws(robot, q, supports[later], begins),
         warnings, float(np.median(np.diff(at))), config.streams.wrench_source != "sensors",
     )  # fmt: skip
+
+
+def _longest_run(samples: list[Sample], gap: float) -> tuple[list[Sample], str]:
+    """The most samples in a row whose stamps never go back by more than `gap` [s]; a warning if some do, as in a loop."""
+    stamps = np.array([s.stamp_ns for s in samples], dtype=np.int64)
+    ends = [0, *(np.flatnonzero(np.diff(stamps) < -1e9 * gap) + 1), len(stamps)]
+    if len(ends) == 2:
+        return samples, ""
+    begin, end = max(pairwise(ends), key=lambda run: run[1] - run[0])
+    lasts = 1e-9 * (stamps[end - 1] - stamps[begin])
+    return samples[
+        begin:end
+    ], f"time goes back {len(ends) - 2} times: only the longest run, {lasts:.1f} s, is diagnosed"
 
 
 def _rows(samples: list[Sample], field: str) -> Array | None:
@@ -309,8 +325,11 @@ def _counts(q: Array) -> Array:
 
 
 def _efforts(tau: Array | None) -> Array | None:
-    """None as well where a driver fills the field with zeros for lack of a sensor."""
-    return None if tau is None or not np.nanstd(tau, axis=0).any() else tau
+    """None as well where a driver fills the field with zeros for lack of a sensor; joints without values are NaN."""
+    if tau is None:
+        return None
+    known = tau[:, np.isfinite(tau).all(axis=0)]
+    return tau if known.std(axis=0).any() else None
 
 
 def _resample(at: Array, values: Array, t: Array) -> Array:
@@ -333,6 +352,8 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
     if len(imu) < 10:
         return None
     at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
+    near = (at > t[0] - 1.0) & (at < t[-1] + 1.0)  # a stamp far in the future would make all later ones too old
+    at, imu = at[near], [each for each, kept in zip(imu, near, strict=True) if kept]
     keep = at > np.concatenate([[-np.inf], np.maximum.accumulate(at)[:-1]])
     if keep.sum() < 10:
         return None

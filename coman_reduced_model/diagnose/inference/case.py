@@ -165,7 +165,10 @@ def repeats_of(cases: Sequence[Case]) -> dict[str, float]:
         weight = world.robot.mass * world.gravity
         for key, left in case.left(case.own(fit, [])).items():
             law = law_of(key)
-            value = repeated(left, case.problem.stride.get(key)) / unit_of(law, weight, world.gravity)
+            stride = case.problem.stride.get(key)
+            if stride is None or not np.isfinite(stride).all():
+                continue  # it hardly walks: nothing shows what repeats
+            value = repeated(left, stride) / unit_of(law, weight, world.gravity)
             squares.setdefault(law, []).append(value**2)
     return {law: float(np.sqrt(np.mean(values))) for law, values in squares.items()}
 

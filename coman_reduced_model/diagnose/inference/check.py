@@ -95,7 +95,7 @@ def check_recordings(
                 raise
             left_out.append(f"{error}; left out")
     recordings = [recording for recording, _, _ in prepared]
-    not_checked = [*left_out, *limitations(prepared, held_out=len(prepared) > train_count)]
+    not_checked = [*left_out, *limitations(prepared)]
     prepared = with_common_streams(prepared)
     if assumed:
         _refuse_what_cannot_be_fitted(assumed, prepared[0])
@@ -148,7 +148,7 @@ def with_common_streams(prepared: Sequence[Prepared]) -> list[Prepared]:
     ]
 
 
-def limitations(prepared: Sequence[Prepared], held_out: bool) -> list[str]:
+def limitations(prepared: Sequence[Prepared]) -> list[str]:
     """What the recordings cannot show, a sentence each."""
     lines, recordings = [], [recording for recording, _, _ in prepared]
     if any(recording.tau is None for recording in recordings):
@@ -161,8 +161,6 @@ def limitations(prepared: Sequence[Prepared], held_out: bool) -> list[str]:
         lines.append("no com/reference with motor states: what the motors make of it cannot be judged")
     if any(moving(recording.phase) and not where.slides for recording, _, where in prepared):
         lines.append("in a bag, the other foot leaves soon after each landing: a foot that slides does not show there")
-    if not held_out:
-        lines.append("no held-out bag: what is found is confirmed on the last third of the same recording")
     for recording in recordings:
         turned = (recording.turned,) if recording.turned else ()
         lines += [f"{recording.name}: {warning}" for warning in (*recording.warnings, *turned)]

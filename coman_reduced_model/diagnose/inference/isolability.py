@@ -31,12 +31,13 @@ class Isolability:
 
     Attributes:
         options: effects at their places, n of them, each with all its parameters.
-        sizes: by option, the value of each parameter.
+        sizes, units: by option, the value of each parameter, and what it is in.
         evidence: (n, n) expected evidence of an effect (column) against nothing if another is there (row) [nats].
     """
 
     options: tuple[Candidate, ...]
     sizes: tuple[dict[str, float], ...]
+    units: tuple[dict[str, str], ...]
     evidence: Array
 
     @property
@@ -94,14 +95,15 @@ def isolability(
         ways.setdefault((option.effect, option.where), []).append(option)
     whole = [max(several, key=lambda each: len(each.unknowns)) for several in ways.values()]
     squares = np.zeros((len(whole), len(known)))
-    sizes = []
+    sizes, units = [], []
     for i, option in enumerate(whole):
         mine = [k for k in option.unknowns if not known[k].shape]
         squares[i, mine] = [(size * known[k].reach) ** 2 for k in mine]
         sizes.append({known[k].key: known[k].value(size * known[k].reach) for k in mine})
+        units.append({known[k].key: known[k].unit for k in mine})
     expectation = Expectation(evidence, more)
     gains = np.array([expectation.of(several, squares) for several in ways.values()]).T
-    return Isolability(tuple(whole), tuple(sizes), gains)
+    return Isolability(tuple(whole), tuple(sizes), tuple(units), gains)
 
 
 def taken_for(

@@ -22,7 +22,7 @@ class Predicted:
         effects: what was found, as diagnosis.json lists it, with its change of the predicted COM as `com`.
         model: the configuration with the effects that do not make the predicted COM worse.
         train, hold: errors of the nominal and of this model, by bag.
-        shown: errors in the first judging bag of the nominal model, and of the model with all effects.
+        shown: errors in the last judging bag of the nominal model, and of the model with all effects.
     """
 
     effects: list[dict[str, Any]]
@@ -46,7 +46,7 @@ def predict_com(finding: Finding, checked: Checked, config: Config, free_runs: F
     model = with_effects(config, effects)
     pairs = zip(free_runs.of(checked.paths, config), free_runs.of(checked.paths, model), strict=True)
     com = [errors(nominal, changed) for nominal, changed in pairs]
-    shown = errors(free_runs.of(judging, config)[0], free_runs.of(judging, every)[0])
+    shown = errors(free_runs.of(judging, config)[-1], free_runs.of(judging, every)[-1])
     n = len(checked.train_paths)
     return Predicted(effects, model, com[:n], com[n:], shown)
 

@@ -48,16 +48,21 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     """
     finding, effects, named = found.finding, predicted.effects, found.verdict == "effect"
     cases, options = at_share([*finding.before[0], *finding.before[1]]), candidates(finding.known)
+    held = len(checked.hold_paths)  # the last: a part of a training recording may come before the only one held out
     for effect, chosen in zip(effects, finding.chosen, strict=True):
         effect["taken_for"] = could_be(finding, cases, options, chosen)
         effect["explains"] = explained(finding, chosen, effect)
         effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
-        for effect in effects:
-            denied = "the confirming recording speaks against it"
-            effect.update(in_model=False, left_out="no alarm" if found.verdict == "none" else denied)
+        for effect, chosen in zip(effects, finding.chosen, strict=True):
+            denied = chosen.option.name in found.contradicted
+            unsure = "no alarm" if found.verdict == "none" else "it is less likely than all else that may be missing"
+            effect.update(in_model=False, left_out="the confirming recording speaks against it" if denied else unsure)
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
+    if not held:
+        last = "what is found is confirmed on the last third of the same recording"
+        not_checked.append(f"no held-out bag: {last if checked.confirm else 'nothing confirms what is found'}")
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
     result = {
@@ -74,7 +79,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "leftover": {key: round(value, 2) for key, value in sorted(found.leftover.items(), key=lambda item: -item[1])},
         "gap": {
             "train": gap(finding.before[0], finding.train, finding, predicted.train),
-            "holdout": gap(finding.before[1], finding.hold, finding, predicted.hold) if checked.hold_paths else None,
+            "holdout": gap(finding.before[1][-held:], finding.hold[-held:], finding, predicted.hold) if held else None,
         },
         "undetectable_below": undetectable(finding),
         "groups": groups(evidence_of(cases), options),

@@ -104,7 +104,8 @@ def _shows(diagnosis: Diagnosis, train: list[Pair], hold: list[Pair]) -> list[Pa
     finding, result = diagnosis.finding, diagnosis.result
     changed = bool(finding.chosen)
     pair = (hold or train)[-1]
-    seen = "a held-out recording, to which no value of an effect was fitted" if hold else "a training recording"
+    which = "a held-out" if result["bags"]["holdout"] else "the last part of a training"
+    seen = f"{which} recording, to which no value of an effect was fitted" if hold else "a training recording"
     parts: list[Part] = []
     for number, effect in enumerate(finding.chosen):
         name, where = effect.option.effect, effect.option.where

@@ -229,9 +229,8 @@ def shown(value: float, unit: str) -> str:
     return f"{factor * value:.2g} {name}"
 
 
-def figures_of(name: str, values: Mapping[str, float]) -> str:
-    """Values of parameters of an effect, without intervals."""
-    units = {parameter.name: parameter.unit for parameter in CATALOGUE[name].parameters}
+def figures_of(values: Mapping[str, float], units: Mapping[str, str]) -> str:
+    """Values of unknowns of an effect in their units, without intervals."""
     return ", ".join(f"{key} {shown(value, units[key])}" for key, value in values.items())
 
 

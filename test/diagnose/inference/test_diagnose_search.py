@@ -51,7 +51,7 @@ def test_where_a_robot_staggers_the_laws_of_flat_soles_are_not_judged_unless_it_
 
 def test_warnings_of_a_recording_are_among_its_limitations():
     prepared = prepare(swaying(Phase.LEFT), robot(), Config())
-    lines = limitations([prepared], held_out=True)
+    lines = limitations([prepared])
     assert any("nearly always on the edge of a foot" in line for line in lines)
     assert any("a foot that slides does not show" in line for line in lines)
 

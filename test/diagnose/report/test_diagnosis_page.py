@@ -157,7 +157,7 @@ def diagnosis(
     prepared: Any = [(each.recording, each.state.world, where) for each in before]
     checked = Checked(
         prepared[:1], [], prepared[1:], ["bags/train"], ["bags/hold"][:hold], [each.recording for each in before],
-        limitations(prepared, held_out=bool(hold)),
+        limitations(prepared),
     )  # fmt: skip
     with ThreadPoolExecutor(1) as helper:
         free_runs = FreeRuns(helper, predict=lambda path, config, *_: free_run(config, made_worse))
