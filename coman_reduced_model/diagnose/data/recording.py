@@ -224,7 +224,7 @@ def _grid(
 
 
 def _longest_run(samples: list[Sample], gap: float) -> tuple[list[Sample], str]:
-    """The most samples in a row whose stamps never go back by more than `gap` [s]; a warning if some do, as in a loop."""
+    """The most samples in a row whose stamps never go back by more than `gap` [s]; a warning if some do."""
     stamps = np.array([s.stamp_ns for s in samples], dtype=np.int64)
     ends = [0, *(np.flatnonzero(np.diff(stamps) < -1e9 * gap) + 1), len(stamps)]
     if len(ends) == 2:
