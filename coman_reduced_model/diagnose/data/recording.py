@@ -175,8 +175,13 @@ def _grid(
     config: Config,
     warnings: tuple[str, ...],
 ) -> Recording:
-    samples, again = _longest_run(samples, config.streams.restart_gap)
-    warnings = (*warnings, again) if again else warnings
+    begin, end, back = _longest_run([s.stamp_ns for s in samples], config.streams.restart_gap)
+    samples = samples[begin:end]
+    if back:
+        lasts = 1e-9 * (samples[-1].stamp_ns - samples[0].stamp_ns)
+        warnings = (*warnings, f"time goes back {back} times: only the longest run, {lasts:.1f} s, is diagnosed")
+        begin, end, _ = _longest_run([stamp for stamp, _ in imu], config.streams.restart_gap)
+        imu = imu[begin:end]
     complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
         why = f" ({warnings[0]})" if warnings else ""
@@ -223,17 +228,11 @@ def _grid(
     )  # fmt: skip
 
 
-def _longest_run(samples: list[Sample], gap: float) -> tuple[list[Sample], str]:
-    """The most samples in a row whose stamps never go back by more than `gap` [s]; a warning if some do."""
-    stamps = np.array([s.stamp_ns for s in samples], dtype=np.int64)
-    ends = [0, *(np.flatnonzero(np.diff(stamps) < -1e9 * gap) + 1), len(stamps)]
-    if len(ends) == 2:
-        return samples, ""
+def _longest_run(stamps: list[int], gap: float) -> tuple[int, int, int]:
+    """Begin and end of the most stamps [ns] in a row that never go back by more than `gap` [s]; how often they do."""
+    ends = [0, *(np.flatnonzero(np.diff(stamps) < -1e9 * gap) + 1).tolist(), len(stamps)]
     begin, end = max(pairwise(ends), key=lambda run: run[1] - run[0])
-    lasts = 1e-9 * (stamps[end - 1] - stamps[begin])
-    return samples[
-        begin:end
-    ], f"time goes back {len(ends) - 2} times: only the longest run, {lasts:.1f} s, is diagnosed"
+    return begin, end, len(ends) - 2
 
 
 def _rows(samples: list[Sample], field: str) -> Array | None:
