@@ -226,7 +226,8 @@ def far(row: Mapping[str, Any]) -> list[str]:
 def shown(value: float, unit: str) -> str:
     """A size in the units of a reader."""
     name, factor = _SHOWN.get(unit, (unit, 1.0))
-    return f"{factor * value:.2g} {name}"
+    size = factor * value
+    return f"{size:.0f} {name}" if 100.0 <= abs(size) < 1e5 else f"{size:.2g} {name}"
 
 
 def figures_of(values: Mapping[str, float], units: Mapping[str, str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from coman_reduced_model.diagnose.report.words import effect_sentence, meaning, place, sentence
+from coman_reduced_model.diagnose.report.words import effect_sentence, figures_of, meaning, place, sentence
 
 
 def test_a_class_is_named_beside_the_group_only_where_none_of_it_is_there():
@@ -96,3 +96,8 @@ def test_what_is_real_but_hardly_matters_is_said_to_be_minor(of, said):
     assert f"(minor: it explains {said.replace(' %', '%')}" in effect_sentence(entry)
     assert "minor" not in effect_sentence({**entry, "minor": False})
     assert "minor" not in effect_sentence({**entry, "left_out": "it makes the predicted COM worse"})
+
+
+def test_sizes_are_in_units_of_a_reader():
+    values, units = {"mass": 1.5, "x": 0.03, "scale": 1.125}, {"mass": "kg", "x": "kg m", "scale": "1"}
+    assert figures_of(values, units) == "mass 1.5 kg, x 0.03 kg m, scale 112 %"
