@@ -188,9 +188,10 @@ def _grid(
         text = f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose{why}"
         raise BagError(text)
     stamps = np.array([s.stamp_ns for s in complete])
-    order = np.flatnonzero(np.diff(np.maximum.accumulate(stamps), prepend=stamps[0] - 1) > 0)
+    order = np.flatnonzero(rising(stamps))
     complete, stamps = [complete[i] for i in order], stamps[order]
     at = (stamps - stamps[0]) * 1e-9
+    period = float(np.median(np.diff(at)))
     t = np.arange(0.0, at[-1], 1.0 / RATE)
     nearest = np.searchsorted(at, t).clip(1, len(at) - 1)
     away = np.minimum(np.abs(at[nearest] - t), np.abs(t - at[nearest - 1]))
@@ -223,9 +224,14 @@ def _grid(
         *_plan(complete, phases, shares, robot, at, t),
         phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < max(_REACH, 0.6 * float(np.median(np.diff(at)))), counts, _yaws(robot, q, supports[later], begins),
-        warnings, float(np.median(np.diff(at))), config.streams.wrench_source != "sensors",
+        away < max(_REACH, 0.6 * period), counts, _yaws(robot, q, supports[later], begins),
+        warnings, period, config.streams.wrench_source != "sensors",
     )  # fmt: skip
+
+
+def rising(stamps: Array | Integers) -> Booleans:
+    """(n,) Whether each of n stamps is later than all before it."""
+    return np.asarray(np.diff(np.maximum.accumulate(stamps), prepend=stamps[:1] - 1) > 0)
 
 
 def _longest_run(stamps: list[int], gap: float) -> tuple[int, int, int]:
@@ -353,7 +359,7 @@ def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, fra
     at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
     near = (at > t[0] - 1.0) & (at < t[-1] + 1.0)  # a stamp far in the future would make all later ones too old
     at, imu = at[near], [each for each, kept in zip(imu, near, strict=True) if kept]
-    keep = at > np.concatenate([[-np.inf], np.maximum.accumulate(at)[:-1]])
+    keep = rising(at)
     if keep.sum() < 10:
         return None
     slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))

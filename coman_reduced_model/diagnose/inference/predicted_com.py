@@ -24,6 +24,7 @@ from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot
 from ...processes import workers
 from ...topics import TopicNames
+from ..data.recording import rising
 
 CONFIDENCE = 0.95
 
@@ -125,14 +126,14 @@ def free_run(
                 rows.append(row)
             positions += [sample.q for sample in batch]  # as effects have corrected them while predicting
     stamps = np.array([row[0] for row in rows], dtype=np.int64)
-    rising = np.diff(np.maximum.accumulate(stamps), prepend=-1) > 0
-    values = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 9)[rising]
+    later = rising(stamps)
+    values = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 9)[later]
     foot, phase, flags = values[:, :3].T.astype(int)
     measured, predicted = values[:, 3:6], values[:, 6:]
     predicted[(flags & Flags.REJECTED_STATE) != 0] = np.nan
-    run, q = np.cumsum((flags & Flags.RESET) != 0), np.array(positions).reshape(len(rows), -1)[rising]
+    run, q = np.cumsum((flags & Flags.RESET) != 0), np.array(positions).reshape(len(rows), -1)[later]
     loads = tuple(effect for effect in config.effects if CATALOGUE[effect.name].load is not Effect.load)
-    return FreeRun(stamps[rising], foot, phase, run, measured, predicted, q, robot, loads)
+    return FreeRun(stamps[later], foot, phase, run, measured, predicted, q, robot, loads)
 
 
 def errors(before: FreeRun, after: FreeRun) -> Errors:
