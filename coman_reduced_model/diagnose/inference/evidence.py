@@ -35,12 +35,10 @@ from .noise import (
     ORDER,
     Noise,
     first_guess,
-    free_of_offsets,
-    free_of_repeats,
+    independent,
     mean_offset,
     no_less,
     repeated,
-    whiten,
     yule_walker,
 )
 from .prior import Kind, kinds_of, prior_variance
@@ -282,12 +280,9 @@ def parts_of(problem: Problem, noise: dict[str, Noise]) -> Iterator[Part]:
     for key, row in problem.rows.items():
         some = np.flatnonzero(problem.columns[key].any(axis=0))
         stacked = np.column_stack([row, problem.columns[key][:, some]])
-        white = whiten(stacked, problem.pieces[key], noise[key].autoregression)
-        white = free_of_offsets(white, problem.pieces[key], noise[key])
-        white = free_of_repeats(white, problem.stride.get(key), problem.pieces[key], noise[key])
+        white, log = independent(stacked, problem.stride.get(key), problem.pieces[key], noise[key])
         A, r = white[:, 1:], white[:, 0]
-        energy = float(r @ r) + 2.0 * len(r) * float(np.log(noise[key].autoregression[0]))
-        yield Part(law_of(key), some, A.T @ A, A.T @ r, energy, len(r))
+        yield Part(law_of(key), some, A.T @ A, A.T @ r, float(r @ r) + log, len(r))
 
 
 def summed(unknowns: list[Unknown], at: Array, parts: Iterable[Part], trust: Mapping[str, float]) -> Evidence:

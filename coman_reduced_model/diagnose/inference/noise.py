@@ -43,24 +43,41 @@ def no_less(autoregression: Array, key: str, floors: Mapping[str, float]) -> Arr
 
 
 def mean_offset(remainder: Array, pieces: Integers) -> float:
-    """Standard deviation of the means of the contiguous pieces; 0 where there are too few to say."""
-    means = np.add.reduceat(remainder, pieces) / np.diff(np.append(pieces, len(remainder)))
+    """Standard deviation of the means of the contiguous pieces; 0 where there are too few to say.
+
+    A piece of one value is no mean: how much such values differ is the noise.
+    """
+    lengths = np.diff(np.append(pieces, len(remainder)))
+    means = (np.add.reduceat(remainder, pieces) / lengths)[lengths > 1]
     return float(np.sqrt(means @ means / len(means))) if len(means) > 2 else 0.0
 
 
-def free_of_offsets(white: Array, pieces: Integers, noise: Noise) -> Array:
-    """Whitened rows (n, k) when every contiguous piece has an offset of its own as well.
+def independent(rows: Array, stride: Array | None, pieces: Integers, noise: Noise) -> tuple[Array, float]:
+    """Rows (n, k) as values that are independent and of standard deviation 1 under the noise.
+
+    Returns:
+        these, and the logarithm of the determinant of the covariance (n, n) of the noise.
+    """
+    white, log = whiten(rows, pieces, noise.autoregression)
+    white, by_offsets = free_of_offsets(white, pieces, noise)
+    white, by_repeats = free_of_repeats(white, stride, pieces, noise)
+    return white, log + by_offsets + by_repeats
+
+
+def free_of_offsets(white: Array, pieces: Integers, noise: Noise) -> tuple[Array, float]:
+    """Whitened rows (n, k) when every contiguous piece has an offset of its own as well; its log determinant.
 
     No step repeats another exactly, and an encoder that hardly moves has the same error all through a phase.
     """
-    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[:, 0]
-    return np.asarray(_without_offsets(white, one, pieces, noise.offset))
+    one = whiten(np.ones((len(white), 1)), pieces, noise.autoregression)[0][:, 0]
+    out, log = _without_offsets(white, one, pieces, noise.offset)
+    return np.asarray(out), float(log)
 
 
 @compiled
-def _without_offsets(white: Array, one: Array, pieces: Integers, offset: float) -> Array:
+def _without_offsets(white: Array, one: Array, pieces: Integers, offset: float) -> tuple[Array, float]:
     """`free_of_offsets`, with what becomes of a constant: one (n,)."""
-    out = np.empty(white.shape)
+    out, log = np.empty(white.shape), 0.0
     for p in range(len(pieces)):
         end = pieces[p + 1] if p + 1 < len(pieces) else len(white)
         length, common = 0.0, np.zeros(white.shape[1])
@@ -70,10 +87,11 @@ def _without_offsets(white: Array, one: Array, pieces: Integers, offset: float) 
                 common[j] += one[i] * white[i, j]
         # The square root of (I + offset^2 u u')^-1.
         shrink = (1.0 - 1.0 / np.sqrt(1.0 + offset**2 * length)) / length
+        log += np.log(1.0 + offset**2 * length)
         for i in range(pieces[p], end):
             for j in range(white.shape[1]):
                 out[i, j] = white[i, j] - shrink * one[i] * common[j]
-    return out
+    return out, log
 
 
 def repeated(remainder: Array, stride: Array | None) -> float:
@@ -93,18 +111,19 @@ def repeated(remainder: Array, stride: Array | None) -> float:
     return float(np.sqrt(max(float(found[0] @ found[1]), 0.0)))
 
 
-def free_of_repeats(white: Array, stride: Array | None, pieces: Integers, noise: Noise) -> Array:
-    """Whitened rows (n, k) when something that the model misses repeats with each stride as well.
+def free_of_repeats(white: Array, stride: Array | None, pieces: Integers, noise: Noise) -> tuple[Array, float]:
+    """Whitened rows (n, k) when something that the model misses repeats with each stride as well; its log determinant.
 
     Many strides tell little more of an effect than one if the model is as far off in each of them.
     """
     if not noise.repeats or stride is None or not np.isfinite(stride).all():
-        return white
+        return white, 0.0
     waves = repeating(stride)
-    scaled = whiten(waves * (noise.repeats / np.sqrt(waves.shape[1])), pieces, noise.autoregression)
-    scaled = free_of_offsets(scaled, pieces, noise)
+    scaled, _ = whiten(waves * (noise.repeats / np.sqrt(waves.shape[1])), pieces, noise.autoregression)
+    scaled, _ = free_of_offsets(scaled, pieces, noise)
     U, s, _ = np.linalg.svd(scaled, full_matrices=False)
-    return np.asarray(white - (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ (U.T @ white))
+    free = white - (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ (U.T @ white)
+    return np.asarray(free), float(np.log1p(s**2).sum())
 
 
 def first_guess(values: Array, pieces: Integers) -> Array:
@@ -146,36 +165,38 @@ def _autocovariance(values: Array, pieces: Integers) -> Array:
 
 
 @compiled
-def whiten(values: Array, pieces: Integers, noise: Array) -> Array:
-    """Innovations (n, k) of columns (n, k) in units of their standard deviation; a piece begins in its steady state."""
-    sigma, phi = noise[0], noise[1:]
-    # The first values of a piece have no predecessors: weighed as what they are, of the marginal variance.
-    marginal = sigma / np.sqrt(max(1.0 - np.sum(phi * _correlations(phi)), 1e-6))
-    out = np.empty(values.shape)
+def whiten(values: Array, pieces: Integers, noise: Array) -> tuple[Array, float]:
+    """Innovations (n, k) of columns (n, k) in units of their standard deviation; the noise's log determinant.
+
+    A piece begins in the steady state of the process: its first values are predicted from as many as there are.
+    """
+    sigma, phi = _predictors(noise)
+    out, log = np.empty(values.shape), 0.0
     for p in range(len(pieces)):
         end = pieces[p + 1] if p + 1 < len(pieces) else len(values)
         for i in range(pieces[p], end):
-            begins = i < pieces[p] + ORDER
-            scale = 1.0 / (marginal * np.sqrt(ORDER)) if begins else 1.0 / sigma
+            known = min(i - pieces[p], ORDER)
+            log += 2.0 * np.log(sigma[known])
             for j in range(values.shape[1]):
                 value = values[i, j]
-                if not begins:
-                    for lag in range(ORDER):
-                        value -= phi[lag] * values[i - 1 - lag, j]
-                out[i, j] = value * scale
-    return out
+                for lag in range(known):
+                    value -= phi[known, lag] * values[i - 1 - lag, j]
+                out[i, j] = value / sigma[known]
+    return out, log
 
 
 @compiled
-def _correlations(phi: Array) -> Array:
-    """Autocorrelation (ORDER,) at lags 1.. of an AR process."""
-    p = len(phi)
-    A, b = np.eye(p), np.zeros(p)
-    for k in range(1, p + 1):
-        for i in range(1, p + 1):
-            lag = abs(k - i)
-            if lag == 0:
-                b[k - 1] += phi[i - 1]
-            else:
-                A[k - 1, lag - 1] -= phi[i - 1]
-    return np.linalg.solve(A, b)  # type: ignore[return-value]
+def _predictors(noise: Array) -> tuple[Array, Array]:
+    """Standard deviation (1 + ORDER,) of the errors, and coefficients (1 + ORDER, ORDER), from 0, 1, ... values before.
+
+    The recursion of Levinson and Durbin, backwards.
+    """
+    sigma, phi = np.empty(ORDER + 1), np.zeros((ORDER + 1, ORDER))
+    sigma[ORDER], phi[ORDER] = noise[0], noise[1:]
+    for m in range(ORDER, 0, -1):
+        reflection = phi[m, m - 1]
+        left = max(1.0 - reflection**2, 1e-6)
+        sigma[m - 1] = sigma[m] / np.sqrt(left)
+        for lag in range(m - 1):
+            phi[m - 1, lag] = (phi[m, lag] + reflection * phi[m, m - 2 - lag]) / left
+    return sigma, phi

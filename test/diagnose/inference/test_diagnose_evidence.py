@@ -10,7 +10,7 @@ import pytest
 from diagnose_tools import FIGURES
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, toeplitz
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
@@ -23,6 +23,8 @@ from coman_reduced_model.diagnose.inference.noise import (
     Noise,
     free_of_offsets,
     free_of_repeats,
+    independent,
+    mean_offset,
     repeated,
     whiten,
     yule_walker,
@@ -107,13 +109,33 @@ def coloured(n: int, pieces: int, rng) -> tuple[np.ndarray, np.ndarray]:
 
 def test_whitening_makes_an_autoregressive_process_white():
     values, pieces = coloured(400, 10, np.random.default_rng(2))
-    white = whiten(values[:, None], pieces, AR)[:, 0]
+    white = whiten(values[:, None], pieces, AR)[0][:, 0]
     inside = np.concatenate([white[a + ORDER : a + 400] for a in pieces])
     assert inside.std() == pytest.approx(1.0, abs=0.04)
     for lag in (1, 2, 3, 5):
         assert abs(np.corrcoef(inside[lag:], inside[:-lag])[0, 1]) < 0.06
-    heads = np.concatenate([white[a : a + ORDER] for a in pieces])  # together as much as one of the others
-    assert heads.std() == pytest.approx(1.0 / np.sqrt(ORDER), abs=0.25)
+
+
+@few
+@given(seeds, st.floats(0.0, 3.0), st.floats(0.0, 3.0))
+def test_independent_rows_are_those_of_the_covariance_of_the_noise_written_out(seed, offset, repeats):
+    rng = np.random.default_rng(seed)
+    lengths, stride = (1, 2, 9, 28), np.arange(ROWS) / 13.0
+    pieces, noise = np.array([0, 1, 3, 12]), Noise(AR, offset, repeats)
+    innovations = lfilter([AR[0]], [1.0, *-AR[1:]], np.eye(1, 2000)[0])  # the response to one
+    covariance = np.correlate(innovations, innovations, "full")[len(innovations) - 1 :]
+    C = block_diag(*(toeplitz(covariance[:n]) + offset**2 for n in lengths))
+    waves = repeating(stride)
+    C += repeats**2 / waves.shape[1] * waves @ waves.T
+    rows = rng.normal(size=(ROWS, 2))
+    white, log = independent(rows, stride, pieces, noise)
+    assert white.T @ white == pytest.approx(rows.T @ np.linalg.solve(C, rows), rel=1e-5)
+    assert log == pytest.approx(np.linalg.slogdet(C)[1], abs=1e-6)
+
+
+def test_single_values_have_no_offset_beside_their_noise():
+    assert mean_offset(np.arange(5.0), np.arange(5)) == 0.0
+    assert mean_offset(np.repeat([1.0, -1.0, 1.0], 4), np.array([0, 4, 8])) == pytest.approx(1.0)
 
 
 def test_the_noise_is_estimated_over_pieces_that_do_not_touch():
@@ -128,8 +150,8 @@ def test_offsets_of_pieces_are_part_of_the_noise(seed, offset):
     rng = np.random.default_rng(seed)
     pieces, noise = np.array([0, 9, 30]), np.array([0.7, 0.4, 0.0, 0.0])
     white = rng.normal(size=(ROWS, 2))
-    out = free_of_offsets(white, pieces, Noise(noise, offset))
-    one = whiten(np.ones((ROWS, 1)), pieces, noise)[:, 0]
+    out, _ = free_of_offsets(white, pieces, Noise(noise, offset))
+    one = whiten(np.ones((ROWS, 1)), pieces, noise)[0][:, 0]
     C = np.eye(ROWS)
     for a, b in ((0, 9), (9, 30), (30, ROWS)):
         C[a:b, a:b] += offset**2 * np.outer(one[a:b], one[a:b])
@@ -142,8 +164,8 @@ def test_what_repeats_with_each_stride_is_part_of_the_noise(seed, repeats):
     rng = np.random.default_rng(seed)
     pieces, noise, stride = np.array([0]), np.array([0.7, 0.4, 0.0, 0.0]), np.arange(ROWS) / 13.0
     white = rng.normal(size=(ROWS, 2))
-    out = free_of_repeats(white, stride, pieces, Noise(noise, 0.0, repeats))
-    waves = whiten(repeating(stride), pieces, noise)
+    out, _ = free_of_repeats(white, stride, pieces, Noise(noise, 0.0, repeats))
+    waves, _ = whiten(repeating(stride), pieces, noise)
     C = np.eye(ROWS) + repeats**2 / waves.shape[1] * waves @ waves.T
     assert out.T @ out == pytest.approx(white.T @ np.linalg.solve(C, white), abs=1e-6)
 
@@ -154,7 +176,7 @@ def test_strides_without_end_say_no_more_than_one_where_the_model_is_off_in_each
     for strides in (10, 1000):
         stride = np.arange(25 * strides) / 25.0
         column = np.cos(2.0 * np.pi * stride)[:, None]
-        white = free_of_repeats(column, stride, np.array([0]), Noise(noise, 0.0, 1.0))
+        white, _ = free_of_repeats(column, stride, np.array([0]), Noise(noise, 0.0, 1.0))
         information.append(float((white.T @ white)[0, 0]))
     assert information[1] == pytest.approx(information[0], rel=0.1)
 
