@@ -55,9 +55,10 @@ from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
-COMPARISON = 4  # grows where comparisons that are kept in files would come out otherwise
+COMPARISON = 5  # grows where comparisons that are kept in files would come out otherwise
 SHARED = 2  # errors of an effect that those of all others are worth
 TENTHS = 10
+TINY = 1e-12  # of a width
 
 
 def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[str, Any]] | None:
@@ -97,11 +98,11 @@ def _first_comparison(checked: Checked, nominal: Nominal) -> list[dict[str, Any]
         deviation, option, parameters = np.sqrt(np.diag(each.fit.covariance)), each.option, {}
         for i in option.unknowns if option else ():
             known = cache.known[i]
-            parameters[known.key] = [known.nominal, each.fit.x[i], deviation[i], known.logarithmic]
+            parameters[known.key] = [known.nominal, known.usual + each.fit.x[i], deviation[i], known.logarithmic]
         rows.append({
             "name": option.effect if option else "", "where": option.place if option else "", "gain": each.gain,
             "confirmed": each.confirmed, "ways": each.ways, "leftover": by_law(each.leftover),
-            "pulled": dict(each.pulled), "parameters": parameters,
+            "pulled": dict(each.pulled), "together": each.together, "parameters": parameters,
         })  # fmt: skip
     return rows
 
@@ -237,7 +238,7 @@ def mean_of(records: Sequence[Nominal]) -> Nominal:
     def mean(name: str) -> dict[str, float]:
         each = [getattr(record, name) for record in records]
         shared = [key for key in each[0] if all(key in one for one in each)]
-        return {key: float(np.exp(np.mean([np.log(one[key]) for one in each]))) for key in shared}
+        return {key: float(np.exp(np.mean([np.log(max(one[key], TINY)) for one in each]))) for key in shared}
 
     widths = [record.source["widths"] for record in records]
     precise = {part: sum(one["precise"][part] for one in widths) for part in widths[0]["precise"]}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Learns from clean cases how much nominal robots vary, and how far each law is to be trusted.
+"""Learns from clean cases how much nominal robots vary, what is usual, and how far each law is to be trusted.
 
-Both depend on each other: a law that is trusted too far makes robots seem to vary that do not, and the other way round.
+All depend on each other: a law that is trusted too far makes robots seem to vary that do not, and the other way round.
 They are learnt in turn, ROUNDS times.
 """
 
@@ -17,15 +17,16 @@ from pathlib import Path
 import numpy as np
 
 from ..core.base.nominal import Nominal
+from ..core.base.types import Array
 from ..core.config.files import load_config
-from ..core.effects.unknown import FOOT_SENSORS, ROBOT
+from ..core.effects.unknown import FOOT_SENSORS, ROBOT, Unknown
 from ..diagnose.data.reading import read_bags
 from ..diagnose.inference.case import Case, examine, repeats_of, with_known
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.prior import Kind
 from ..diagnose.inference.trust import ByLaw, learn_trust
-from ..diagnose.inference.variability import adapted, learn_widths, widths_of_robot
+from ..diagnose.inference.variability import adapted, learn_widths, means_of, widths_of_robot
 from ..diagnose.physics.hypotheses import unknowns
 from ..errors import ComanError, ConfigError
 from ..output import write_file
@@ -36,7 +37,7 @@ ROUNDS = 3
 
 
 def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool: Executor) -> Nominal:
-    """The same record with new `widths`, `trust` and `repeats`.
+    """The same record with new `widths` (among them what is usual), `trust` and `repeats`.
 
     Args:
         clean: of each clean case, its bags, and a file in which what takes long to compute is kept.
@@ -53,17 +54,27 @@ def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool
     robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets, precise={})
     known = sheets
     of_robots: list[tuple[Kind, dict[str, float]]] = [((), dict(sheets.widths))] * len(robots)
+    usual = {name: value for name, value in nominal.widths.items() if name.endswith(".usual")}
     for _ in range(ROUNDS):
+        robots = [[each.about(_beyond(each.unknowns, usual)) for each in recordings] for recordings, _ in found]
         trust = learn_trust(robots, [widths for _, widths in of_robots], partial(pool.map, chunksize=4))
         evidences = [[each.evidence(trust) for each in robot] for robot in robots]
         known = learn_widths(evidences, sheets)
         of_robots = [widths_of_robot(robot, known) for robot in evidences]
+        usual |= {name: max(usual[name] + more, 0.0) for name, more in means_of(evidences, known).items()}
     precise = {part: sum(part in kind for kind, _ in of_robots) for part in (ROBOT, FOOT_SENSORS)}
     source = {**nominal.source, "widths": {"commit": commit(), "robots": len(robots), "precise": precise}}
     return replace(
-        nominal, source=source, widths=known.widths, precise=known.precise, trust=trust,
+        nominal, source=source, widths={**known.widths, **usual}, precise=known.precise, trust=trust,
         repeats=learn_repeats([each for _, each in found]),
     )  # fmt: skip
+
+
+def _beyond(known: Sequence[Unknown], usual: Mapping[str, float]) -> Array:
+    """(P,) by how much more is usual of each parameter than was taken for it when the recordings were read."""
+    return np.array([
+        usual[each.widths["usual"]] * each.relative - each.usual if "usual" in each.widths else 0.0 for each in known
+    ])  # fmt: skip
 
 
 def checked_case(bags: Path, whole: bool = False) -> Checked:

@@ -109,7 +109,7 @@ def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
     decision = learn_decision(examples)
     case = examples[35]
     case = replace(case, rows=[case.rows[0], {**case.rows[1], "confirmed": confirmed}])
-    given = [(row["gain"], row["confirmed"], row["ways"], row["leftover"], row["pulled"]) for row in case.rows]
+    given = [(row["gain"], row["confirmed"], row["ways"], row["leftover"], row["pulled"], 0.0) for row in case.rows]
     options = [None, Candidate("payload", "", ())]
     explanations = [Explanation(option, None, *values) for option, values in zip(options, given, strict=True)]
     found = odds(explanations, replace(case.nominal, decision=decision))

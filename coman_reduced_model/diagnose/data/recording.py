@@ -12,14 +12,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.spatial.transform import Rotation, Slerp
 
 from ...bag.session import Session
 from ...core.base.input_warning import WarningKind
 from ...core.base.stream_names import IMU
 from ...core.base.types import Array, Booleans, Foot, Integers, Phase, Sample
 from ...core.config.schema import Config
+from ...core.effects.base import Effect
 from ...core.measured.odometry import FootOdometry
 from ...core.measured.support import SupportDetector
 from ...core.predictor import Predictor
@@ -28,6 +27,7 @@ from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames
 from .computed import NOT_SHOWN, with_computed_wrenches
+from .streams import LEAST_THERE, resample, rising, rows_of, there, up_by_imu
 from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
@@ -132,8 +132,9 @@ def load(
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
         for effect in pipeline.predictor.effects:
-            for sample in samples:
-                effect.correct(sample)
+            if not of_world(type(effect)):
+                for sample in samples:
+                    effect.correct(sample)
         computed, measured, zeros = pipeline.predictor.computed, samples, np.zeros(2)
         warnings = session.warnings
         if computed is None:
@@ -152,6 +153,11 @@ def load(
     robot = pipeline.robot
     recording = _grid(Path(path).name, samples, zeros, imu, imu_frame, robot, config, warnings)
     return recording.changed(turned=str(suspect[0]) if suspect else "", clocks=clocks), robot
+
+
+def of_world(kind: type[Effect]) -> bool:
+    """Whether an effect of a configuration is part of the `World`; others are applied while a recording is read."""
+    return kind.moves_com() and kind.load is Effect.load
 
 
 def _zeros(samples: list[Sample], predictor: Predictor) -> Array:
@@ -196,9 +202,26 @@ def _grid(
     nearest = np.searchsorted(at, t).clip(1, len(at) - 1)
     away = np.minimum(np.abs(at[nearest] - t), np.abs(t - at[nearest - 1]))
 
+    valid = away < max(_REACH, 0.6 * period)
+
+    def used(values: Array | None, where: Booleans, name: str) -> Array | None:
+        """The values of a stream, where it is there most of the time; what it lacks is a gap of the recording."""
+        nonlocal valid, warnings
+        if values is None or where.all():
+            return values
+        if where.mean() < LEAST_THERE:
+            warnings = (*warnings, f"{name} are there {where.mean():.0%} of the time: too little, they are not used")
+            return None
+        valid &= where
+        return values
+
     def array(field: str) -> Array | None:
-        values = _rows(complete, field)
-        return None if values is None else _resample(at, values, t)
+        values = rows_of(complete, field)
+        return None if values is None else resample(at, values, t)
+
+    def sometimes(field: str, name: str) -> Array | None:
+        values = rows_of(complete, field)
+        return None if values is None else used(resample(at, values, t), there(at, values, t), name)
 
     forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete]) - zeros  # type: ignore[index]
     phases, shares, supports = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
@@ -208,30 +231,29 @@ def _grid(
     later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it
     for wrench, other in ((left, Phase.RIGHT), (right, Phase.LEFT)):
         wrench -= _drift(wrench, phases[later] == other)
-    motor_q, tau = array("motor_q"), _efforts(array("tau"))
+    motor_q = sometimes("motor_q", "motor states")
+    tau = None if _efforts(array("tau")) is None else sometimes("tau", "joint torques")
     counts = _counts(np.array([s.q for s in complete]))
     if tau is not None and from_deflection(
-        _rows(complete, "tau"), _rows(complete, "motor_q"), _rows(complete, "q"), counts
+        rows_of(complete, "tau"), rows_of(complete, "motor_q"), rows_of(complete, "q"), counts
     ):
         tau = None
         warnings = (*warnings, "torques are computed from the springs' deflection: no measurement, they are not used")
+    up = used(*up_by_imu(imu, stamps[0], t, robot, imu_frame, q), "orientations of the IMU")
+    plan, moved, planned = _plan(complete, phases, shares, robot, at, t)
+    if used(plan, planned, "motor states and com/reference together") is None:
+        plan = moved = None
     every = np.array([s.stamp_ns for s in samples])
     restarts = every[1:][np.diff(every) > 1e9 * config.streams.restart_gap]  # as the predictor does
     begins = np.searchsorted(restarts, stamps[0] + 1e9 * t, side="right")
     return Recording(
         name, t, q, tau, motor_q,
-        {Foot.LEFT: left, Foot.RIGHT: right}, _up(imu, stamps[0], t, robot, imu_frame, q),
-        *_plan(complete, phases, shares, robot, at, t),
+        {Foot.LEFT: left, Foot.RIGHT: right}, up, plan, moved,
         phases[later],
         np.interp(t, at, np.nan_to_num(shares, nan=0.5)),
-        away < max(_REACH, 0.6 * period), counts, _yaws(robot, q, supports[later], begins),
+        valid, counts, _yaws(robot, q, supports[later], begins),
         warnings, period, config.streams.wrench_source != "sensors",
     )  # fmt: skip
-
-
-def rising(stamps: Array | Integers) -> Booleans:
-    """(n,) Whether each of n stamps is later than all before it."""
-    return np.asarray(np.diff(np.maximum.accumulate(stamps), prepend=stamps[:1] - 1) > 0)
 
 
 def _longest_run(stamps: list[int], gap: float) -> tuple[int, int, int]:
@@ -239,15 +261,6 @@ def _longest_run(stamps: list[int], gap: float) -> tuple[int, int, int]:
     ends = [0, *(np.flatnonzero(np.diff(stamps) < -1e9 * gap) + 1).tolist(), len(stamps)]
     begin, end = max(pairwise(ends), key=lambda run: run[1] - run[0])
     return begin, end, len(ends) - 2
-
-
-def _rows(samples: list[Sample], field: str) -> Array | None:
-    """(n, k) values of a field, NaN where a sample lacks it; None: most lack it."""
-    rows = [getattr(s, field) for s in samples]
-    if sum(row is None for row in rows) > len(rows) // 2:
-        return None
-    size = next(len(row) for row in rows if row is not None)
-    return np.array([np.full(size, np.nan) if row is None else row for row in rows])
 
 
 def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers]:
@@ -278,10 +291,10 @@ def _drift(wrench: Array, air: Booleans) -> Array:
 
 def _plan(
     samples: list[Sample], phases: Integers, shares: Array, robot: Robot, at: Array, t: Array
-) -> tuple[Array | None, Array | None]:
-    """Planned and motor-side COM (n, 2) in the stance sole, at the grid's times."""
-    if sum(s.reference is not None and s.motor_q is not None for s in samples) < 0.9 * len(samples):
-        return None, None
+) -> tuple[Array | None, Array | None, Booleans]:
+    """Planned and motor-side COM (n, 2) in the stance sole, at the grid's times; where both are there."""
+    if not any(s.reference is not None and s.motor_q is not None for s in samples):
+        return None, None, np.zeros(len(t), dtype=bool)
     motors = robot.posture()
     rows = np.full((len(samples), 4), np.nan)
     still = np.zeros(len(robot.joint_names))
@@ -294,8 +307,8 @@ def _plan(
         motors.update(sample.motor_q, still)
         com, _ = motors.com_in_sole(foot)
         rows[i, :2], rows[i, 2:] = (T[:3, :3].T @ (sample.reference.com - T[:3, 3]))[:2], com[:2]
-    values = _resample(at, rows, t)
-    return values[:, :2], values[:, 2:]
+    values = resample(at, rows, t)
+    return values[:, :2], values[:, 2:], there(at, rows, t)
 
 
 def _yaws(robot: Robot, q: Array, supports: Array, begins: Array) -> dict[Foot, Array]:
@@ -335,43 +348,6 @@ def _efforts(tau: Array | None) -> Array | None:
         return None
     known = tau[:, np.isfinite(tau).all(axis=0)]
     return tau if known.std(axis=0).any() else None
-
-
-def _resample(at: Array, values: Array, t: Array) -> Array:
-    """Averages over a grid interval where the samples are denser than the grid, else linear between them."""
-    per_cell = (t[1] - t[0]) / max(float(np.median(np.diff(at))), 1e-9)
-    width = 2 * (round(per_cell) // 2) + 1  # odd, so that nothing moves in time
-    out = np.empty((len(t), values.shape[1]))
-    for k in range(values.shape[1]):
-        finite = np.isfinite(values[:, k])
-        if finite.any():
-            column = np.interp(at, at[finite], values[finite, k])
-            out[:, k] = np.interp(t, at, uniform_filter1d(column, width, mode="nearest") if width > 1 else column)
-        else:
-            out[:, k] = np.nan
-    return out
-
-
-def _up(imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, frame: str, q: Array) -> Array | None:
-    """(n, 3) the direction against gravity, in the root link's frame, at the grid's times."""
-    if len(imu) < 10:
-        return None
-    at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
-    near = (at > t[0] - 1.0) & (at < t[-1] + 1.0)  # a stamp far in the future would make all later ones too old
-    at, imu = at[near], [each for each, kept in zip(imu, near, strict=True) if kept]
-    keep = rising(at)
-    if keep.sum() < 10:
-        return None
-    slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
-    up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
-    sensor = robot.sensor_frame(frame)
-    if sensor is None:
-        return None
-    posture, still, R = robot.posture(), np.zeros(q.shape[1]), np.empty((len(t), 3, 3))
-    for i, each in enumerate(q):
-        posture.update(each, still)
-        R[i] = posture.orientation(sensor)
-    return np.asarray(np.einsum("nij,nj->ni", R, up))
 
 
 def lifts_a_foot(phase: Integers) -> bool:

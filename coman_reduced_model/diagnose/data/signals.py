@@ -218,8 +218,13 @@ def believed(values: Array, noise: Array, stride: int) -> Array:
     """
     slow = _twice_smooth(values)
     fast = values - slow
-    left = noise * np.sqrt(FAST * stride / (2.0 * np.sqrt(np.pi) * SMOOTHING * RATE))
+    left = np.sqrt(FAST) * once_smooth(noise, stride)
     return np.asarray(slow + (1.0 - noise_share(smooth(fast), left)) * fast)
+
+
+def once_smooth(noise: Array, stride: int) -> Array:
+    """Standard deviation of what `smooth` leaves of white noise (k,) of samples, which are `stride` values apart."""
+    return np.asarray(noise * np.sqrt(stride / (2.0 * np.sqrt(np.pi) * SMOOTHING * RATE)))
 
 
 def encoder_noise(recording: Recording) -> Array:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,12 +11,12 @@ import numpy as np
 from ...core.base.nominal import Nominal, load_nominal
 from ...core.base.types import Array
 from ...core.config.schema import Config
-from ...core.effects.catalogue import CATALOGUE, Effect
+from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import Unknown, applied
 from ...core.robot.robot import Robot
 from ...errors import BagError
 from ..data.masks import TICKS, Masks, masks, on_flat_soles, with_taken_up
-from ..data.recording import Recording
+from ..data.recording import Recording, of_world
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
@@ -67,12 +67,16 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
     Those of sensors, drives and loads were applied while the recording was read.
     """
     for effect in config.effects:
-        kind = CATALOGUE[effect.name]
-        if (kind.correct, kind.late, kind.load) != (Effect.correct, Effect.late, Effect.load):
+        if not of_world(CATALOGUE[effect.name]):
             continue
-        for unknown in unknowns(recording, world):
-            if (unknown.effect, unknown.where) == (effect.name, effect.where):
-                recording, world = unknown.apply(recording, world, unknown.deviation(effect.values[unknown.key]))
+        known = unknowns(recording, world)
+        mine = [each for each in known if (each.effect, each.where) == (effect.name, effect.where)]
+        for unknown in mine:
+            recording, world = unknown.apply(recording, world, unknown.deviation(effect.values[unknown.key]))
+        if not mine:
+            at = f" at {effect.where}" if effect.where else ""
+            warning = f"{effect.name}{at} of the configuration is left out: this recording cannot show it"
+            recording = recording.changed(warnings=(*recording.warnings, warning))
     return recording, world
 
 
@@ -107,6 +111,16 @@ class Case:
         for i in released:
             mean[i], variance[i] = fit.x[i], covariance[i, i] + 1e-18
         return self.evidence.posterior(mean, variance).x
+
+    def said_by(self, laws: tuple[str, ...], trust: Mapping[str, float] | None = None) -> Evidence:
+        """What some laws alone say, by the beginnings of their names.
+
+        Args:
+            trust: of each law; by default as in `evidence`.
+        """
+        parts = (part for part in parts_of(self.problem, self.noise) if part.law.startswith(laws))
+        trust = self.problem.usual.trust if trust is None else trust
+        return summed(self.problem.unknowns, self.evidence.at, parts, trust)
 
     def left(self, x: Array) -> dict[str, Array]:
         """By group, the residuals that remain with the parameters at deviations x (P,) from nominal: r - J (x - at)."""
@@ -174,5 +188,4 @@ def repeats_of(cases: Sequence[Case]) -> dict[str, float]:
 
 
 def _with_full_trust(case: Case) -> Case:
-    known, at = case.problem.unknowns, case.evidence.at
-    return replace(case, evidence=summed(known, at, parts_of(case.problem, case.noise), {}))
+    return replace(case, evidence=case.said_by(("",), {}))

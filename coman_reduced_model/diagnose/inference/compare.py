@@ -26,6 +26,7 @@ from .variability import MEMBERS, widths_of
 CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # alike until linearised there
 LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
 FROM = (1.0, 0.25)  # of the reach of a shift in time, where it is looked for
+SHOWN = 0.1  # share of a prior variance that a recording takes away, from which on it shows a direction
 STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
 
@@ -98,7 +99,8 @@ class _Trial:
 def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
     left = leftover([*trial.train, *trial.hold], judged.fit, trial.released)
     pulled = pulls(trial.finding.known, judged.fit, trial.released)
-    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
+    together = pulled_together([*trial.train, *trial.hold], judged.fit, trial.released)
+    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled, together)
 
 
 def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list[Case], list[Case]]:
@@ -186,6 +188,30 @@ def confirmation(
         for each in (evidence, evidence_of(without_it)) if without_it else (evidence,):
             logs.append(each.posterior(without_mean, without).log)
     return evidence.posterior(mean, variance).log - max(logs)
+
+
+def pulled_together(cases: Sequence[Case], fit: Fit, released: Sequence[int]) -> float:
+    """How far all that varies on nominal robots is pulled together, in the mean over recordings.
+
+    The posterior mean x of what the prior has with covariance V, known after the recording to C, scatters by V - C on
+    nominal robots: x' (V - C)^-1 x is chi squared with as many degrees of freedom as there are directions that the
+    recording shows.
+
+    Returns:
+        standard deviations beyond the mean of chi squared; 0 where nothing shows.
+    """
+    out = []
+    for case in cases:
+        known = case.evidence.unknowns
+        mine = case.evidence.fit_of_kind(released, fit.precise)
+        rest = [i for i in range(len(known)) if i not in released]
+        scale = np.sqrt(prior_variance(known, precise=fit.precise)[rest])
+        shown, axes = np.linalg.eigh(np.eye(len(rest)) - mine.covariance[np.ix_(rest, rest)] / np.outer(scale, scale))
+        axes, shown = axes[:, shown > SHOWN], shown[shown > SHOWN]
+        if len(shown):
+            square = float(np.sum((axes.T @ (mine.x[rest] / scale)) ** 2 / shown))
+            out.append((square - len(shown)) / np.sqrt(2.0 * len(shown)))
+    return float(np.mean(out)) if out else 0.0
 
 
 def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:

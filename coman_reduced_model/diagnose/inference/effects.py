@@ -68,7 +68,7 @@ def _figure(finding: Finding, fit: Fit, i: int) -> dict[str, Any]:
     """Value, unit and interval of parameter i."""
     known = finding.known[i]
     half = CONFIDENCE * finding.nominal.factor_of(known.effect) * float(np.sqrt(fit.covariance[i, i]))
-    low, value, high = (known.value(fit.x[i] + k * half) for k in (-1.0, 0.0, 1.0))
+    low, value, high = (known.value(known.usual + fit.x[i] + k * half) for k in (-1.0, 0.0, 1.0))
     return {"value": value, "unit": known.unit, "interval": [low, high]}
 
 
@@ -87,18 +87,19 @@ def far_from_nominal(finding: Finding) -> list[dict[str, Any]]:
         if i in finding.released or known.own or not known.spread or deviations <= FAR:
             continue
         shown = _figure(finding, fit, i)
-        if not shown["interval"][0] <= known.nominal <= shown["interval"][1]:
+        if not shown["interval"][0] <= known.value(known.usual) <= shown["interval"][1]:
             place = {"name": known.effect, "where": known.where, "parameter": known.key}
             rows.append({**place, **shown, "deviations": round(deviations, 2)})
     return sorted(rows, key=lambda row: -row["deviations"])
 
 
 def _class(finding: Finding, option: Candidate) -> str | None:
-    """The class if another member explains nearly as much: then only the class is sure."""
+    """The class if another member explains nearly as much at this place: then only the class is sure."""
     name = CLASSES.get(option.effect)
     if name is None:
         return None
-    totals = {score.option.effect: score.gain for score in reversed(finding.first)}
+    here = [score for score in reversed(finding.first) if score.option.place == option.place]
+    totals = {score.option.effect: score.gain for score in here}
     rivals = [t for effect, t in totals.items() if CLASSES.get(effect) == name and effect != option.effect]
     return name if rivals and max(rivals) > 0.5 * totals.get(option.effect, 0.0) else None
 

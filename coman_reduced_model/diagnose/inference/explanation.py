@@ -31,6 +31,7 @@ class Explanation:
         ways: number of places at which the effect could be.
         leftover: by group of residuals [noise floors].
         pulled: by width, root mean square of the parameters that vary on nominal robots [standard deviations].
+        together: how far all of them are pulled, see `pulled_together`.
     """
 
     option: Candidate | None
@@ -40,6 +41,7 @@ class Explanation:
     ways: int
     leftover: Mapping[str, float]
     pulled: Mapping[str, float]
+    together: float
 
     def features(self, nominal: Nominal) -> dict[str, float]:
         """By name: what decides, see decide.py."""

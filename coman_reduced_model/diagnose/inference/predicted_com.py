@@ -24,7 +24,7 @@ from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot
 from ...processes import workers
 from ...topics import TopicNames
-from ..data.recording import rising
+from ..data.streams import rising
 
 CONFIDENCE = 0.95
 

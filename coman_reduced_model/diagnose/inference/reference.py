@@ -13,7 +13,7 @@ from ...core.effects.catalogue import CATALOGUE, Effect
 from ...core.effects.unknown import Unknown, applied
 from ..data.masks import Masks, with_taken_up
 from ..data.recording import Recording
-from ..data.signals import white, without_noise
+from ..data.signals import once_smooth, white, without_noise
 from ..data.world import World
 from ..physics.balance import State, balanced, evaluate
 
@@ -70,7 +70,7 @@ def reference(
     moved, world = applied(known, shifts, recording, world)
     where = with_taken_up(where, recording, moved, world)
     measured = like.measured if like and same_clocks else evaluate(moved, world, where)
-    noise = np.inf if moved.tau is None else white(moved.tau[:: moved.stride])
+    noise = np.inf if moved.tau is None else once_smooth(white(moved.tau[:: moved.stride]), moved.stride)
     true, _ = applied(known, gains, moved, world)
     quiet = balanced(evaluate(without_noise(true, world), world, where), where, noise)
     if gains.any():

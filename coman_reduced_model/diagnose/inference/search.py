@@ -135,7 +135,7 @@ def fit_assumed(
 ) -> Finding:
     """Fit the parameters of the assumed effects, given by name and place."""
     finding.first = finding.last = scores(evidence_of(finding.train), options)
-    for name, where in assumed:
+    for name, where in dict.fromkeys(assumed):
         mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
         if mine:  # in the way in which it shows most: a parameter that these recordings leave open is not fitted
             finding.chosen.append(ChosenEffect(mine[0].option, mine[0].gain, np.nan))

@@ -45,9 +45,20 @@ class ByLaw:
         """Of a case that is linear about nominal."""
         return cls(case.evidence.unknowns, list(parts_of(case.problem, case.noise)))
 
+    def about(self, x: Array) -> ByLaw:
+        """The same with deviations (P,) that count from x."""
+        return replace(self, parts=[_about(part, x[part.at]) for part in self.parts])
+
     def evidence(self, trust: Mapping[str, float]) -> Evidence:
         """The sum, with a trust of each law (1 where none is given)."""
         return summed(self.unknowns, np.zeros(len(self.unknowns)), self.parts, trust)
+
+
+def _about(part: Part, x: Array) -> Part:
+    """A part whose unknowns count from x (k,)."""
+    change = part.gram @ x
+    energy = part.energy - float(x @ (2.0 * part.moment - change))
+    return replace(part, moment=part.moment - change, energy=energy)
 
 
 _Value = tuple[float, dict[str, float]]  # and its derivative by the logarithm of each trust

@@ -168,6 +168,21 @@ def _improved(
     return replace(known, widths=out[0], precise=out[1])
 
 
+def means_of(robots: Sequence[Sequence[Evidence]], nominal: Nominal) -> dict[str, float]:
+    """By width, the mean over robots of the parameters that robots have some of anyway (`usual`), beyond it.
+
+    Shrunk towards none as widths are.
+    """
+    values: dict[str, list[float]] = {}
+    for evidences in robots:
+        known = with_both(evidences[0].unknowns, nominal)
+        x = pooled([replace(each, unknowns=known) for each in evidences]).fit().x
+        for unknown, value in zip(known, x, strict=True):
+            if "usual" in unknown.widths:
+                values.setdefault(unknown.widths["usual"], []).append(float(value) / unknown.relative)
+    return {name: sum(each) / (ANCHOR + len(each)) for name, each in values.items()}
+
+
 def _parts_of(known: Sequence[Unknown]) -> dict[str, str]:
     """By width, the part of the robot whose parameters have it; none for what is of a recording or of a controller."""
     return {

@@ -3,7 +3,8 @@
 
 Each link of nominal robots is off by some percent on its own, so that all together are hardly off: these priors would
 halve an error that all links share. So the factor of all masses is an unknown of its own here, as wide as the effect
-`body_mass`. All else is what the population has; nothing is decided by it.
+`body_mass`. All else is what the population has. Only the balance of forces speaks, and what the sensors read in the
+air: where springs or soles are not as believed, other laws would make a weight of it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from .evidence import Evidence, pooled
 from .variability import adapted, with_both
 
 SURE = 3.0  # standard deviations beyond which a weight is off
+FORCES = ("force/", "unloaded/")  # laws that speak of it
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Weight:
     share: float
     deviation: float
     allowed: float
+
+    @property
+    def off(self) -> bool:
+        """Whether it surely is beyond what data sheets allow."""
+        return abs(self.share) > max(self.allowed, SURE * self.deviation)
 
 
 def weight(cases: Sequence[Case], released: Sequence[int] = ()) -> Weight:
@@ -60,7 +67,7 @@ def weight(cases: Sequence[Case], released: Sequence[int] = ()) -> Weight:
             shares[i] = model.inertias[model.getJointId(unknown.where)].mass / total
         elif (unknown.effect, unknown.key) == ("payload", "mass"):
             shares[i] = 1.0 / total
-    evidences = [_with_common(case.evidence, masses, population) for case in cases]
+    evidences = [_with_common(case.said_by(FORCES), masses, population) for case in cases]
     everything = adapted(evidences, population)
     fit = pooled(replace(each, unknowns=everything) for each in evidences).fit(released)
     shares = np.append(shares, shares @ masses)

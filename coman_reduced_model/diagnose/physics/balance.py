@@ -183,7 +183,7 @@ def balanced(state: State, where: Masks, noise: float | Array) -> State:
     Args:
         state: of the recording without most of its noise.
         where: of the measured recording.
-        noise: standard deviation of the torque sensors (nj,) [Nm].
+        noise: standard deviation of the torque sensors (nj,), smoothed [Nm].
     """
     recording, missing = state.recording, state.rest[:, :6]
     grid = np.arange(len(recording.t))

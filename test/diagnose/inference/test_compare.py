@@ -38,7 +38,7 @@ WEIGHTS = {"one": -4.0, "evidence": 2.0, "ways": 1.0, "leftover": 0.5, "apart": 
 def explanation(name: str = "", gain: float = 0.0, confirmed: float = 0.0, left: float = 1.0) -> Explanation:
     option = Candidate(name, "", ()) if name else None
     leftover = {"spring/knee|single": left}
-    return Explanation(option, None, gain, confirmed, 1, leftover, {})  # type: ignore[arg-type]
+    return Explanation(option, None, gain, confirmed, 1, leftover, {}, 0.0)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -75,6 +75,8 @@ def test_a_softer_spring_is_fitted_at_its_true_value(factor):
     joint, world = "LKneeSag", standing()[1]
     k, d = factor * world.stiffness[index(joint)], world.damping[index(joint)]
     recording = stretched(lambda tau, _: lagged(tau, d / k) / k, joint)
+    noise = 2e-4 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
+    recording = recording.changed(q=recording.q + noise)
     cache = CaseCache([(recording, world, masks(recording, world))], [], EXACT_TORQUES)
     finding = Finding(cache.known, np.zeros(len(cache.known)))
     finding.train = cache.at(finding.at, "train")

@@ -96,7 +96,7 @@ def likely(*p: float, group: tuple[int, ...] = ()) -> Diagnosis:
     assert finding.fit is not None
     options: list[Candidate | None] = [None, *candidates(finding.known)]
     fit = replace(finding.fit, x=np.array([0.005, 0.01, 0.1]))
-    compared = [Explanation(option, fit, 5.0, 4.0, 1, {}, {}) for option in options[: len(p) + 1]]
+    compared = [Explanation(option, fit, 5.0, 4.0, 1, {}, {}, 0.0) for option in options[: len(p) + 1]]
     finding.steps = [(compared, Odds(0.02, 0.98 - sum(p), p, group, 0.1))]
     return made
 

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Streams of a bag on the uniform grid of a recording, and where each of them is there."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation, Slerp
+
+from ...core.base.types import Array, Booleans, Integers, Sample
+from ...core.robot.robot import Robot
+
+LEAST_THERE = 0.8  # share of the time that a stream must be there, to be used
+_NEAR = 0.1  # [s] from a value of a stream, until which it is there
+
+
+def rising(stamps: Array | Integers) -> Booleans:
+    """(n,) Whether each of n stamps is later than all before it."""
+    return np.asarray(np.diff(np.maximum.accumulate(stamps), prepend=stamps[:1] - 1) > 0)
+
+
+def rows_of(samples: list[Sample], field: str) -> Array | None:
+    """(n, k) values of a field, NaN where a sample lacks it; None: most lack it."""
+    rows = [getattr(s, field) for s in samples]
+    if sum(row is None for row in rows) > len(rows) // 2:
+        return None
+    size = next(len(row) for row in rows if row is not None)
+    return np.array([np.full(size, np.nan) if row is None else row for row in rows])
+
+
+def resample(at: Array, values: Array, t: Array) -> Array:
+    """Averages over a grid interval where the samples are denser than the grid, else linear between them."""
+    per_cell = (t[1] - t[0]) / max(float(np.median(np.diff(at))), 1e-9)
+    width = 2 * (round(per_cell) // 2) + 1  # odd, so that nothing moves in time
+    out = np.empty((len(t), values.shape[1]))
+    for k in range(values.shape[1]):
+        finite = np.isfinite(values[:, k])
+        if finite.any():
+            column = np.interp(at, at[finite], values[finite, k])
+            out[:, k] = np.interp(t, at, uniform_filter1d(column, width, mode="nearest") if width > 1 else column)
+        else:
+            out[:, k] = np.nan
+    return out
+
+
+def there(at: Array, values: Array, t: Array) -> Booleans:
+    """(n,) whether a stream is there at times t (n,): values (k, m) at times (k,), NaN where one is missing.
+
+    A column that never has a value is none of the stream.
+    """
+    columns = np.isfinite(values).any(axis=0)
+    at = at[np.isfinite(values[:, columns]).all(axis=1)]
+    if not columns.any() or not len(at):
+        return np.zeros(len(t), dtype=bool)
+    after = np.searchsorted(at, t).clip(0, len(at) - 1)
+    return np.asarray(np.minimum(np.abs(at[after] - t), np.abs(t - at[np.maximum(after - 1, 0)])) <= _NEAR)
+
+
+def up_by_imu(
+    imu: list[tuple[int, Array]], start_ns: int, t: Array, robot: Robot, frame: str, q: Array
+) -> tuple[Array | None, Booleans]:
+    """(n, 3) the direction against gravity, in the root link's frame, at the grid's times; where the IMU is there."""
+    nowhere = np.zeros(len(t), dtype=bool)
+    if len(imu) < 10:
+        return None, nowhere
+    at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
+    near = (at > t[0] - 1.0) & (at < t[-1] + 1.0)  # a stamp far in the future would make all later ones too old
+    at, imu = at[near], [each for each, kept in zip(imu, near, strict=True) if kept]
+    keep = rising(at)
+    if keep.sum() < 10:
+        return None, nowhere
+    slerp = Slerp(at[keep], Rotation.from_quat(np.array([x for _, x in imu])[keep]))
+    up = slerp(np.clip(t, at[keep][0], at[keep][-1])).as_matrix()[:, 2, :]
+    sensor = robot.sensor_frame(frame)
+    if sensor is None:
+        return None, nowhere
+    posture, still, R = robot.posture(), np.zeros(q.shape[1]), np.empty((len(t), 3, 3))
+    for i, each in enumerate(q):
+        posture.update(each, still)
+        R[i] = posture.orientation(sensor)
+    return np.asarray(np.einsum("nij,nj->ni", R, up)), there(at[keep], np.ones((keep.sum(), 1)), t)
