@@ -47,7 +47,6 @@ from .usual import Usual
 
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
 ONE_A_STEP = {"landing/z": 2 * ORDER, "slide/x": 4}  # channels with one value in each step; so many say something
-NEIGHBOURS = {"landing/z"}  # of these: noise goes on from step to step
 
 
 @dataclass
@@ -119,8 +118,7 @@ def assemble(
             columns[key][:, fresh] = slope[:, ticks].T
             rows[key] = rows[key] - columns[key] @ nominal
             times[key] = ticks
-            alone = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
-            pieces[key] = alone[:1] if name in NEIGHBOURS else alone
+            pieces[key] = np.flatnonzero(np.diff(ticks, prepend=-9) > 1)
     names, counts = reference.measured.world.robot.joint_names, reference.measured.recording.count
     resolution = {f"spring/{name}": float(count) for name, count in zip(names, counts, strict=True)}
     stride = {key: where.stride[ticks] for key, ticks in times.items()}
