@@ -25,6 +25,7 @@ from .score import rate
 
 RIDGE = 0.01  # of the squared weights, on the mean log loss
 FALSE_ALARMS = 0.01  # share of the clean cases that raise an alarm
+PULLED = 0.002  # ... because all that varies is pulled too far together
 AXES = ("engine", "contact", "sensors", "controller", "streams")  # of worlds, whose kinds are left out
 SHOWN = ("right", "wrong", "false_alarms", "unknown")
 ANSWERS = {"clean": "none", "unknown": "unknown"}  # else the classes of what is hidden
@@ -69,7 +70,10 @@ def learn_decision(examples: Sequence[Example]) -> dict[str, dict[str, float]]:
     """Weights with selecting recordings that show an effect, and without (`alone`); with their alarms."""
     several = {"selected": examples, "alone": [each.alone for each in examples]}
     decision = {name: learn_weights(some) for name, some in several.items()}
-    return {name: {**decision[name], "alarm": learn_alarm(some, decision)} for name, some in several.items()}
+    return {
+        name: {**decision[name], "alarm": learn_alarm(some, decision), **learn_together(some)}
+        for name, some in several.items()
+    }
 
 
 def learn_weights(examples: Sequence[Example]) -> dict[str, float]:
@@ -122,8 +126,21 @@ def learn_alarm(examples: Sequence[Example], decision: Mapping[str, Mapping[str,
     return float(np.quantile(none, FALSE_ALARMS)) if none else NO_ALARM
 
 
-def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float], float]]:
-    """Of each example, the axis and kind of its world that is left out, what weights of the others say, their alarm."""
+def learn_together(examples: Sequence[Example]) -> dict[str, float]:
+    """How far all that varies is pulled together (`pulled_together`) on all clean cases but PULLED of them."""
+    clean = [example.rows[0]["together"] for example in examples if example.answer["kind"] == "clean"]
+    return {"together": float(np.quantile(clean, 1.0 - PULLED))} if clean else {}
+
+
+def alarms(example: Example, p: Mapping[str, float], decision: Mapping[str, Mapping[str, float]]) -> bool:
+    """Whether a diagnosis with these weights raises one, as `Odds.alarms`."""
+    weights = decision[_which(example.rows[0])]
+    pulled = example.rows[0]["together"] > weights.get("together", np.inf)
+    return p["none"] <= weights.get("alarm", NO_ALARM) or bool(pulled)
+
+
+def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float], bool]]:
+    """Of each example, the axis and kind of its world that is left out, what weights of the others say, any alarm."""
     for axis in AXES:
         for kind in sorted({example.answer["worlds"][axis] for example in examples}):
             inside = [example for example in examples if example.answer["worlds"][axis] == kind]
@@ -132,20 +149,20 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
                 continue
             decision = learn_decision(others)
             for example in inside:
-                alarm = decision[_which(example.rows[0])]["alarm"]
-                yield axis, kind, example, outcome(example, decision), alarm
+                p = outcome(example, decision)
+                yield axis, kind, example, p, alarms(example, p, decision)
 
 
-def verdict_of(p: Mapping[str, float], alarm: float) -> str:
+def verdict_of(p: Mapping[str, float], alarm: bool) -> str:
     """The class of effects that is named, `none` or `unknown`: as inference/verdict.py, a class for a group."""
-    if p["none"] > alarm:
+    if not alarm:
         return "none"
     best = max(p, key=lambda name: p[name] if name != "none" else 0.0)
     return best if p[best] >= 0.5 * (1.0 - p["none"]) else UNKNOWN
 
 
-def summary(found: Sequence[tuple[Example, Mapping[str, float], float]]) -> dict[str, Any]:
-    """Shares over examples with their probabilities and alarms, and the mean log loss of the truth.
+def summary(found: Sequence[tuple[Example, Mapping[str, float], bool]]) -> dict[str, Any]:
+    """Shares over examples with their probabilities and whether there is an alarm, and the log loss of the truth.
 
     right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
     unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a

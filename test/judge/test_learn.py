@@ -25,6 +25,7 @@ from coman_reduced_model.judge.score import rate
 from coman_reduced_model.judge.weights import (
     AXES,
     Example,
+    alarms,
     by_left_out,
     learn_alarm,
     learn_decision,
@@ -47,7 +48,7 @@ def example(kind: str, gain: float, left: float = 1.0, error: float = 0.0) -> Ex
         leftover = {"spring|single": left}
         return {
             "name": name, "where": "", "gain": gain, "confirmed": gain, "ways": 1, "leftover": leftover,
-            "pulled": {}, "parameters": parameters,
+            "pulled": {}, "together": 0.0, "parameters": parameters,
         }  # fmt: skip
 
     return Example(answer, NOMINAL, [row("", 0.0), row("payload", gain)])
@@ -67,7 +68,7 @@ def test_weights_separate_what_the_features_separate(examples):
     weights = decision["selected"]
     found = [(each, outcome(each, decision)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
-    said = summary([(*each, 0.5) for each in found])
+    said = summary([(example, p, p["none"] <= 0.5) for example, p in found])
     assert said["cases"] == 60
     assert said["right"]["share"] == 1.0 and said["right"]["of"] == 20 and said["wrong"]["share"] == 0.0
     assert said["false_alarms"]["hits"] <= 2 and said["false_alarms"]["of"] == 30 and said["unknown"]["of"] == 10
@@ -103,6 +104,15 @@ def test_an_alarm_is_what_one_clean_robot_in_a_hundred_raises(examples):
     assert learn_alarm(examples[30:], decision) == NO_ALARM  # without a clean robot nothing is known of alarms
 
 
+def test_what_is_pulled_as_on_no_clean_robot_is_an_alarm(examples):
+    decision = learn_decision(examples)
+    assert decision["selected"]["together"] == 0.0
+    nothing, *rivals = examples[0].rows
+    pulled = replace(examples[0], rows=[{**nothing, "together": 0.5}, *rivals])
+    assert not alarms(examples[0], {"none": 0.9}, decision) and alarms(pulled, {"none": 0.9}, decision)
+    assert "together" not in learn_decision(examples[30:])["selected"]
+
+
 @pytest.mark.parametrize("confirmed", [30.0, np.nan])
 def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
     """Of an effect that selecting recordings show, and of one that they do not."""
@@ -119,7 +129,12 @@ def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
 
 @pytest.mark.parametrize(
     ("none", "payload", "alarm", "said"),
-    [(0.2, 0.7, 0.1, "none"), (0.05, 0.7, 0.1, "payload"), (0.05, 0.4, 0.1, "unknown"), (0.55, 0.4, 0.6, "payload")],
+    [
+        (0.2, 0.7, False, "none"),
+        (0.05, 0.7, True, "payload"),
+        (0.05, 0.4, True, "unknown"),
+        (0.55, 0.4, True, "payload"),
+    ],
 )
 def test_a_name_needs_an_alarm_and_to_be_as_likely_as_all_else_that_may_be_missing(none, payload, alarm, said):
     assert verdict_of({"none": none, "payload": payload, "unknown": 1.0 - none - payload}, alarm) == said

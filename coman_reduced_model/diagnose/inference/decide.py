@@ -7,7 +7,8 @@ The score of an explanation is linear in its features, that of `unknown` is cons
 
 The weights are data (`decision` in config/nominal.yaml), learnt by judge/learn.py. So is `alarm`, the probability of
 `none`, before anything was chosen, up to which something is said to be missing at all: about one nominal robot in a
-hundred gets there. Where none was learnt, it is NO_ALARM.
+hundred gets there. Where none was learnt, it is NO_ALARM. So is `together`: an alarm as well is what pulls all that
+varies on nominal robots further than it is on them (`pulled_together`).
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ def odds(explanations: Sequence[Explanation], nominal: Nominal) -> Odds:
     scores += [score(rival.features(nominal), _weights(rival, nominal), True) for rival in rivals]
     none, unknown, *effects = probabilities(scores)
     group = group_of(rivals, effects)
-    return Odds(none, unknown, tuple(effects), group, weights.get("alarm", NO_ALARM), kin_of(rivals, group))
+    alarm, pulled = weights.get("alarm", NO_ALARM), nothing.together > weights.get("together", np.inf)
+    return Odds(none, unknown, tuple(effects), group, alarm, kin_of(rivals, group), bool(pulled))
 
 
 def nats_for_alarm(nominal: Nominal, ways: int, selected: bool) -> float:

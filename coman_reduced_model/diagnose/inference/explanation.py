@@ -125,6 +125,7 @@ class Odds:
         group: indices of the rivals that cannot be distinguished from the best one, itself first.
         alarm: `none` up to which there is one: few nominal robots get there.
         kin: indices of the rivals of the best one's class at its place: a lag and a delay of the drives.
+        pulled: whether masses, zeros, gains and all else that varies are pulled together as on hardly any nominal robot.
     """
 
     none: float
@@ -133,6 +134,7 @@ class Odds:
     group: tuple[int, ...]
     alarm: float
     kin: tuple[int, ...] = ()
+    pulled: bool = False
 
     @property
     def named(self) -> float:
@@ -148,4 +150,4 @@ class Odds:
     @property
     def alarms(self) -> bool:
         """Whether hardly any nominal robot gets there."""
-        return self.none <= self.alarm
+        return self.none <= self.alarm or self.pulled

@@ -20,6 +20,7 @@ from .finding import Finding
 from .floor import law_of
 from .gauss_newton import settled
 from .search import search
+from .weight import Weight, weight
 
 Verdict = Literal["effect", "none", "unknown", "not_excited"]
 FAR = 3.0  # standard deviations of nominal robots, from which on the report lists a law
@@ -36,13 +37,15 @@ class Found:
         verdict: in one word.
         probabilities: of `none`, `unknown`, and by effect and place, at the first choice.
         contradicted: effects that the confirming recording speaks against.
+        weight: of the robot, beside the chosen effects.
     """
 
     finding: Finding
     leftover: dict[str, float]
     verdict: Verdict
     probabilities: dict[str, float]
-    contradicted: tuple[str, ...] = ()
+    contradicted: tuple[str, ...]
+    weight: Weight
 
 
 def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: Nominal, progress: Progress) -> Found:
@@ -58,8 +61,9 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
     finding.before = train, [*selecting, *nominal_cases]
     against = _confirm(finding, cache, checked, nominal_cases, bool(assumed))
     leftover = finding.leftover()
-    word = verdict(finding, checked.recordings[: len(checked.train)], bool(assumed), against)
-    return Found(finding, leftover, word, probabilities(finding), against)
+    weighs = weight(finding.cases, finding.released)
+    word = verdict(finding, checked.recordings[: len(checked.train)], bool(assumed), against, weighs.off)
+    return Found(finding, leftover, word, probabilities(finding), against, weighs)
 
 
 def _confirm(
@@ -108,8 +112,14 @@ def _unshifted(
     return [examine(each, cache.known, at, case) for each, case in zip(checked.confirm, nominal_cases, strict=True)]
 
 
-def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against: Sequence[str] = ()) -> Verdict:
+def verdict(
+    finding: Finding, train: Sequence[Recording], assumed: bool, against: Sequence[str] = (), off_weight: bool = False
+) -> Verdict:
     """The result in one word; with assumed effects, only whether any of them could be fitted.
+
+    Args:
+        against: effects that the confirming recording speaks against.
+        off_weight: the robot surely does not weigh what its description says: then something is missing.
 
     Returns:
         `effect`, `none`, `unknown` (an alarm, and no effect of the catalogue is as likely as all else that may be
@@ -119,7 +129,7 @@ def verdict(finding: Finding, train: Sequence[Recording], assumed: bool, against
         return "effect" if finding.chosen else "none"
     if not any(lifts_a_foot(recording.phase) for recording in train):
         return "not_excited"
-    if finding.steps and finding.steps[0][1].alarms:
+    if off_weight or (finding.steps and finding.steps[0][1].alarms):
         return "effect" if finding.chosen and finding.chosen[0].option.name not in against else "unknown"
     walk = all(lifts_a_foot(recording.phase) for recording in train)
     return "none" if walk or finding.chosen else "not_excited"

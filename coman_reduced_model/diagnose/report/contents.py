@@ -27,7 +27,6 @@ from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
 from ..inference.verdict import Found, apart, too_much
-from ..inference.weight import weight
 from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
 from .decides import decides
@@ -87,9 +86,10 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "probabilities": found.probabilities,
         "precise": list(finding.fit.precise if finding.fit else ()),
         "pulled": pulled(finding),
+        "pulled_too_far": bool(finding.steps and finding.steps[0][1].pulled),
         # Of a robot that only stands, what fits best is settling rather than its parameters.
         "far_from_nominal": [] if found.verdict == "not_excited" else far_from_nominal(finding),
-        "weight": asdict(weight(finding.cases, finding.released)),
+        "weight": asdict(found.weight),
         "contradicted": list(found.contradicted),
         "confirmed_on": confirmed_on(checked),
         "clocks_apart": [f"{each.name}: {line}" for each in checked.recordings for line in each.clocks],

@@ -50,6 +50,7 @@ FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
 LIKELY, MOST_LIKELY = 0.1, 3  # probability from which a sentence names what is not sure, and how many
 OUTSIDE = "something outside the catalogue"
+TOGETHER = "masses, zeros, gains and all else that varies would have to be off together as on hardly any nominal robot"
 
 
 def sentence(result: Mapping[str, Any]) -> str:
@@ -92,7 +93,8 @@ def _verdict(result: Mapping[str, Any]) -> str:
             return f"something is missing; {denied} would explain it, but the confirming recording speaks against it"
         if result["probabilities"].get("unknown", 0.0) < 0.5 and likely:
             return f"something is missing, but it is not clear what: {likely}"
-        return "something is missing that no effect of the catalogue explains" + (f": {most}" if most else "")
+        why = most or (TOGETHER if result["pulled_too_far"] else "")
+        return "something is missing that no effect of the catalogue explains" + (f": {why}" if why else "")
     text = "; ".join(effect_sentence(effect, result["only_minor"]) for effect in result["effects"])
     return f"no effect that matters to the prediction was found; minor: {text}" if result["only_minor"] else text
 

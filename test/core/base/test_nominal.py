@@ -16,7 +16,8 @@ def test_the_shipped_population_is_whole():
     assert all(value > 0.0 for value in nominal.widths.values())
     assert nominal.precise and set(nominal.precise) <= set(nominal.widths)
     for weights in nominal.decision.values():
-        assert {"one", "evidence", "ways", "leftover", "apart", "pulled", "unknown", "alarm"} == set(weights)
+        learnt = {"one", "evidence", "ways", "leftover", "apart", "pulled", "unknown", "alarm", "together"}
+        assert learnt == set(weights)
     assert {"commit", "seeds", "cases", "widths"} <= set(nominal.source)
     assert nominal.interval_factor["all"] > 1.0 and all(value >= 1.0 for value in nominal.interval_factor.values())
     assert nominal.trust and all(law in nominal.leftover for law in nominal.trust)

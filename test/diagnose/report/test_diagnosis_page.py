@@ -39,6 +39,7 @@ from coman_reduced_model.diagnose.inference.noise import Noise
 from coman_reduced_model.diagnose.inference.predicted_com import FreeRun, FreeRuns
 from coman_reduced_model.diagnose.inference.prediction import predict_com
 from coman_reduced_model.diagnose.inference.verdict import Found, verdict
+from coman_reduced_model.diagnose.inference.weight import Weight
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.diagnose.report.contents import build_diagnosis
 from coman_reduced_model.diagnose.report.page import diagnosis_page
@@ -165,7 +166,7 @@ def diagnosis(
     finding.steps.append(([], Odds(0.02 if found else 0.9 - unknown, unknown, (), (), 0.5)))
     word = verdict(finding, checked.recordings[:1], False, against)
     probabilities = {"none": 0.9 - unknown, "unknown": unknown, "backlash@LKneeSag": 0.1}
-    result = Found(finding, finding.leftover(), word, probabilities, against)
+    result = Found(finding, finding.leftover(), word, probabilities, against, Weight(0.0, 0.01, 0.03))
     return build_diagnosis(checked, result, predicted, config, began=0.0)
 
 

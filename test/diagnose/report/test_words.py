@@ -61,13 +61,14 @@ def test_places_are_said_as_people_say_them_where_the_name_tells(where, said):
             {"apart": {"spring/LKneeSag|any": 6.0}},
             ": 6.0 times as much is left in the spring law, LKneeSag",
         ),
+        ("unknown", {"none": 0.02, "unknown": 0.9}, {"pulled_too_far": True}, ": masses, zeros, gains"),
         ("unknown", {"none": 0.02, "payload": 0.9}, {"contradicted": ["payload"]}, "speaks against it"),
     ],
 )
 def test_a_sentence_without_a_name_says_what_is_likely(verdict, probabilities, more, said):
     result = {"verdict": verdict, "probabilities": probabilities, "too_much": [], "apart": {}, "effects": [],
               "suspected": [], "contradicted": [], "weight": {"share": 0.0, "deviation": 0.01, "allowed": 0.03},
-              "clocks_apart": [], **more}  # fmt: skip
+              "clocks_apart": [], "pulled_too_far": False, **more}  # fmt: skip
     assert said in sentence(result)
     assert meaning(result)
 
