@@ -125,7 +125,7 @@ class Odds:
         group: indices of the rivals that cannot be distinguished from the best one, itself first.
         alarm: `none` up to which there is one: few nominal robots get there.
         kin: indices of the rivals of the best one's class at its place: a lag and a delay of the drives.
-        pulled: whether masses, zeros, gains and all else that varies are pulled together as on hardly any nominal robot.
+        pulled: whether masses, zeros and all else that varies are pulled together as on hardly any nominal robot.
     """
 
     none: float
