@@ -33,24 +33,29 @@ STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> list[Explanation]:
     """Nothing more, then each rival, linear around its own values.
 
-    A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely.
+    A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely. A
+    delay as nominal robots have it is far from linear, and shows along the streams that it shifts: so for a rival that
+    shifts a stream, nothing more is judged along those that any of them shifts. One clock is not taken for another.
     """
     nothing = _Trial(finding, None, finding.train, finding.hold)
     alone = nothing.with_noise_of(nothing)
-    places = places_of(finding.known)
-    out = [_explanation(nothing, nothing.judged([alone]), (0.0, np.nan if not finding.hold else 0.0), 1)]
+    first = nothing.judged([alone])
+    found, shifted = [], [(first.train, first.select)]
     for option in rivals:
         trial = _Trial(finding, option, *_settled(finding, cache, option))
         mine = [trial.with_noise_of(nothing), trial.with_noise_of(trial)]
-        found, other = trial.judged(mine), nothing.judged([alone, nothing.with_noise_of(trial)])
-        without = [other.train, other.select]
+        other = nothing.judged([alone, nothing.with_noise_of(trial)])
+        found.append((trial, trial.judged(mine), (other.train, other.select)))
         if option.effect in CLOCKS:
-            # A shift between samples changes the noise of a stream: nothing more than a shift as nominal robots have is
-            # judged on the same streams too.
             same = nothing.judged(mine)
-            without = list(np.maximum(without, [same.train, same.select]))
-        gains = found.train - without[0], found.select - without[1]
-        out.append(_explanation(trial, found, gains, places[option.effect]))
+            shifted += [(same.train, same.select), (other.train, other.select)]
+    most = np.max(shifted, axis=0)
+    places = places_of(finding.known)
+    out = [_explanation(nothing, first, (0.0, 0.0 if finding.hold else np.nan), 1)]
+    for option, (trial, judged, beside) in zip(rivals, found, strict=True):
+        without = most if option.effect in CLOCKS else beside
+        gains = judged.train - without[0], judged.select - without[1]
+        out.append(_explanation(trial, judged, gains, places[option.effect]))
     return out
 
 
