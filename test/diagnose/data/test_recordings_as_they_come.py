@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import JOINTS, walk, write_bag
+from synthetic import JOINTS, MOTORS, walk, write_bag
 
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.reading import refuse_repeated
 from coman_reduced_model.diagnose.data.recording import load
+from coman_reduced_model.diagnose.inference.case import prepare
 from coman_reduced_model.errors import BagError
 
 
@@ -36,6 +37,58 @@ def test_efforts_that_a_driver_fills_with_zeros_are_not_measured(tmp_path):
 def test_joint_states_at_25_hz_are_read(tmp_path):
     recording, _ = load(write_bag(tmp_path / "bag", walk(6.0, rate=25.0)), Config())
     assert recording.valid.mean() > 0.95
+
+
+@pytest.mark.parametrize(("begins", "used"), [(0.5, True), (2.5, False)])
+def test_motor_states_that_begin_late_are_a_gap_or_are_not_used(tmp_path, begins, used):
+    messages = walk(6.0)
+    first = begins / 6.0 * len(messages)
+    late = [each for k, each in enumerate(messages) if each[0] != MOTORS or k > first]
+    recording, _ = load(write_bag(tmp_path / "bag", late), Config())
+    assert (recording.motor_q is not None) == used
+    said = [line for line in recording.warnings if line.startswith("motor states are there")]
+    if used:
+        before = recording.t < begins - 0.15
+        assert not recording.valid[before].any() and recording.valid[recording.t > begins].all() and not said
+    else:
+        assert recording.valid.all() and len(said) == 1 and "not used" in said[0]
+
+
+def without_efforts(stream, message):
+    return stream, replace(message, effort=None) if stream == JOINTS else message
+
+
+def test_torques_that_stop_are_a_gap(tmp_path):
+    messages = walk(6.0)
+    last = round(0.9 * len(messages))
+    messages[last:] = [without_efforts(*each) for each in messages[last:]]
+    recording, _ = load(write_bag(tmp_path / "bag", messages), Config())
+    assert recording.tau is not None and recording.valid[recording.t < 5.35].all()
+    assert not recording.valid[recording.t > 5.55].any()
+
+
+def test_soft_ground_of_a_configuration_bends_no_joint(tmp_path):
+    """It is part of the world: the springs bear what the encoders say."""
+    bag = write_bag(tmp_path / "bag", walk(6.0))
+    soft = Config().replaced({"effects.active": ["ground_compliance"], "effects.ground_compliance.rotational": [5e-4]})
+    recording, robot = load(bag, soft)
+    hard, _ = load(bag, Config())
+    np.testing.assert_array_equal(recording.q, hard.q)
+    _, world, _ = prepare(recording, robot, soft)
+    assert world.tilting == pytest.approx(5e-4)
+
+
+def test_an_effect_of_a_configuration_that_a_recording_cannot_show_is_said(tmp_path):
+    one_foot = Config().replaced({
+        "effects.active": ["ground_compliance"], "effects.ground_compliance.where": ["left"],
+        "effects.ground_compliance.rotational": [5e-4],
+    })  # fmt: skip
+    recording, robot = load(write_bag(tmp_path / "bag", walk(6.0)), one_foot)
+    recording, world, _ = prepare(recording, robot, one_foot)
+    assert world.tilting == 0.0
+    assert any(
+        line.startswith("ground_compliance at left of the configuration is left out") for line in recording.warnings
+    )
 
 
 def test_a_bag_and_its_file_are_one_bag(tmp_path):

@@ -103,6 +103,22 @@ def test_a_shift_in_time_is_judged_by_derivatives_of_the_shifted_streams():
         assert np.abs(case.problem.columns[key] - finding.train[0].problem.columns[key]).max() > 1e-3
 
 
+def test_late_drives_are_no_late_joint_states():
+    """Nominal robots' clocks vary less than their drives: judged along its own shift only, the clock seemed likelier."""
+    recording, world = standing()
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
+    early = shifted(recording.motor_q, 0.012, recording.rate)
+    prepared = recording.changed(motor_q=early, q=recording.q + noise), world, masks(recording, world)
+    cache = CaseCache([prepared], [prepared], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
+    drives = [o for o in candidates(cache.known) if o.effect in ("transport_delay", "motor_lag") and not o.where]
+    clocks = [o for o in candidates(cache.known) if o.effect == "encoder_delay"]
+    _, *found = compare(finding, cache, [*drives, *clocks])
+    assert all(each.gain > 30.0 and each.confirmed > 30.0 for each in found[: len(drives)])
+    assert all(each.gain < 0.0 for each in found[len(drives) :]) and len(clocks) == 2
+
+
 def test_probabilities_add_up_and_follow_the_evidence(nominal):
     alone = odds([explanation()], nominal)
     assert alone.none + alone.unknown == pytest.approx(1.0) and alone.none > 0.8 and alone.named == 0.0

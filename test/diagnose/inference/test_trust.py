@@ -50,6 +50,18 @@ def trust_of(robots: list[list[ByLaw]]) -> dict[str, float]:
     return learn_trust(robots, [WIDTHS] * len(robots))
 
 
+def test_evidence_about_other_values_is_that_of_the_shifted_residuals():
+    rng = np.random.default_rng(3)
+    A, r, x = rng.normal(size=(20, SIZE)), rng.normal(size=20), rng.normal(size=SIZE)
+
+    def by_law(r: np.ndarray) -> ByLaw:
+        return ByLaw(figures(), [Part("law", np.arange(SIZE), A.T @ A, A.T @ r, float(r @ r), 20)])
+
+    (moved,), (wanted,) = by_law(r).about(x).parts, by_law(r - A @ x).parts
+    np.testing.assert_allclose(moved.moment, wanted.moment)
+    assert moved.energy == pytest.approx(wanted.energy)
+
+
 @pytest.mark.parametrize("error", [0.1, 0.3, 1.0])
 def test_a_law_that_its_next_recording_denies_is_trusted_as_far_as_it_holds(error):
     rng = np.random.default_rng(0)
