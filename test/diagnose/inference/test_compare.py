@@ -104,7 +104,7 @@ def test_a_shift_in_time_is_judged_by_derivatives_of_the_shifted_streams():
 
 
 def test_late_drives_are_no_late_joint_states():
-    """Nominal robots' clocks vary less than their drives: judged along its own shift only, the clock seemed likelier."""
+    """Nominal robots' clocks vary less than their drives: judged along its own shift only, a clock was likelier."""
     recording, world = standing()
     noise = 1e-4 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
     early = shifted(recording.motor_q, 0.012, recording.rate)
