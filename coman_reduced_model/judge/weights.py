@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import softmax
 
 from ..core.base.nominal import Nominal
-from ..core.base.types import Array
+from ..core.base.types import Array, Booleans
 from ..diagnose.inference.decide import ALL, EFFECT, NO_ALARM, probabilities, score
 from ..diagnose.inference.explanation import UNKNOWN, features
 from .cases import SHARES
@@ -82,17 +83,43 @@ def learn_weights(examples: Sequence[Example]) -> dict[str, float]:
     kinds = Counter(str(each.answer["kind"]) for each in examples)
     shares = np.array([SHARES[each.answer["kind"]] / kinds[each.answer["kind"]] for each in examples])
     shares /= shares.sum()
+    each = [_linear(example, names) for example in examples]
+    most = max(len(X) for X, _ in each)
+    X, there, true = np.zeros((len(each), most, len(names))), *np.zeros((2, len(each), most), dtype=bool)
+    for i, (rows, right) in enumerate(each):
+        X[i, : len(rows)], there[i, : len(rows)], true[i, : len(rows)] = rows, True, right
+    ridge = np.array([name not in ("one", UNKNOWN) for name in names]) * RIDGE
 
-    def loss(values: Array) -> float:
-        weights = dict(zip(names, values, strict=True))
-        both = {"selected": weights, "alone": weights}
-        logs = [-np.log(max(truth_probability(each, both), 1e-6)) for each in examples]
-        return float(shares @ logs + RIDGE * float(np.sum(values[1:-1] ** 2)))
+    def loss(values: Array) -> tuple[float, Array]:
+        p = softmax(np.where(there, X @ values, -np.inf), axis=1)
+        of_truth = np.maximum((p * true).sum(axis=1), 1e-6)
+        slope = np.einsum("nk,nkw->nw", p * true / of_truth[:, None] - p, X)
+        value = -float(shares @ np.log(of_truth)) + float(ridge @ values**2)
+        return value, -shares @ slope + 2.0 * ridge * values
 
     start = np.array([{"one": -4.0, UNKNOWN: -3.0}.get(name, 1.0) for name in names])
     bounds = [(None, None) if name in ("one", UNKNOWN) else (0.0, None) for name in names]
-    found = minimize(loss, start, bounds=bounds, method="L-BFGS-B")
+    found = minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B")
     return dict(zip(names, map(float, found.x), strict=True))
+
+
+def _linear(example: Example, names: Sequence[str]) -> tuple[Array, Booleans]:
+    """What the weights `names` (w,) of each explanation's score are multiplied by (k, w), and which are right (k,)."""
+    said = ["none", UNKNOWN, *_classes(example)]
+    X = np.zeros((len(said), len(names)))
+    for j, name in enumerate(names):
+        unit = {name: 1.0}
+        X[0, j] = score(example.features[0], {**dict.fromkeys(EFFECT, 0.0), **unit}, False)
+        for k, each in enumerate(example.features[1:], 2):
+            X[k, j] = score(each, {**dict.fromkeys(EFFECT, 0.0), **unit}, True)
+    X[1, names.index(UNKNOWN)] = 1.0
+    truth = example.truth if example.truth & set(said) else {"none", UNKNOWN}
+    return X, np.array([name in truth for name in said])
+
+
+def _classes(example: Example) -> list[str]:
+    """Of the rivals."""
+    return [class_of(row["name"], row["where"]) for row in example.rows[1:]]
 
 
 def _which(row: Mapping[str, Any]) -> str:
@@ -102,7 +129,7 @@ def _which(row: Mapping[str, Any]) -> str:
 
 def outcome(example: Example, decision: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Probability of `none`, `unknown` and of each class of effects, as `odds` of the diagnosis has them."""
-    names = ["none", UNKNOWN, *(class_of(row["name"], row["where"]) for row in example.rows[1:])]
+    names = ["none", UNKNOWN, *_classes(example)]
     weights = [decision[_which(row)] for row in example.rows]
     scores = [score(example.features[0], weights[0], False), weights[0][UNKNOWN]]
     scores += [score(each, mine, True) for each, mine in zip(example.features[1:], weights[1:], strict=True)]
@@ -110,13 +137,6 @@ def outcome(example: Example, decision: Mapping[str, Mapping[str, float]]) -> di
     for name, value in zip(names, probabilities(scores), strict=True):
         out[name] = out.get(name, 0.0) + value
     return out
-
-
-def truth_probability(example: Example, decision: Mapping[str, Mapping[str, float]]) -> float:
-    """Of anything that is right; where no rival is, of naming nothing."""
-    p = outcome(example, decision)
-    names = example.truth if example.truth & set(p) else {"none", UNKNOWN}
-    return sum(p.get(name, 0.0) for name in names)
 
 
 def learn_alarm(examples: Sequence[Example], decision: Mapping[str, Mapping[str, float]]) -> float:
