@@ -8,11 +8,12 @@ They are learnt in turn, ROUNDS times.
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from ..diagnose.inference.case import Case, examine, repeats_of, with_known
 from ..diagnose.inference.check import Checked, check_recordings
 from ..diagnose.inference.effects import with_structure
 from ..diagnose.inference.prior import Kind
-from ..diagnose.inference.trust import ByLaw, learn_trust
+from ..diagnose.inference.trust import ByLaw, agreement, learn_trust
 from ..diagnose.inference.variability import adapted, learn_widths, means_of, widths_of_robot
 from ..diagnose.physics.hypotheses import unknowns
 from ..errors import ComanError, ConfigError
@@ -48,26 +49,53 @@ def learn_variability(clean: Sequence[tuple[Path, Path]], nominal: Nominal, pool
         ConfigError: there is no clean case with two recordings.
     """
     read = pool.map(partial(linear_evidence, nominal=nominal), *zip(*clean, strict=True))
-    found = [each for each in read if each and len(each[0]) > 1]
-    if not found:
+    kept = [(path, each) for (_, path), each in zip(clean, read, strict=True) if each and len(each[0]) > 1]
+    if not kept:
         raise ConfigError("no clean case with two recordings or more: widths cannot be learnt (--keep-widths)")
-    robots, sheets = [recordings for recordings, _ in found], replace(nominal, widths=nominal.sheets, precise={})
-    known = sheets
-    of_robots: list[tuple[Kind, dict[str, float]]] = [((), dict(sheets.widths))] * len(robots)
+    files, found = [path for path, _ in kept], [each for _, each in kept]
+    laws = sorted({part.law for recordings, _ in found for each in recordings for part in each.parts})
+    known = sheets = replace(nominal, widths=nominal.sheets, precise={})
+    of_robots: list[tuple[Kind, dict[str, float]]] = [((), dict(sheets.widths))] * len(found)
     usual = {name: value for name, value in nominal.widths.items() if name.endswith(".usual")}
     for _ in range(ROUNDS):
-        robots = [[each.about(_beyond(each.unknowns, usual)) for each in recordings] for recordings, _ in found]
-        trust = learn_trust(robots, [widths for _, widths in of_robots], partial(pool.map, chunksize=4))
-        evidences = [[each.evidence(trust) for each in robot] for robot in robots]
+        tasks = [(file, widths, usual) for file, (_, widths) in zip(files, of_robots, strict=True)]
+        trust = learn_trust(laws, partial(_agreements, pool, tasks))
+        evidences = [[each.evidence(trust) for each in _about(recordings, usual)] for recordings, _ in found]
         known = learn_widths(evidences, sheets)
         of_robots = [widths_of_robot(robot, known) for robot in evidences]
         usual |= {name: max(usual[name] + more, 0.0) for name, more in means_of(evidences, known).items()}
     precise = {part: sum(part in kind for kind, _ in of_robots) for part in (ROBOT, FOOT_SENSORS)}
-    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(robots), "precise": precise}}
+    source = {**nominal.source, "widths": {"commit": commit(), "robots": len(found), "precise": precise}}
     return replace(
         nominal, source=source, widths={**known.widths, **usual}, precise=known.precise, trust=trust,
         repeats=learn_repeats([each for _, each in found]),
     )  # fmt: skip
+
+
+def _agreements(
+    pool: Executor, tasks: Sequence[tuple[Any, ...]], trust: Mapping[str, float]
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """Of all robots."""
+    return pool.map(partial(_agreement, trust=trust), *zip(*tasks, strict=True), chunksize=4)
+
+
+def _agreement(
+    stored: Path, widths: Mapping[str, float], usual: Mapping[str, float], trust: Mapping[str, float]
+) -> tuple[float, dict[str, float]]:
+    """`agreement` of the robot of a file that `linear_evidence` wrote."""
+    return agreement(_about(_read(stored)[0], usual), widths, trust)
+
+
+@cache
+def _read(stored: Path) -> tuple[list[ByLaw], dict[str, float]]:
+    """What `linear_evidence` wrote; a process keeps it, as handing it on takes longer than computing with it."""
+    found: tuple[list[ByLaw], dict[str, float]] = pickle.loads(stored.read_bytes())
+    return found
+
+
+def _about(recordings: Sequence[ByLaw], usual: Mapping[str, float]) -> list[ByLaw]:
+    """Recordings about what is usual."""
+    return [each.about(_beyond(each.unknowns, usual)) for each in recordings]
 
 
 def _beyond(known: Sequence[Unknown], usual: Mapping[str, float]) -> Array:
@@ -101,8 +129,7 @@ def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[By
         light = [replace(unknown, change=None, widths=dict(unknown.widths)) for unknown in known]  # type: ignore[arg-type]
         evidence = [replace(ByLaw.of(case), unknowns=light) for case in cases]
         write_file(stored, pickle.dumps((evidence, repeats(cases, nominal))))
-    found: tuple[list[ByLaw], dict[str, float]] = pickle.loads(stored.read_bytes())
-    return found
+    return _read(stored)
 
 
 def repeats(cases: Sequence[Case], nominal: Nominal) -> dict[str, float]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -104,24 +103,18 @@ def _log_evidence(size: int, parts: Sequence[Part], trust: Mapping[str, float]) 
     return 0.5 * float(b @ x) - float(np.log(np.diag(factor[0])).sum()), slopes
 
 
-def learn_trust(
-    robots: Sequence[Sequence[ByLaw]],
-    widths: Sequence[Mapping[str, float]],
-    each: Callable[..., Iterable[_Value]] = map,
-) -> dict[str, float]:
+def learn_trust(laws: Sequence[str], agreements: Callable[[Mapping[str, float]], Iterable[_Value]]) -> dict[str, float]:
     """By law, the trust with which the recordings of each robot agree best.
 
     Args:
-        robots: recordings of nominal robots, two or more of each.
-        widths: how much robots like it vary, of each.
-        each: calls a function for every robot, as `map` does.
+        laws: all that have a part in recordings of nominal robots, two or more of each.
+        agreements: by a trust of each law, the `agreement` of every robot.
     """
-    laws = sorted({part.law for robot in robots for recording in robot for part in recording.parts})
 
     def loss(logs: Array) -> tuple[float, Array]:
         trust = dict(zip(laws, map(float, np.exp(logs)), strict=True))
         value, slope = PRICE * float(logs @ logs), 2.0 * PRICE * logs
-        for nats, slopes in each(partial(agreement, trust=trust), robots, widths):
+        for nats, slopes in agreements(trust):
             beyond = max(WORST - nats, 0.0)
             value -= nats if nats > WORST else WORST - np.log1p(beyond)
             slope = slope - np.array([slopes[law] for law in laws]) / (1.0 + beyond)

@@ -47,7 +47,8 @@ def recordings(rng: np.random.Generator, off: dict[str, float], count: int = 3) 
 
 def trust_of(robots: list[list[ByLaw]]) -> dict[str, float]:
     """Learnt from robots that vary by WIDTHS."""
-    return learn_trust(robots, [WIDTHS] * len(robots))
+    laws = sorted({part.law for robot in robots for recording in robot for part in recording.parts})
+    return learn_trust(laws, lambda trust: [agreement(robot, WIDTHS, trust) for robot in robots])
 
 
 def test_evidence_about_other_values_is_that_of_the_shifted_residuals():
