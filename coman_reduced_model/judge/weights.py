@@ -38,7 +38,8 @@ class Example:
 
     Attributes:
         answer: of the case; nominal: what its robot was compared to.
-        rows: nothing more, then each rival: name, where, gain, confirmed, ways, leftover (by law), pulled, parameters.
+        rows: nothing more, then each rival: name, where, gain, confirmed, ways, leftover (by law), pulled, together,
+            parameters.
     """
 
     answer: Mapping[str, Any]
@@ -152,15 +153,8 @@ def learn_together(examples: Sequence[Example]) -> dict[str, float]:
     return {"together": float(np.quantile(clean, 1.0 - PULLED))} if clean else {}
 
 
-def alarms(example: Example, p: Mapping[str, float], decision: Mapping[str, Mapping[str, float]]) -> bool:
-    """Whether a diagnosis with these weights raises one, as `Odds.alarms`."""
-    weights = decision[_which(example.rows[0])]
-    pulled = example.rows[0]["together"] > weights.get("together", np.inf)
-    return p["none"] <= weights.get("alarm", NO_ALARM) or bool(pulled)
-
-
-def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float], bool]]:
-    """Of each example, the axis and kind of its world that is left out, what weights of the others say, any alarm."""
+def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, dict[str, float], str]]:
+    """Of each example, the axis and kind of its world that is left out, what weights of the others say, and name."""
     for axis in AXES:
         for kind in sorted({example.answer["worlds"][axis] for example in examples}):
             inside = [example for example in examples if example.answer["worlds"][axis] == kind]
@@ -170,19 +164,32 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
             decision = learn_decision(others)
             for example in inside:
                 p = outcome(example, decision)
-                yield axis, kind, example, p, alarms(example, p, decision)
+                yield (
+                    axis,
+                    kind,
+                    example,
+                    p,
+                    verdict_of(p, decision[_which(example.rows[0])], example.rows[0]["together"]),
+                )
 
 
-def verdict_of(p: Mapping[str, float], alarm: bool) -> str:
-    """The class of effects that is named, `none` or `unknown`: as inference/verdict.py, a class for a group."""
-    if not alarm:
+def verdict_of(p: Mapping[str, float], weights: Mapping[str, float], together: float = 0.0) -> str:
+    """The class of effects that is named, `none` or `unknown`: as inference/verdict.py, a class for a group.
+
+    Args:
+        p: by name, its probability.
+        weights: that have `alarm` and `together`.
+        together: how far all that varies is pulled.
+    """
+    improbable = p["none"] <= weights.get("alarm", NO_ALARM)
+    if not (improbable or together > weights.get("together", np.inf)):
         return "none"
     best = max(p, key=lambda name: p[name] if name != "none" else 0.0)
-    return best if p[best] >= 0.5 * (1.0 - p["none"]) else UNKNOWN
+    return best if p[best] >= 0.5 * (1.0 - p["none"] if improbable else 1.0) else UNKNOWN
 
 
-def summary(found: Sequence[tuple[Example, Mapping[str, float], bool]]) -> dict[str, Any]:
-    """Shares over examples with their probabilities and whether there is an alarm, and the log loss of the truth.
+def summary(found: Sequence[tuple[Example, Mapping[str, float], str]]) -> dict[str, Any]:
+    """Shares over examples with their probabilities and what is named, and the mean log loss of the truth.
 
     right: of medium and strong single effects; wrong: of single effects and pairs; false_alarms: of clean robots;
     unknown: of effects outside the catalogue. redrawn: cases whose robot fell at first. lowered: those at a
@@ -190,8 +197,7 @@ def summary(found: Sequence[tuple[Example, Mapping[str, float], bool]]) -> dict[
     """
     rows: dict[str, list[bool]] = {name: [] for name in SHOWN}
     losses = []
-    for example, p, alarm in found:
-        best = verdict_of(p, alarm)
+    for example, p, best in found:
         kind, levels = example.answer["kind"], example.answer["levels"]
         if kind == "clean":
             rows["false_alarms"].append(best != "none")
@@ -216,7 +222,7 @@ def by_left_out(examples: Sequence[Example]) -> dict[str, dict[str, Any]]:
     found = list(left_out(examples))
     out: dict[str, dict[str, Any]] = {}
     for axis in dict.fromkeys(axis for axis, *_ in found):
-        of_axis = [(kind, (example, p, alarm)) for one, kind, example, p, alarm in found if one == axis]
+        of_axis = [(kind, (example, p, named)) for one, kind, example, p, named in found if one == axis]
         for name in ("", *dict.fromkeys(kind for kind, _ in of_axis)):
             rows = [said for kind, said in of_axis if name in ("", kind)]
             out.setdefault(axis, {})[name] = summary(rows)

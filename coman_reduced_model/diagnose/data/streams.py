@@ -11,7 +11,7 @@ from ...core.base.types import Array, Booleans, Integers, Sample
 from ...core.robot.robot import Robot
 
 LEAST_THERE = 0.8  # share of the time that a stream must be there, to be used
-_NEAR = 0.1  # [s] from a value of a stream, until which it is there
+_NEAR, _NEAR_PERIODS = 0.02, 0.6  # [s], and periods of a stream, from a value of it until which it is there
 
 
 def rising(stamps: Array | Integers) -> Booleans:
@@ -46,14 +46,16 @@ def resample(at: Array, values: Array, t: Array) -> Array:
 def there(at: Array, values: Array, t: Array) -> Booleans:
     """(n,) whether a stream is there at times t (n,): values (k, m) at times (k,), NaN where one is missing.
 
-    A column that never has a value is none of the stream.
+    Columns that are seldom there say nothing of the others.
     """
-    columns = np.isfinite(values).any(axis=0)
+    finite = np.isfinite(values)
+    columns = finite.sum(axis=0) >= LEAST_THERE * max(finite.any(axis=1).sum(), 1)
     at = at[np.isfinite(values[:, columns]).all(axis=1)]
     if not columns.any() or not len(at):
         return np.zeros(len(t), dtype=bool)
     after = np.searchsorted(at, t).clip(0, len(at) - 1)
-    return np.asarray(np.minimum(np.abs(at[after] - t), np.abs(t - at[np.maximum(after - 1, 0)])) <= _NEAR)
+    away = np.minimum(np.abs(at[after] - t), np.abs(t - at[np.maximum(after - 1, 0)]))
+    return np.asarray(away <= max(_NEAR, _NEAR_PERIODS * float(np.median(np.diff(at))) if len(at) > 1 else 0.0))
 
 
 def up_by_imu(

@@ -72,7 +72,8 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
         known = unknowns(recording, world)
         mine = [each for each in known if (each.effect, each.where) == (effect.name, effect.where)]
         for unknown in mine:
-            recording, world = unknown.apply(recording, world, unknown.deviation(effect.values[unknown.key]))
+            more = unknown.deviation(effect.values[unknown.key]) - unknown.usual  # which every robot has anyway
+            recording, world = unknown.apply(recording, world, more)
         if not mine:
             at = f" at {effect.where}" if effect.where else ""
             warning = f"{effect.name}{at} of the configuration is left out: this recording cannot show it"

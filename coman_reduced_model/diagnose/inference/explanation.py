@@ -143,11 +143,16 @@ class Odds:
 
     @property
     def names(self) -> bool:
-        """Whether the group, with its kin, is at least as likely as not; with an alarm, where something is missing."""
+        """Whether the group, with its kin, is at least as likely as not; as all else, where nothing is improbable."""
         named = sum(self.effects[k] for k in {*self.group, *self.kin})
-        return named >= 0.5 * (1.0 - self.none if self.alarms else 1.0)
+        return named >= 0.5 * (1.0 - self.none if self.improbable else 1.0)
 
     @property
     def alarms(self) -> bool:
         """Whether hardly any nominal robot gets there."""
-        return self.none <= self.alarm or self.pulled
+        return self.improbable or self.pulled
+
+    @property
+    def improbable(self) -> bool:
+        """Whether `none` is as improbable as on hardly any nominal robot."""
+        return self.none <= self.alarm

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...core.base.nominal import Nominal
+from ...core.effects.catalogue import CATALOGUE, Effect
 from ...progress import Progress
 from ..data.recording import Recording, lifts_a_foot
 from ..physics.hypotheses import Candidate
@@ -129,8 +130,11 @@ def verdict(
         return "effect" if finding.chosen else "none"
     if not any(lifts_a_foot(recording.phase) for recording in train):
         return "not_excited"
-    if off_weight or (finding.steps and finding.steps[0][1].alarms):
-        return "effect" if finding.chosen and finding.chosen[0].option.name not in against else "unknown"
+    first = finding.chosen[0].option if finding.chosen and finding.chosen[0].option.name not in against else None
+    if finding.steps and finding.steps[0][1].alarms:
+        return "effect" if first else "unknown"
+    if off_weight:  # which no spring explains
+        return "effect" if first and CATALOGUE[first.effect].load is not Effect.load else "unknown"
     walk = all(lifts_a_foot(recording.phase) for recording in train)
     return "none" if walk or finding.chosen else "not_excited"
 

@@ -35,7 +35,8 @@ _MEANING = {
     "there.",
     "doubtful": "More is left unexplained than most nominal robots leave, but some leave as much: it is no alarm. The "
     "probabilities say what it might be.",
-    "unknown": "That nothing is missing is too improbable, and no effect of the catalogue, nor a group that these "
+    "unknown": "Something is missing: that nothing is, is too improbable, or what the robot weighs or what varies on it is "
+    "further off than on nominal robots. No effect of the catalogue, nor a group that these "
     "recordings cannot distinguish, is as likely as all else that may be missing. The model was left as it is. The "
     "residuals below show where to look.",
     "contradicted": "An effect would explain the recordings that it was found in, but not the one that confirms. The "
@@ -91,10 +92,11 @@ def _verdict(result: Mapping[str, Any]) -> str:
     if result["verdict"] == "unknown":
         if denied:
             return f"something is missing; {denied} would explain it, but the confirming recording speaks against it"
-        if result["probabilities"].get("unknown", 0.0) < 0.5 and likely:
-            return f"something is missing, but it is not clear what: {likely}"
-        why = most or (TOGETHER if result["pulled_too_far"] else "")
-        return "something is missing that no effect of the catalogue explains" + (f": {why}" if why else "")
+        if result["pulled_too_far"]:
+            return f"something is missing: {TOGETHER}" + (f"; perhaps {likely}" if likely else "")
+        if result["probabilities"].get("unknown", 0.0) < 0.5 and (likely or off_weight(result["weight"])):
+            return "something is missing, but it is not clear what" + (f": {likely}" if likely else "")
+        return "something is missing that no effect of the catalogue explains" + (f": {most}" if most else "")
     text = "; ".join(effect_sentence(effect, result["only_minor"]) for effect in result["effects"])
     return f"no effect that matters to the prediction was found; minor: {text}" if result["only_minor"] else text
 
