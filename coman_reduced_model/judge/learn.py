@@ -320,8 +320,8 @@ def header() -> str:
 #     times what the middle one of its joints leaves the worst one does.
 # decision: weights by which an effect is named, with recordings that help to choose and alone; alarm: probability that
 #     nothing is missing, up to which one in a hundred of these robots gets; together: how far all that varies is pulled
-#     on all but two of a thousand [deviations of chi squared]. with_baseline: the same where the robot's own baseline is
-#     known.
+#     on all but two of a thousand [deviations of chi squared]. with_baseline: the same where the robot's own baseline
+#     is known.
 # interval_factor: by effect, by which 95 % intervals of the fit are longer, and of all together.
 # monitor: by law (of one robot also by channel), by judge/learn_monitor.py: unit; single, double: noise, the usual
 #     standard deviation of a phase mean from phase to phase in that support; by_robot, by_channel: how much the

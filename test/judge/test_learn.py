@@ -25,7 +25,6 @@ from coman_reduced_model.judge.score import rate
 from coman_reduced_model.judge.weights import (
     AXES,
     Example,
-    alarms,
     by_left_out,
     learn_alarm,
     learn_decision,
@@ -68,7 +67,7 @@ def test_weights_separate_what_the_features_separate(examples):
     weights = decision["selected"]
     found = [(each, outcome(each, decision)) for each in examples]
     assert all(sum(p.values()) == pytest.approx(1.0) for _, p in found)
-    said = summary([(example, p, p["none"] <= 0.5) for example, p in found])
+    said = summary([(example, p, verdict_of(p, {"alarm": 0.5})) for example, p in found])
     assert said["cases"] == 60
     assert said["right"]["share"] == 1.0 and said["right"]["of"] == 20 and said["wrong"]["share"] == 0.0
     assert said["false_alarms"]["hits"] <= 2 and said["false_alarms"]["of"] == 30 and said["unknown"]["of"] == 10
@@ -109,7 +108,10 @@ def test_what_is_pulled_as_on_no_clean_robot_is_an_alarm(examples):
     assert decision["selected"]["together"] == 0.0
     nothing, *rivals = examples[0].rows
     pulled = replace(examples[0], rows=[{**nothing, "together": 0.5}, *rivals])
-    assert not alarms(examples[0], {"none": 0.9}, decision) and alarms(pulled, {"none": 0.9}, decision)
+    weights, together = decision["selected"], pulled.rows[0]["together"]
+    assert verdict_of({"none": 0.9, "unknown": 0.1}, weights) == "none"
+    assert verdict_of({"none": 0.9, "unknown": 0.1}, weights, together) == "unknown"
+    assert verdict_of({"none": 0.4, "payload": 0.6, "unknown": 0.0}, {**weights, "alarm": 0.1}, together) == "payload"
     assert "together" not in learn_decision(examples[30:])["selected"]
 
 
@@ -129,15 +131,11 @@ def test_probabilities_are_those_of_the_diagnosis(examples, confirmed):
 
 @pytest.mark.parametrize(
     ("none", "payload", "alarm", "said"),
-    [
-        (0.2, 0.7, False, "none"),
-        (0.05, 0.7, True, "payload"),
-        (0.05, 0.4, True, "unknown"),
-        (0.55, 0.4, True, "payload"),
-    ],
+    [(0.2, 0.7, 0.1, "none"), (0.05, 0.7, 0.1, "payload"), (0.05, 0.4, 0.1, "unknown"), (0.55, 0.4, 0.6, "payload")],
 )
 def test_a_name_needs_an_alarm_and_to_be_as_likely_as_all_else_that_may_be_missing(none, payload, alarm, said):
-    assert verdict_of({"none": none, "payload": payload, "unknown": 1.0 - none - payload}, alarm) == said
+    p = {"none": none, "payload": payload, "unknown": 1.0 - none - payload}
+    assert verdict_of(p, {"alarm": alarm}) == said
 
 
 def test_a_fold_is_compared_with_what_laws_leave_on_the_others(examples):

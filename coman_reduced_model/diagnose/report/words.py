@@ -35,8 +35,8 @@ _MEANING = {
     "there.",
     "doubtful": "More is left unexplained than most nominal robots leave, but some leave as much: it is no alarm. The "
     "probabilities say what it might be.",
-    "unknown": "Something is missing: that nothing is, is too improbable, or what the robot weighs or what varies on it is "
-    "further off than on nominal robots. No effect of the catalogue, nor a group that these "
+    "unknown": "Something is missing: that nothing is, is too improbable, or what the robot weighs, or all that varies "
+    "on it together, is further off than on nominal robots. No effect of the catalogue, nor a group that these "
     "recordings cannot distinguish, is as likely as all else that may be missing. The model was left as it is. The "
     "residuals below show where to look.",
     "contradicted": "An effect would explain the recordings that it was found in, but not the one that confirms. The "

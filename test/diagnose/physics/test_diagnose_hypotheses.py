@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnose_tools import JOINT, index, residuals, rms, standing, stretched, t, unknown
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from synthetic import robot
 
 from coman_reduced_model.core.base import delays
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.data.recording import FEET, RATE, Recording
@@ -18,6 +21,8 @@ from coman_reduced_model.diagnose.data.signals import bent_stretch, lagged, smoo
 from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.physics.balance import evaluate
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
+
+SOFT = {"rotational": 0.0027, "vertical": 0.00016}  # relative to weight and foot, as `Nominal.widths` has them
 
 
 def test_figures_are_named_once_and_leave_their_input_alone():
@@ -248,7 +253,8 @@ def test_soles_give_way_as_usual_before_anything_is_found():
     pressed = np.outer(np.sin(9.0 * t), [0.0, 0.0, 20.0, 1.0, 2.0, 0.0])  # by one foot alone
     left = recording.wrench[Foot.LEFT] + pressed
     recording = recording.changed(wrench={**recording.wrench, Foot.LEFT: left})
-    known = unknowns(recording, world)
+    widths = load_nominal().widths | {f"ground_compliance.{key}.usual": x for key, x in SOFT.items()}
+    known = unknowns(recording, world, replace(load_nominal(), widths=widths))
     soft = [i for i, each in enumerate(known) if each.effect == "ground_compliance"]
     tiny = np.where(np.isin(np.arange(len(known)), soft), 1e-9 * np.array([each.reach for each in known]), 0.0)
     prepared = recording, world, masks(recording, world)

@@ -61,7 +61,7 @@ def test_places_are_said_as_people_say_them_where_the_name_tells(where, said):
             {"apart": {"spring/LKneeSag|any": 6.0}},
             ": 6.0 times as much is left in the spring law, LKneeSag",
         ),
-        ("unknown", {"none": 0.02, "unknown": 0.9}, {"pulled_too_far": True}, ": masses, zeros, gains"),
+        ("unknown", {"none": 0.02, "unknown": 0.9}, {"pulled_too_far": True}, "is missing: masses, zeros, gains"),
         ("unknown", {"none": 0.02, "payload": 0.9}, {"contradicted": ["payload"]}, "speaks against it"),
     ],
 )
