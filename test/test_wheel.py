@@ -73,8 +73,7 @@ def test_a_wheel_predicts_in_an_environment_of_its_own(wheel, tmp_path):
     bag = write_bag(tmp_path / "bag", walk(1.0))
 
     def coman(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-        # Compiled without optimisation, in half of the time.
-        environment = {**child_environment(), "PYTHONPATH": "", "ROS_DOMAIN_ID": "99", "NUMBA_OPT": "0"}
+        environment = {**child_environment(), "PYTHONPATH": "", "ROS_DOMAIN_ID": "99"}
         command = [python.parent / "coman", *arguments]
         return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
 
