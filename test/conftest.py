@@ -225,6 +225,15 @@ def peer(ros_domain: str) -> Iterator[Peer]:
     peer.close()
 
 
+@pytest.fixture
+def without_second_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Diagnoses predict in the test's process: beside other tests, a second one costs its start and saves no time."""
+    from coman_reduced_model.diagnose import workflow
+    from coman_reduced_model.diagnose.inference.predicted_com import free_runs_here
+
+    monkeypatch.setattr(workflow, "free_runs_in_helper", free_runs_here)
+
+
 @pytest.fixture(scope="session")
 def recorded_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of a short walk of the virtual robot."""

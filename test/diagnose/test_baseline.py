@@ -19,6 +19,8 @@ from coman_reduced_model.diagnose.physics.hypotheses import unknowns
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 
+pytestmark = pytest.mark.usefixtures("without_second_process")
+
 
 def learnt(changes):
     """The baseline of standing robots with these changes of a parameter, by name: one recording each."""

@@ -20,6 +20,7 @@ from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
 from coman_reduced_model.sim.sensors import SensorOptions
 
+pytestmark = pytest.mark.usefixtures("without_second_process")
 SECONDS = 10.0
 HIDDEN = {
     "clean": None,
