@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 pytest_plugins = ["bad_input_tools", "sim_runs"]  # fixtures that several files share
+LONGEST = ("test_wheel.py", "test_readme.py", "test_package_xml.py")
 NOT_HERE = "the recordings of other robots are not beside the project"
 
 # How long tests wait for what has to come [s]: only a test that fails takes it. A machine that others use as well may
@@ -52,6 +53,11 @@ def recording(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"{NOT_HERE}: {name}")
     return path
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what takes longest: at the end, all other processes would wait for it."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
 
 
 @pytest.hookimpl(hookwrapper=True, tryfirst=True)
