@@ -40,8 +40,15 @@ def turned(message, joint, angle):
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])  # orientation of the synthetic robot's trunk
 
 
-def watched(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, rate=200.0, mounted=None, **changes):
-    """The monitor after a synthetic walk.
+def watched(change, seconds=13.0, **options):
+    """The monitor after a synthetic walk; options as of `watching`."""
+    for _, each in watching(change, seconds, **options):
+        monitor = each
+    return monitor
+
+
+def watching(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, rate=200.0, mounted=None, **changes):
+    """Seconds and the monitor, message by message of a synthetic walk.
 
     Args:
         change: of each message: stream, seconds, message.
@@ -72,7 +79,7 @@ def watched(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, rat
             pipeline.on_imu(ImuMessage(message.stamp_ns, frame, orientation.as_quat(), np.zeros(3), up))
         if stream not in skip:
             take[stream](change(stream, t, message))
-    return pipeline.monitor
+        yield t, pipeline.monitor
 
 
 def robot_with_imu(mounting):
