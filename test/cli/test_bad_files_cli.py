@@ -213,21 +213,29 @@ def test_bags_with_damaged_bytes(short, predict, tmp_path, data):
     predict(tmp_path / "damaged.mcap")
 
 
+@pytest.fixture
+def figures(tmp_path, predict):
+    """What is predicted of messages in their order of arrival."""
+
+    def call(messages):
+        shutil.rmtree(tmp_path / "bag", ignore_errors=True)
+        _, summary, _ = predict(write_bag(tmp_path / "bag", messages))
+        return {key: summary[key] for key in ("samples", "mse_m2", "rmse_rigid_m", "phases_s", "skill", "flags")}
+
+    return call
+
+
+@pytest.fixture
+def in_order(figures):
+    return figures(walk(0.8))
+
+
 @few
 @given(st.randoms(use_true_random=False), st.integers(0, 20))
-def test_messages_that_arrive_in_another_order(predict, tmp_path, random, milliseconds):
+def test_messages_that_arrive_in_another_order(figures, in_order, random, milliseconds):
     """Up to half of streams.max_wait, the order of arrival changes nothing at all."""
     delays = {stream: random.uniform(0.0, milliseconds * 1e6) for stream in (JOINTS, MOTORS, LEFT, RIGHT)}
-    messages = walk(0.8)
-    late = sorted(messages, key=lambda item: item[1].stamp_ns + delays[item[0]])
-    results = []
-    for order in (messages, late):
-        shutil.rmtree(tmp_path / "bag", ignore_errors=True)
-        _, summary, _ = predict(write_bag(tmp_path / "bag", order))
-        results.append(
-            {key: summary[key] for key in ("samples", "mse_m2", "rmse_rigid_m", "phases_s", "skill", "flags")}
-        )
-    assert results[0] == results[1]
+    assert figures(sorted(walk(0.8), key=lambda item: item[1].stamp_ns + delays[item[0]])) == in_order
 
 
 # --- folders ---
