@@ -10,7 +10,7 @@ from typing import Any
 
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import LINKS, PLAN
-from ..inference.weight import SURE
+from ..inference.weight import Weight
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -69,7 +69,7 @@ def sentence(result: Mapping[str, Any]) -> str:
 def off_weight(weight: Mapping[str, float]) -> str:
     """That the robot does not weigh what its URDF says; "" where it does, as far as data sheets allow, or may do."""
     share = weight["share"]
-    if not abs(share) > max(weight["allowed"], SURE * weight["deviation"]):
+    if not Weight(**weight).off:
         return ""
     return f"by its forces, the robot weighs {abs(share):.0%} {'more' if share > 0.0 else 'less'} than by its URDF"
 
