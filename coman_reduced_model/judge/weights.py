@@ -109,10 +109,10 @@ def _linear(example: Example, names: Sequence[str]) -> tuple[Array, Booleans]:
     said = ["none", UNKNOWN, *_classes(example)]
     X = np.zeros((len(said), len(names)))
     for j, name in enumerate(names):
-        unit = {name: 1.0}
-        X[0, j] = score(example.features[0], {**dict.fromkeys(EFFECT, 0.0), **unit}, False)
+        unit = {**dict.fromkeys(EFFECT, 0.0), name: 1.0}
+        X[0, j] = score(example.features[0], unit, False)
         for k, each in enumerate(example.features[1:], 2):
-            X[k, j] = score(each, {**dict.fromkeys(EFFECT, 0.0), **unit}, True)
+            X[k, j] = score(each, unit, True)
     X[1, names.index(UNKNOWN)] = 1.0
     truth = example.truth if example.truth & set(said) else {"none", UNKNOWN}
     return X, np.array([name in truth for name in said])
@@ -163,14 +163,8 @@ def left_out(examples: Sequence[Example]) -> Iterable[tuple[str, str, Example, d
                 continue
             decision = learn_decision(others)
             for example in inside:
-                p = outcome(example, decision)
-                yield (
-                    axis,
-                    kind,
-                    example,
-                    p,
-                    verdict_of(p, decision[_which(example.rows[0])], example.rows[0]["together"]),
-                )
+                p, nothing = outcome(example, decision), example.rows[0]
+                yield axis, kind, example, p, verdict_of(p, decision[_which(nothing)], nothing["together"])
 
 
 def verdict_of(p: Mapping[str, float], weights: Mapping[str, float], together: float = 0.0) -> str:

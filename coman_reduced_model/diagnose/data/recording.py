@@ -27,11 +27,10 @@ from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames
 from .computed import NOT_SHOWN, with_computed_wrenches
-from .streams import LEAST_THERE, resample, rising, rows_of, there, up_by_imu
+from .streams import LEAST_THERE, near, resample, rising, rows_of, there, up_by_imu
 from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
-_REACH = 0.02  # [s] a grid point farther than this from any sample is not used; more where samples are rarer
 _SHORTEST = 2.0  # [s] of recording
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
@@ -199,10 +198,7 @@ def _grid(
     at = (stamps - stamps[0]) * 1e-9
     period = float(np.median(np.diff(at)))
     t = np.arange(0.0, at[-1], 1.0 / RATE)
-    nearest = np.searchsorted(at, t).clip(1, len(at) - 1)
-    away = np.minimum(np.abs(at[nearest] - t), np.abs(t - at[nearest - 1]))
-
-    valid = away < max(_REACH, 0.6 * period)
+    valid = near(at, t)
 
     def used(values: Array | None, where: Booleans, name: str) -> Array | None:
         """The values of a stream, where it is there most of the time; what it lacks is a gap of the recording."""
@@ -215,28 +211,18 @@ def _grid(
         valid &= where
         return values
 
-    def array(field: str) -> Array | None:
-        values = rows_of(complete, field)
-        return None if values is None else resample(at, values, t)
-
-    def sometimes(field: str, name: str) -> Array | None:
-        values = rows_of(complete, field)
-        return None if values is None else used(resample(at, values, t), there(at, values, t), name)
-
+    rows = {field: rows_of(complete, field) for field in ("left_wrench", "right_wrench", "q", "motor_q", "tau")}
+    left, right, q, motor_q, tau = (None if each is None else resample(at, each, t) for each in rows.values())
+    assert left is not None and right is not None and q is not None
     forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete]) - zeros  # type: ignore[index]
     phases, shares, supports = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
-    left, right = array("left_wrench"), array("right_wrench")
-    q = array("q")
-    assert left is not None and right is not None and q is not None
     later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it
     for wrench, other in ((left, Phase.RIGHT), (right, Phase.LEFT)):
         wrench -= _drift(wrench, phases[later] == other)
-    motor_q = sometimes("motor_q", "motor states")
-    tau = None if _efforts(array("tau")) is None else sometimes("tau", "joint torques")
+    motor_q = used(motor_q, there(at, rows["motor_q"], t), "motor states")
+    tau = used(_efforts(tau), there(at, rows["tau"], t), "joint torques")
     counts = _counts(np.array([s.q for s in complete]))
-    if tau is not None and from_deflection(
-        rows_of(complete, "tau"), rows_of(complete, "motor_q"), rows_of(complete, "q"), counts
-    ):
+    if tau is not None and from_deflection(rows["tau"], rows["motor_q"], rows["q"], counts):
         tau = None
         warnings = (*warnings, "torques are computed from the springs' deflection: no measurement, they are not used")
     up = used(*up_by_imu(imu, stamps[0], t, robot, imu_frame, q), "orientations of the IMU")

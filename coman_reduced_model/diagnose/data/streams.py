@@ -43,19 +43,24 @@ def resample(at: Array, values: Array, t: Array) -> Array:
     return out
 
 
-def there(at: Array, values: Array, t: Array) -> Booleans:
-    """(n,) whether a stream is there at times t (n,): values (k, m) at times (k,), NaN where one is missing.
+def there(at: Array, values: Array | None, t: Array) -> Booleans:
+    """(n,) whether a stream is there at times t (n,): values (k, m) at times (k,), NaN where one is missing; or none.
 
     Columns that are seldom there say nothing of the others.
     """
+    if values is None:
+        return np.zeros(len(t), dtype=bool)
     finite = np.isfinite(values)
     columns = finite.sum(axis=0) >= LEAST_THERE * max(finite.any(axis=1).sum(), 1)
-    at = at[np.isfinite(values[:, columns]).all(axis=1)]
-    if not columns.any() or not len(at):
-        return np.zeros(len(t), dtype=bool)
-    after = np.searchsorted(at, t).clip(0, len(at) - 1)
-    away = np.minimum(np.abs(at[after] - t), np.abs(t - at[np.maximum(after - 1, 0)]))
-    return np.asarray(away <= max(_NEAR, _NEAR_PERIODS * float(np.median(np.diff(at))) if len(at) > 1 else 0.0))
+    at = at[finite[:, columns].all(axis=1)]
+    return near(at, t) if columns.any() and len(at) > 1 else np.zeros(len(t), dtype=bool)
+
+
+def near(at: Array, t: Array) -> Booleans:
+    """(n,) whether a value of a stream, which has two or more at times (k,), is near each of the times t (n,)."""
+    after = np.searchsorted(at, t).clip(1, len(at) - 1)
+    away = np.minimum(np.abs(at[after] - t), np.abs(t - at[after - 1]))
+    return np.asarray(away < max(_NEAR, _NEAR_PERIODS * float(np.median(np.diff(at)))))
 
 
 def up_by_imu(
@@ -66,8 +71,8 @@ def up_by_imu(
     if len(imu) < 10:
         return None, nowhere
     at = np.array([(stamp - start_ns) * 1e-9 for stamp, _ in imu])
-    near = (at > t[0] - 1.0) & (at < t[-1] + 1.0)  # a stamp far in the future would make all later ones too old
-    at, imu = at[near], [each for each, kept in zip(imu, near, strict=True) if kept]
+    inside = (at > t[0] - 1.0) & (at < t[-1] + 1.0)  # a stamp far in the future would make all later ones too old
+    at, imu = at[inside], [each for each, kept in zip(imu, inside, strict=True) if kept]
     keep = rising(at)
     if keep.sum() < 10:
         return None, nowhere
@@ -80,4 +85,4 @@ def up_by_imu(
     for i, each in enumerate(q):
         posture.update(each, still)
         R[i] = posture.orientation(sensor)
-    return np.asarray(np.einsum("nij,nj->ni", R, up)), there(at[keep], np.ones((keep.sum(), 1)), t)
+    return np.asarray(np.einsum("nij,nj->ni", R, up)), near(at[keep], t)

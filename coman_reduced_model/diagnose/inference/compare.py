@@ -51,7 +51,8 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
             shifted += [(same.train, same.select), (other.train, other.select)]
     most = np.max(shifted, axis=0)
     places = places_of(finding.known)
-    out = [_explanation(nothing, first, (0.0, 0.0 if finding.hold else np.nan), 1)]
+    together = pulled_together([*finding.train, *finding.hold], first.fit, finding.released)
+    out = [replace(_explanation(nothing, first, (0.0, 0.0 if finding.hold else np.nan), 1), together=together)]
     for option, (trial, judged, beside) in zip(rivals, found, strict=True):
         without = most if option.effect in CLOCKS else beside
         gains = judged.train - without[0], judged.select - without[1]
@@ -104,8 +105,7 @@ class _Trial:
 def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
     left = leftover([*trial.train, *trial.hold], judged.fit, trial.released)
     pulled = pulls(trial.finding.known, judged.fit, trial.released)
-    together = pulled_together([*trial.train, *trial.hold], judged.fit, trial.released)
-    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled, together)
+    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
 
 
 def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list[Case], list[Case]]:

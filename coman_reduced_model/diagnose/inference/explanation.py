@@ -31,7 +31,7 @@ class Explanation:
         ways: number of places at which the effect could be.
         leftover: by group of residuals [noise floors].
         pulled: by width, root mean square of the parameters that vary on nominal robots [standard deviations].
-        together: how far all of them are pulled, see `pulled_together`.
+        together: of nothing more, how far all of them are pulled, see `pulled_together`.
     """
 
     option: Candidate | None
@@ -41,7 +41,7 @@ class Explanation:
     ways: int
     leftover: Mapping[str, float]
     pulled: Mapping[str, float]
-    together: float
+    together: float = 0.0
 
     def features(self, nominal: Nominal) -> dict[str, float]:
         """By name: what decides, see decide.py."""

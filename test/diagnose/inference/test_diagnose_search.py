@@ -122,8 +122,7 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
     assert verdicts.verdict(finding, [walk], assumed, against) == word
     finding.steps = [([], Odds(0.1, 0.0, (), (), alarm=0.05))]
     assert verdicts.verdict(finding, [walk], assumed, against) == ("effect" if assumed else "none")  # suspected
-    # An alarm as well: a weight that is off, and all that varies pulled together.
-    # A payload explains a weight.
+    # An alarm as well: a weight that is off, which a payload explains, and all that varies pulled together.
     assert verdicts.verdict(finding, [walk], assumed, against, off_weight=True) == word
     finding.steps = [([], Odds(0.1, 0.0, (), (), alarm=0.05, pulled=True))]
     assert verdicts.verdict(finding, [walk], assumed, against) == word
