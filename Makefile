@@ -19,6 +19,11 @@ unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX
 unexport ROS_STATIC_PEERS ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport VIRTUAL_ENV MAKEFLAGS MFLAGS PYTHONDONTWRITEBYTECODE
 
+# While one core compiles the model, the other builds the messages and checks types.
+ifeq ($(filter clean,$(MAKECMDGOALS)),)
+MAKEFLAGS += -j$(JOBS)
+endif
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help setup demo live test test-quick fuzz soak lint format bench lock clean
@@ -26,7 +31,7 @@ unexport VIRTUAL_ENV MAKEFLAGS MFLAGS PYTHONDONTWRITEBYTECODE
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-setup: $(STAMP)/compiled  ## .venv with everything: dependencies, ROS 2, the messages, this package
+setup: $(STAMP)/compiled $(STAMP)/messages $(STAMP)/bytecode  ## .venv with everything: dependencies, ROS 2, the messages, this package
 	@echo "ready: $(BIN)/coman --help"
 
 demo: setup  ## the real nodes on a recorded walk, replayed through DDS: table and report page
@@ -35,7 +40,7 @@ demo: setup  ## the real nodes on a recorded walk, replayed through DDS: table a
 live: setup  ## virtual robot, trajectory and predictor until Ctrl-C, with a view of the prediction
 	@$(BIN)/coman live
 
-test: lint  ## lint, types and all tests: what CI runs
+test: lint setup  ## lint, types and all tests: what CI runs
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m ros
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not ros"
 
@@ -48,7 +53,7 @@ fuzz: setup  ## untrusted input of all kinds, an hour, and a page of results; FU
 soak: setup  ## an hour of nodes under fire at 1 kHz, and a page of results; SOAK=600 is shorter
 	COMAN_SOAK=$(or $(SOAK),3600) $(BIN)/python bench/results.py soak
 
-lint: setup  ## ruff (rules and format) and mypy
+lint: $(STAMP)/messages  ## ruff (rules and format) and mypy
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -84,8 +89,14 @@ $(STAMP)/venv:
 $(STAMP)/requirements: requirements.txt $(STAMP)/venv
 	@echo "installing the packages that requirements.txt pins (the first time takes a minute)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check uv -c requirements.txt \
-	    && $(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python -r requirements.txt \
+	    && $(BIN)/uv pip install --quiet --python $(BIN)/python -r requirements.txt \
 	    || $(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@touch $@
+
+# Else who imports a package first would do it. Waits for the messages so that the longest step, the compilation of the
+# model, begins before it. Packages bring files for other Pythons, too, which cannot be compiled.
+$(STAMP)/bytecode: $(STAMP)/messages
+	@$(BIN)/python -m compileall -qq $(VENV)/lib || true
 	@touch $@
 
 # Installed into .venv itself, where the wheels' start-up hook finds them: nothing needs sourcing.
@@ -101,7 +112,7 @@ $(STAMP)/messages: $(shell find msg_defs -type f) $(STAMP)/requirements
 	    || { cat $(BUILD).log; exit 1; }
 	@touch $@
 
-$(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/messages
+$(STAMP)/package: setup.py setup.cfg package.xml $(STAMP)/requirements
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
