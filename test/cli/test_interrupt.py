@@ -96,6 +96,44 @@ def test_ctrl_c_that_a_destructor_swallows(start, tmp_path):
     assert not process.output
 
 
+TAKING = """
+import os, signal, threading
+
+lock = threading.Condition()
+
+class Takes:
+    def __enter__(self):
+        lock.acquire()
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
+
+    def __exit__(self, *_):
+        lock.release()
+
+def work(*_, **__):
+    try:
+        with Takes():
+            while True:
+                pass
+    finally:
+        other = threading.Thread(target=lock.acquire)
+        other.start()
+        other.join()
+
+import coman_reduced_model.output
+coman_reduced_model.output.OutputFolder = work
+from coman_reduced_model.cli.entry import main
+main()
+"""
+
+
+def test_ctrl_c_while_a_lock_is_taken_leaves_it_free(start, tmp_path):
+    """The threads of a pool of processes, which has to end, wait for its locks."""
+    process = start(sys.executable, "-c", TAKING, "diagnose", bag_path("stand"), "--out", tmp_path / "out")
+    goes_silently(process)
+    assert not process.output
+
+
 ENDING = """
 import atexit, os, signal
 
