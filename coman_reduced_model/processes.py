@@ -50,6 +50,7 @@ class _Pool(ProcessPoolExecutor):
 
 _ended = _working = False
 _LONGEST_END_S = 5.0
+_LOOK_S = 0.2
 
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
@@ -69,9 +70,12 @@ def only_for_its_parent() -> None:
 
 def _follow(parent: BaseProcess | None) -> None:
     if parent is not None:
-        parent.join()
+        while os.getppid() == parent.pid:  # its end is not seen by others that it started
+            time.sleep(_LOOK_S)
         os.kill(os.getpid(), signal.SIGTERM)  # and with it what it waits for
-        time.sleep(_LONGEST_END_S)
+        end = time.monotonic() + _LONGEST_END_S
+        while _working and time.monotonic() < end:
+            time.sleep(_LOOK_S)
         os._exit(1)
 
 
