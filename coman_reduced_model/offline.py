@@ -6,9 +6,10 @@ from __future__ import annotations
 import gc
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from .bag.encode import (
     encode_support,
     encode_transforms,
 )
-from .bag.reader import Bag
 from .bag.session import Session
 from .bag.truth import true_motion
 from .bag.types import bag_types
@@ -83,7 +83,6 @@ def predict_bag(
         began = time.perf_counter()
         writing = BagWriter(folder / PREDICTIONS_BAG, topics, latched=(names(DESCRIPTION), names(TF_STATIC)))
         with _collecting_what_is_new(), writing as writer:
-            writer.write(names(DESCRIPTION), bag.start_ns, bag_types().String(data=robot.urdf))
             output = _Output(writer, names, session)
             for sample, prediction in session.predicted(progress):
                 statistics.add(prediction)
@@ -116,10 +115,12 @@ class _Statistics:
     """What a summary says of predictions: errors of the free run, consistency of the estimate."""
 
     def __init__(self, session: Session) -> None:
+        self.first_ns = 0  # stamp of the first sample: log times may be of another clock
         self.run = RunStatistics(session.config.streams.restart_gap)
         self.estimate = Consistency(true_motion(session.bag.path))
 
     def add(self, prediction: Prediction) -> None:
+        self.first_ns = self.first_ns or prediction.stamp_ns
         self.run.add(prediction)
         self.estimate.add(prediction)
 
@@ -147,14 +148,22 @@ class _Output:
         self._support: SupportState | None = None
         self._root, self._links = session.robot.root, Links(session.robot)
         self._moving = [(ODOM, self._root), *self._links.moving] if config.output.publish_tf else []
+        self._describe: Callable[[int], None] | None = partial(self._write_robot, writer, session.robot.urdf)
+
+    def _write_robot(self, writer: BagWriter, urdf: str, stamp: int) -> None:
+        """What a display needs first. The stamp is that of the first sample: log times may be of another clock."""
+        self._describe = None
+        writer.write(self._names[DESCRIPTION], stamp, bag_types().String(data=urdf))
         fixed = self._links.fixed
         if self._moving and fixed:
             poses = np.array([pose for *_, pose in fixed])
-            data = encode_transforms(session.bag.start_ns, [(parent, child) for parent, child, _ in fixed], poses)
-            self._write(self._names[TF_STATIC], session.bag.start_ns, data)
+            data = encode_transforms(stamp, [(parent, child) for parent, child, _ in fixed], poses)
+            self._write(self._names[TF_STATIC], stamp, data)
 
     def write(self, sample: Sample, prediction: Prediction) -> None:
         stamp, names, write = prediction.stamp_ns, self._names, self._write
+        if self._describe is not None:
+            self._describe(stamp)
         write(names[PREDICTION], stamp, encode_prediction(prediction))
         write(names[DEFLECTION], stamp, encode_deflection(prediction, self._joints))
         due = self._points.due(stamp)
@@ -195,18 +204,18 @@ def _judged_summary(session: Session, statistics: _Statistics, began: float) -> 
     Raises:
         BagError: nothing could be predicted.
     """
-    summary = _summary(session, statistics.run, time.perf_counter() - began)
+    summary = _summary(session, statistics, time.perf_counter() - began)
     summary["estimate"] = statistics.estimate.summary()
     if not summary["judged_samples"]:
         raise BagError(f"{session.bag.path}: nothing could be predicted: {first_cause(summary)}")
     return summary
 
 
-def _summary(session: Session, statistics: RunStatistics, elapsed: float) -> dict[str, Any]:
+def _summary(session: Session, statistics: _Statistics, elapsed: float) -> dict[str, Any]:
     bag, config, robot, pipeline = session.bag, session.config, session.robot, session.pipeline
     status, judge = pipeline.status(), pipeline.judge
-    run = statistics.summary()
-    mismatches = _mismatches(bag, pipeline)
+    run = statistics.run.summary()
+    mismatches = _mismatches(statistics.first_ns, pipeline)
     warnings = list(session.warnings)
     doubtful = run["flags"].get("UNKNOWN_GROUND", 0)
     if doubtful > _SELDOM * run["samples"]:
@@ -293,19 +302,21 @@ _WHY = {  # by flag of the samples
 
 
 def first_cause(summary: dict[str, Any]) -> str:
-    """Why a bag could not be predicted: what was rejected most often, else the first warning or flag."""
-    if summary["rejected"]:
-        return str(summary["last_rejection"][max(summary["rejected"], key=summary["rejected"].__getitem__)])
+    """Why a bag could not be predicted: why most of a stream was rejected, else the first warning or flag."""
+    needed = {name: stream["accepted"] for name, stream in summary["streams"].items() if stream["expected"]}
+    rejected = {key: n for key, n in summary["rejected"].items() if n > needed.get(key.partition("/")[0], math.inf)}
+    if rejected:
+        return str(summary["last_rejection"][max(rejected, key=rejected.__getitem__)])
     if summary["warnings"]:
         return str(summary["warnings"][0])
     return next((why for flag, why in _WHY.items() if summary["flags"].get(flag)), "there is no joint state")
 
 
-def _mismatches(bag: Bag, pipeline: Pipeline) -> list[dict[str, Any]]:
-    """First mismatch of each channel during the run; times from the start of the bag."""
+def _mismatches(first_ns: int, pipeline: Pipeline) -> list[dict[str, Any]]:
+    """First mismatch of each channel during the run; times from the first sample on."""
     found = []
     for each in pipeline.monitor.first.values() if pipeline.monitor is not None else ():
-        onset, detected = ((stamp - bag.start_ns) * 1e-9 for stamp in (each.onset_ns, each.detected_ns))
+        onset, detected = ((stamp - first_ns) * 1e-9 for stamp in (each.onset_ns, each.detected_ns))
         values = {key: value for key, value in asdict(each).items() if not key.endswith("_ns")}
         text = f"mismatch: {each}, since {onset:.1f} s"
         found.append({**values, "since_s": onset, "detected_s": detected, "text": text})

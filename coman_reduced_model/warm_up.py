@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import getpass
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -31,7 +31,7 @@ def _one_at_a_time() -> Iterator[None]:
         with suppress(ImportError, OSError):  # without locks (Windows), or without a place for one
             import fcntl
 
-            name = sha1(f"{getpass.getuser()} {Path(__file__).parent}".encode()).hexdigest()[:16]
+            name = sha1(f"{os.getuid()} {Path(__file__).parent}".encode()).hexdigest()[:16]
             lock = Path(tempfile.gettempdir(), f"coman_reduced_model_{name}.lock")
             # The system takes it back when the process ends, however it ends.
             fcntl.flock(stack.enter_context(lock.open("w")), fcntl.LOCK_EX)

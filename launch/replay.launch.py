@@ -32,7 +32,8 @@ def generate_launch_description():
             ExecuteProcess(
                 # What is played before the predictor listens is lost to it. (Displays, too, listen to joint_states.)
                 cmd=[ExecutableInPackage("coman", PACKAGE), "replay", LaunchConfiguration("bag")]
-                + ["--rate", LaunchConfiguration("rate"), "--await", LaunchConfiguration("left_wrench")],
+                + ["--rate", LaunchConfiguration("rate")]
+                + ["--await", LaunchConfiguration("left_wrench"), "--await", LaunchConfiguration("joint_states")],
                 output="screen",
                 on_exit=Shutdown(reason="the bag has ended"),
             ),

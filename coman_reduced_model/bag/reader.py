@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import heapq
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
@@ -151,7 +151,7 @@ class Bag:
         problem = "no metadata.yaml"
         inside = sorted(each for each in path.iterdir() if each.name.endswith(_SUFFIXES))
         if any(grows_unchecked(each) for each in inside):
-            return [self._file(file) for file in inside]
+            return self._files(inside)
         if (path / "metadata.yaml").is_file():
             try:
                 return [self._whole(path)]
@@ -160,7 +160,20 @@ class Bag:
         if not inside:
             raise BagError(f"{path}: not a bag: {problem}, and no {', '.join(_SUFFIXES[:2])} file")
         self.warnings.append(f"{path}: read file by file: {problem}")
-        return [self._file(file) for file in inside]
+        return self._files(inside)
+
+    def _files(self, inside: Sequence[Path]) -> list[_Part]:
+        """Those that can be read: the last one may hold nothing, where power was lost."""
+        parts, problems = [], []
+        for file in inside:
+            try:
+                parts.append(self._file(file))
+            except BagError as error:
+                problems.append(error)
+        if not parts:
+            raise problems[0]
+        self.warnings += [f"{error}; left out" for error in problems]
+        return parts
 
     def _file(self, path: Path, shown: Path | None = None) -> _Part:
         """Open one file; `shown` is what it is called to people, if it is a decompressed copy."""

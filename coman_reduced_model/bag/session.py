@@ -173,8 +173,7 @@ def find_robot(config: Config, bag: Bag, names: TopicNames, urdf: str | Path | N
     Raises:
         ConfigError, BagError, RobotError: there is none, or it cannot be used.
     """
-    if urdf is None and config.robot.urdf:
-        urdf = config.directory / config.robot.urdf
+    urdf = urdf or config.urdf
     if urdf is not None:
         return Robot(read_urdf(urdf), config.robot, str(urdf))
     text, source = described_urdf(bag, names)
@@ -216,9 +215,13 @@ def input_streams(bag: Bag, config: Config, names: TopicNames) -> dict[str, str]
         why = dict.fromkeys(why_expected(topics[topic], config) for topic in missing)
         hints = "; ".join(each for each in why if each)
         raise BagError(missing_topics(bag, missing) + (f" ({hints})" if hints else ""))
-    for topic, stream in topics.items():
+    for topic, stream in list(topics.items()):
         if topic in bag.topics and bag.topics[topic] != INPUT_TYPES[stream]:
-            raise BagError(f"{bag.path}: {topic}: of type {bag.topics[topic]}, wanted {INPUT_TYPES[stream]}")
+            problem = f"{bag.path}: {topic}: of type {bag.topics[topic]}, wanted {INPUT_TYPES[stream]}"
+            if stream in needed:
+                raise BagError(problem)
+            bag.warnings.append(f"{problem}; left out")
+            del topics[topic]
     if config.streams.wrench_source == "torques":
         _refuse_without_torques(bag, next(topic for topic, stream in topics.items() if stream == JOINTS))
     return {topic: stream for topic, stream in topics.items() if topic in bag.topics}

@@ -46,9 +46,8 @@ def open_robot(settings: Config, urdf: Path | None) -> Robot | None:
     from ..bag.session import read_urdf
     from ..core.robot.robot import Robot
 
-    if urdf is None and settings.robot.urdf:
-        urdf = settings.directory / settings.robot.urdf
-    return None if urdf is None else Robot(read_urdf(urdf), settings.robot, str(urdf))
+    path = urdf or settings.urdf
+    return None if path is None else Robot(read_urdf(path), settings.robot, str(path))
 
 
 def describe(robot: Robot) -> list[str]:

@@ -52,22 +52,30 @@ def rerun() -> ModuleType:
 
 
 def write_view(session: Session, path: Path, progress: Progress | None = None) -> int:
-    """Predict an open bag and write what there is to see into an .rrd file; returns the number of samples.
+    """Predict an open bag and write what there is to see into an .rrd file, whole or not at all.
+
+    Returns:
+        The number of samples.
 
     Raises:
         ComanError: Rerun is not installed, the bag cannot be used, or the file cannot be written.
     """
     rr = rerun()
     recording = rr.RecordingStream(f"coman {session.bag.path.name}")
+    part = path.with_name(f".{path.name}.part")
     try:
-        recording.save(path, default_blueprint=_blueprint(rr, session))
+        recording.save(part, default_blueprint=_blueprint(rr, session))
     except Exception as error:
         raise ComanError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
-    scene = _Scene(rr, recording, session)
-    for sample, prediction in session.predicted(progress):
-        scene.add(sample, prediction)
-    scene.finish()
-    recording.disconnect()
+    try:
+        scene = _Scene(rr, recording, session)
+        for sample, prediction in session.predicted(progress):
+            scene.add(sample, prediction)
+        scene.finish()
+        recording.disconnect()
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     return len(scene.times)
 
 
@@ -96,7 +104,7 @@ class _Scene:
 
     def __init__(self, rr: ModuleType, recording: Any, session: Session) -> None:
         self._rr, self._log = rr, recording.log
-        self._recording, self._start_ns = recording, session.bag.start_ns
+        self._recording, self._first_ns = recording, 0
         self._root, self._links = session.robot.root, Links(session.robot)
         self._every = Throttle(_RATE)
         self._last: dict[str, Array] = {}
@@ -146,7 +154,8 @@ class _Scene:
 
     def add(self, sample: Sample, prediction: Prediction) -> None:
         """One sample."""
-        self.times.append((prediction.stamp_ns - self._start_ns) * 1e-9)
+        self._first_ns = self._first_ns or prediction.stamp_ns  # log times may be of another clock
+        self.times.append((prediction.stamp_ns - self._first_ns) * 1e-9)
         for name, (_, of) in _PLOTS.items():
             self._plotted[name].append(of(prediction))
         self._shares.append(prediction.support.left_share)

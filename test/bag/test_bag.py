@@ -126,6 +126,17 @@ def test_a_compressed_file_that_was_cut(tmp_path):
         Bag(path)
 
 
+@pytest.mark.parametrize("content", [b"", bytes(1000)])
+def test_the_last_file_of_a_split_bag_that_holds_nothing_is_left_out(tmp_path, whole, content):
+    shutil.copy(mcap_of(written(tmp_path / "whole", whole)), tmp_path / "a_0.mcap")
+    shutil.rmtree(tmp_path / "whole")
+    (tmp_path / "a_1.mcap").write_bytes(content)
+    assert read(tmp_path, warned=True) == whole
+    (tmp_path / "a_0.mcap").write_bytes(b"")
+    with pytest.raises(BagError, match=r"a_0\.mcap: neither"):
+        Bag(tmp_path)
+
+
 def test_a_bag_split_over_several_files(tmp_path, whole):
     third = len(whole) // 3
     for name, part in (("b", whole[:third]), ("c", whole[third : 2 * third]), ("a", whole[2 * third :])):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 
 import pytest
 import yaml
@@ -12,7 +13,7 @@ from bad_input_tools import check_bounds, few
 from hypothesis import example, given
 from hypothesis import strategies as st
 from mutations import Mutation, clock_mutations, spoil, value_mutations
-from synthetic import JOINTS, LEFT, MOTORS, RIGHT, description, walk, write_bag
+from synthetic import JOINTS, LEFT, MOTORS, RIGHT, T0, description, walk, write_bag
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.writer import BagWriter
@@ -192,6 +193,25 @@ def test_a_topic_of_another_type(tmp_path, predict):
     assert code == 2 and "std_msgs/msg/String" in err and "sensor_msgs/msg/JointState" in err
     code, _, err = predict(bag, "--remap", "joint_states:=left_foot/wrench")
     assert code == 2 and "--remap" in err and "joint_states and left_foot/wrench" in err
+    code, _, err = predict(bag, "--remap", "imu/data:=robot_description")  # nothing needs it
+    assert code == 0 and "/robot_description: of type std_msgs/msg/String" in err and "left out" in err
+
+
+def test_a_urdf_in_the_home_of_the_user(tmp_path, predict, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "mine.urdf").write_text(description())
+    bag = write_bag(tmp_path / "bag", walk(0.5), urdf_text="")
+    code, _, err = predict(bag, "--set", "robot.urdf=~/mine.urdf")
+    assert code == 0, err
+
+
+def test_log_times_of_another_clock_change_nothing_but_the_log_times(tmp_path, predict):
+    """A simulator stamps from zero on, its recorder logs by the clock of the machine."""
+    shifted = write_bag(tmp_path / "bag", walk(2.0), lambda _, m: replace(m, stamp_ns=m.stamp_ns - T0 + 10**10))
+    code, _, err = predict(shifted)
+    assert code == 0, err
+    with Bag(tmp_path / "out" / "predictions") as predictions:
+        assert abs(predictions.start_ns - 10**10) < 10**8 and predictions.duration_s < 3.0
 
 
 @pytest.mark.parametrize("remap", ["a", "a=b", "a:=", ":=b", "a b:=c", "a:=1x"])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 import sys
 
 import pytest
@@ -34,6 +35,14 @@ def test_stops_cleanly(start, ros_domain, signals):
     for node in nodes:
         assert node.wait() == 0, node.output
         assert "Traceback" not in node.output
+
+
+def test_ends_with_the_command_that_started_it(start, ros_domain):
+    """A terminal that is closed leaves no node of `coman live` behind."""
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    node = start("trajectory", COMAN_PARENT=str(ended.pid))
+    assert node.wait() == 0 and "Traceback" not in node.output
 
 
 HANGS = """

@@ -124,7 +124,7 @@ def save_config(config: Config, path: str | Path, comment: str = "", force: bool
         OutputError: it exists (without `force`), or cannot be written.
     """
     path = check_file(path, force)
-    if config.robot.urdf:
-        config = config.replaced({"robot.urdf": os.path.relpath(config.directory / config.robot.urdf, path.parent)})
+    if config.urdf is not None:
+        config = config.replaced({"robot.urdf": os.path.relpath(config.urdf, path.parent)})
     write_file(path, config_to_yaml(config, comment))
     return path

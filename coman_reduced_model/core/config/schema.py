@@ -66,6 +66,11 @@ class Config:
     notes: tuple[str, ...] = field(default=(), compare=False)  # what was read of an older version, a line each
 
     @property
+    def urdf(self) -> Path | None:
+        """The file of `robot.urdf`; None: the configuration names none."""
+        return self.directory / Path(self.robot.urdf).expanduser() if self.robot.urdf else None
+
+    @property
     def active(self) -> tuple[str, ...]:
         """`effects.active`: the names of the effects, each once."""
         return tuple(dict.fromkeys(effect.name for effect in self.effects))

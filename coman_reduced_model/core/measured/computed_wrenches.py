@@ -31,6 +31,7 @@ from ..base.stream_names import JOINTS
 from ..base.types import Array, Booleans, Foot, Sample
 from ..config.schema import Config
 from ..streams.differentiate import Differentiator
+from .torque_signs import TorqueSigns
 
 if TYPE_CHECKING:
     from ..robot.robot import Posture, Robot
@@ -41,6 +42,7 @@ WINDOW = 0.03  # [s] over which velocities are differentiated
 BALANCE = {"torques": 0.1, "contacts": 0.02}  # of forces, by noisy and late accelerations; of moments a third
 TORQUE = 0.005  # of measured torques
 WRENCH = 1.0  # of the forces on a foot; of its moments by half the size of its sole
+_EVERY = 5  # sample whose torques are compared with those that bear the robot
 LEAST = 2.0  # times `support.contact_on`: what a foot bears at least that is said to be on the ground
 
 
@@ -67,11 +69,12 @@ class ComputedWrenches:
         self._torque = (TORQUE * weight) ** -2
         self._prior = np.concatenate([(weight * _usual(robot.soles[foot])) ** -2 for foot in FEET])
         self._without = self._with = 0  # samples without and with measured torques
+        self._torque_signs = TorqueSigns(robot.joint_names)
 
     def warnings(self) -> list[InputWarning]:
-        """That there are no torques to compute from."""
+        """That there are no torques to compute from, or that they are not those that bear the robot."""
         if self._with or not self._without:
-            return []
+            return self._torque_signs.warnings()
         text = f"{JOINTS}: gives no torques (effort) of the legs, which streams.wrench_source: torques needs"
         return [InputWarning(WarningKind.MISSING, JOINTS, text)]
 
@@ -86,7 +89,7 @@ class ComputedWrenches:
         """
         contacts, tau = sample.contacts, sample.tau
         if self._by_torques:
-            if tau is None or not all(np.isfinite(tau[legs]).any() for legs in self._robot.legs.values()):
+            if tau is None or not all(_measured(tau[legs]) for legs in self._robot.legs.values()):
                 self._without += 1
                 return sample
             self._with += 1
@@ -98,12 +101,25 @@ class ComputedWrenches:
         if foot == Foot.NONE:
             foot = min(FEET, key=lambda each: float(link.up @ link.p[each]))
         needed = self._needed(sample, link, foot, down)
+        if self._by_torques and self._with % _EVERY == 0:
+            self._look(link, tau, needed)
         legs = self._leg(link, Foot.LEFT, tau), self._leg(link, Foot.RIGHT, tau)
         wrenches = _solve(self._prior, self._balance, self._torque, needed, link.J, legs, on_ground)
         for up, on in zip((2, 8), on_ground, strict=True):
             if on and not self._by_torques:
                 wrenches[up] = max(wrenches[up], self._least)
         return replace(sample, left_wrench=wrenches[:6], right_wrench=wrenches[6:])
+
+    def _look(self, link: Posture, tau: Array, needed: Array) -> None:
+        """Compare the torques of the leg whose foot is lower with those by which it bears the robot alone."""
+        foot = min(FEET, key=lambda each: float(link.up @ link.p[each]))
+        unknown = self._leg(link, Foot.LEFT, tau * np.nan), self._leg(link, Foot.RIGHT, tau * np.nan)
+        on_ground = np.array([each == foot for each in FEET])
+        wrenches = _solve(self._prior, self._balance, self._torque, needed, link.J, unknown, on_ground)
+        wrench = wrenches[:6] if foot == Foot.LEFT else wrenches[6:]
+        columns, joints = self._robot.leg_columns[foot], self._robot.legs[foot]
+        borne = link.J[:, columns].T @ (_to_base(link.R[foot], link.p[foot]) @ wrench)
+        self._torque_signs.look(joints, needed[columns] - borne, tau[joints])
 
     def _leg(self, link: Posture, foot: Foot, tau: Array) -> _Leg:
         robot = self._robot
@@ -120,6 +136,11 @@ class ComputedWrenches:
         self._model.gravity.linear = self._gravity * (link.R[foot] @ down)
         needed: Array = pin.rnea(self._model, self._data, self._q, self._v, self._a)
         return needed
+
+
+def _measured(tau: Array) -> bool:
+    """Whether torques of a leg are: drivers without sensors give NaN, or zeros, which no loaded leg has."""
+    return bool(np.isfinite(tau).any() and tau.any())
 
 
 def _usual(sole: Array) -> Array:

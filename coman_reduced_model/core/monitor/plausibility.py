@@ -73,6 +73,7 @@ class Plausibility:
         joints = len(self._robot.joint_names)
         self._lowest = np.full((2, joints), np.inf)  # positions of joints and motors
         self._highest = -self._lowest
+        self._still = True  # no joint has had a velocity
         self._turned = np.zeros(joints, dtype=int)  # looks at a joint of a leg beyond a turn
         self._air = {Foot.LEFT: 0, Foot.RIGHT: 0}  # looks at the foot in the air by the joints
         self._air_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
@@ -88,6 +89,7 @@ class Plausibility:
             if q is not None:
                 np.fmin(self._lowest[k], q, out=self._lowest[k])
                 np.fmax(self._highest[k], q, out=self._highest[k])
+        self._still = self._still and not sample.qd.any()
         self._turned += self._of_legs & (np.abs(sample.q) > _TURN)
         self._signs.update(sample)
         if sample.left_wrench is None or sample.right_wrench is None:
@@ -135,7 +137,14 @@ class Plausibility:
         Torques, motors and IMU are judged by forces and positions: only where units and signs of these are right.
         """
         found = (self._of_forces(zeros, beyond) or self._turned_wrenches.warnings()) + self._held.warnings()
+        found += self._of_velocities()
         return found if any(each.prevents_diagnosis for each in found) else [*found, *self._signs.warnings()]
+
+    def _of_velocities(self) -> list[InputWarning]:
+        if not self._still or not (self._highest[0] - self._lowest[0] > _MOVES).any():
+            return []
+        text = f"{JOINTS}: joints move, but all velocities are 0: not measured? left empty, they are computed"
+        return [InputWarning(WarningKind.HELD, JOINTS, text)]
 
     def _of_forces(self, zeros: Mapping[Foot, float], beyond: Mapping[str, Refusals]) -> list[InputWarning]:
         found = self._units(beyond)

@@ -12,20 +12,17 @@ import numpy as np
 import pinocchio as pin
 
 from ..base.input_warning import InputWarning, WarningKind
-from ..base.stream_names import IMU, JOINTS, MOTORS
+from ..base.stream_names import IMU, MOTORS
 from ..base.types import Foot, ImuMessage, Sample
+from ..measured.torque_signs import TorqueSigns
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 _EVERY = 5  # sample that is offered: a look costs as much as a prediction
 _LOOKS = 20  # at the IMU or at positions, before a warning
-_LOADED = 15  # looks at torques of a loaded leg, before a warning
 _LOAD = 0.3  # of the weight: a foot that bears more is loaded
 _AGREE = 0.8  # correlation from which two measurements are of the same thing
-_AGREE_WELL = 0.95  # of all torques, once those of single joints are reversed
-_BEARS = 0.2  # of the torques of the joint that bears most: a joint with less is not judged by itself
-_FACTOR = 5.0  # between them, from which one is in another unit
 _MOVES = 0.05  # [rad] of a joint, from which its positions are compared
 _ONE_G = (0.7, 1.3)  # mean acceleration at which it is in units of gravity
 _UP = 0.95  # cosine between two directions that are both up
@@ -43,15 +40,14 @@ class Signs:
         self._robot, self.weight = robot, weight
         self._data = robot.model.createData()
         self._configuration = pin.neutral(robot.model)
+        self._torque_signs = TorqueSigns(robot.joint_names)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         joints = len(self._robot.joint_names)
         self._offered = 0
-        self._loaded = 0
-        # By joint, products of torques: those that statics asks for squared, with those measured, those squared.
-        self._torque = np.zeros((3, joints))
+        self._torque_signs.reset()
         self._first: np.ndarray | None = None
         self._count = 0
         self._sums = np.zeros((2, joints))  # of link and motor positions, less the first ones
@@ -106,40 +102,12 @@ class Signs:
             J = pin.computeFrameJacobian(
                 robot.model, self._data, self._configuration, robot.sole_ids[foot], pin.ReferenceFrame.LOCAL
             )
-            needed, measured = -J[:, robot.leg_columns[foot]].T @ wrench, tau[robot.legs[foot]]
-            known = np.isfinite(measured)
-            self._torque[:, robot.legs[foot][known]] += np.array([needed**2, needed * measured, measured**2])[:, known]
-            self._loaded += 1
+            needed = -J[:, robot.leg_columns[foot]].T @ wrench
+            self._torque_signs.look(robot.legs[foot], needed, tau[robot.legs[foot]])
 
     def warnings(self) -> list[InputWarning]:
         """Present warnings."""
-        return [*self._of_torques(), *self._of_motors(), *self._of_imu()]
-
-    def _of_torques(self) -> list[InputWarning]:
-        needed, both, measured = self._torque.sum(axis=1)
-        if self._loaded < _LOADED:
-            return []
-        if abs(both) <= _AGREE * np.sqrt(needed * measured):
-            return self._of_single_torques()
-        factor = both / needed
-        seen = f"{JOINTS}: torques are {factor:.3g} times those that bear the forces under the feet"
-        if not 1.0 / _FACTOR < abs(factor) < _FACTOR:
-            return [InputWarning(WarningKind.UNIT, JOINTS, f"{seen}: in another unit? wanted are Nm")]
-        if factor < 0.0:
-            return [InputWarning(WarningKind.SIGN, JOINTS, f"{seen}: wrong sign? wanted is what drives the joint")]
-        return self._of_single_torques()
-
-    def _of_single_torques(self) -> list[InputWarning]:
-        """Of joints that bear a good part of the load, where with their signs reversed all torques agree well."""
-        needed, both, measured = self._torque
-        bearing = (needed > _BEARS**2 * needed.max()) & (measured > _BEARS**2 * measured.max())
-        reversed_ = bearing & (both < -_AGREE * np.sqrt(needed * measured))
-        then = np.where(reversed_, -both, both).sum()
-        if not reversed_.any() or then < _AGREE_WELL * np.sqrt(needed.sum() * measured.sum()):
-            return []
-        names = ", ".join(self._robot.joint_names[k] for k in np.flatnonzero(reversed_))
-        text = f"{JOINTS}: torques of {names} are against those that bear the forces under the feet: wrong sign?"
-        return [InputWarning(WarningKind.SIGN, JOINTS, text)]
+        return [*self._torque_signs.warnings(), *self._of_motors(), *self._of_imu()]
 
     def _of_motors(self) -> list[InputWarning]:
         if self._count < _LOOKS:

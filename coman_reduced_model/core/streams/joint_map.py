@@ -44,6 +44,7 @@ class _Order:
         listed = [name for name in joint_names if name in position]
         self.take = np.array([position[name] for name in listed], dtype=np.intp)
         self.put = np.array([i for i, name in enumerate(joint_names) if name in position], dtype=np.intp)
+        self.of_legs = np.array([name in needed for name in listed], dtype=bool)
         self.complete = len(listed) == len(joint_names)
         self.extra = tuple(name for name in names if name not in joint_names)
         self.unlisted = tuple(name for name in joint_names if name not in position)
@@ -52,6 +53,11 @@ class _Order:
         """The robot's joints of a message, as an array of its own, and whether they are usable."""
         out = np.empty(len(self.take))
         return out, _take(values, self.take, out)  # what compiled code fills costs less than what it returns
+
+    def without_velocities(self, taken: Array) -> bool:
+        """Whether NaN says that there are none: of any joint, or of some outside the legs (a hand, a head)."""
+        missing = np.isnan(taken)
+        return bool(missing.all() or not (missing & self.of_legs).any() and usable(np.where(missing, 0.0, taken)))
 
     def place(self, values: Array, fill: float, size: int) -> Array:
         """Values (..., m) taken from messages in the order of the robot; `fill` where they list no such joint."""
@@ -106,11 +112,10 @@ class JointMap:
         qd = tau = None
         if velocity is not None:
             velocity, good = order.taken(velocity)
-            # All NaN is how some drivers say "none".
-            if good or not np.isnan(velocity).all():
-                if not good:
-                    self._refuse("velocity", velocity, order)
+            if good:
                 qd = order.place(velocity, self._fill, size)
+            elif not order.without_velocities(velocity):
+                self._refuse("velocity", velocity, order)
         if effort is not None:
             effort, good = order.taken(effort)
             if not good:  # NaN: that joint measures none

@@ -32,9 +32,8 @@ class Description:
         text = str(node.get_parameter(DESCRIPTION).value)
         if text:
             self._take(text, f"parameter {DESCRIPTION}")
-        elif config.robot.urdf:
-            path = config.directory / Path(config.robot.urdf).expanduser()
-            self._take(_read(path), str(path))
+        elif config.urdf is not None:
+            self._take(_read(config.urdf), str(config.urdf))
         else:
             self.waiting = True
             self.topic = node.resolve_topic_name(DESCRIPTION)

@@ -58,6 +58,7 @@ class Diagnostics:
         self._past: deque[_Interval] = deque(maxlen=_WINDOW)
         self._latencies = np.zeros(_CAPACITY)
         self._count = self._counted = 0
+        self._newest_ns = 0  # stamp of the last prediction: the node's own clock may be another one
         self._received: dict[str, int] = {}
         self._rejected: dict[str, int] = {}
         self._last_report = time.perf_counter()
@@ -76,6 +77,7 @@ class Diagnostics:
     def on_prediction(self, prediction: Prediction, started: float) -> None:
         """A prediction was published; processing of its last message started at `started` [s]."""
         now = self._now
+        self._newest_ns = prediction.stamp_ns
         now.samples += 1
         residual, flags = prediction.residual, prediction.flags
         square = residual * residual
@@ -220,8 +222,9 @@ class Diagnostics:
         if (source := self._node.config.streams.wrench_source) != "sensors":
             return Level.OK, f"nothing is watched: foot wrenches are computed (streams.wrench_source: {source})", {}
         values: dict[str, Any] = {"support phases compared": monitor.phases}
-        stamp = self._node.get_clock().now().nanoseconds
-        lines = [f"{each}, for {max(0.0, (stamp - each.onset_ns) * 1e-9):.1f} s" for each in status.mismatches]
+        lines = [
+            f"{each}, for {max(0.0, (self._newest_ns - each.onset_ns) * 1e-9):.1f} s" for each in status.mismatches
+        ]
         for each, line in zip(status.mismatches, lines, strict=True):
             values[each.channel] = line
         if lines:

@@ -12,6 +12,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+PARENT = "COMAN_PARENT"  # process without which a node ends: a terminal that is closed leaves none behind
+
 
 class NodeFailed(Exception):
     """A node has ended that should run: says which and its last words."""
@@ -49,8 +51,9 @@ class Nodes:
         with self._log(name).open("wb") as log:
             # A session of its own, so that Ctrl-C comes to us and we stop the nodes in order.
             self._running[name] = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
-            )
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+                env={**os.environ, PARENT: str(os.getpid())},
+            )  # fmt: skip
 
     def _log(self, name: str) -> Path:
         return Path(self._folder.name) / f"{name}.log"

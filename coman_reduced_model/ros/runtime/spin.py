@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from ...errors import ComanError
+from .processes import PARENT
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _TAKING_DOWN_S = 3.0  # launch sends the next signal after 5 s
@@ -116,7 +118,8 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
         executor = EventsExecutor()
         executor.add_node(node)
         stop.at_once = False
-        while not stop.requested:
+        parent = int(os.environ.get(PARENT, os.getppid()))
+        while not stop.requested and os.getppid() == parent:
             if getattr(node, "todo", None) is not None:
                 todo, node.todo = node.todo, None
                 stop.at_once = True

@@ -27,6 +27,19 @@ def by(source: str) -> Config:
     return Config().replaced({"streams.wrench_source": source, "prediction.horizons": [0.2]})
 
 
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1.0, None), (0.0, "no torques"), (1e-2, "another unit"), (-1.0, "wrong sign")]
+)
+def test_torques_that_do_not_bear_the_robot_are_said(factor, words):
+    """Nothing else would: what is computed of them explains them."""
+    with Session(bag_path("test1"), by("torques")) as session:
+        samples = islice(session.samples(), 1500)
+        for _ in session.pipeline.predict([replace(each, tau=factor * each.tau) for each in samples]):
+            pass
+        found = [str(each) for each in session.pipeline.status().warnings]
+    assert (words in found[0] and len(found) == 1) if words else not found
+
+
 @cache
 def robot() -> Robot:
     return Robot(config_path("coman.urdf").read_text(encoding="utf-8"), Config().robot)

@@ -52,6 +52,14 @@ def test_swapped_feet_are_reported():
     assert warning.kind is WarningKind.SWAPPED and "swapped" in warning.text
 
 
+def test_velocities_that_are_never_filled_in():
+    def silent(stream, message):
+        return stream, replace(message, velocity=np.zeros(12)) if stream == JOINTS else message
+
+    (warning,) = warnings_of(silent)
+    assert (warning.kind, warning.stream) == (WarningKind.HELD, JOINTS) and "velocities are 0" in warning.text
+
+
 def held(first, last, every=1.0):
     """Sensors with noise; the driver of the left one hangs from `first` to `last` of each period [s]."""
     kept, rng = {}, np.random.default_rng(0)

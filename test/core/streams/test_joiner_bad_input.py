@@ -18,6 +18,8 @@ from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS
 from coman_reduced_model.core.base.types import JointMessage, Phase, WrenchMessage
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.core.streams.joiner import Joiner
+from coman_reduced_model.core.streams.joint_map import JointMap
+from coman_reduced_model.core.streams.stream import Refused
 
 # --- stamps ---
 
@@ -236,6 +238,20 @@ def test_missing_velocities_are_differentiated_and_never_zero():
         # Half a window late: four samples of 5 ms.
         error = [sample.qd - known.qd for sample, known in zip(samples[9:], given_[6:], strict=False)]
         assert np.sqrt(np.mean(np.square(error))) < 0.15 * np.sqrt(np.mean(np.square([k.qd for k in given_])))
+
+
+def test_velocities_that_a_joint_outside_the_legs_does_not_have_are_differentiated():
+    """As of a hand without sensors: all joint states would be refused."""
+    joints, position = JointMap((*names(), "ArmSag"), names()), np.zeros(13)
+
+    def velocities(which: int, value: float) -> np.ndarray | None:
+        velocity = np.where(np.arange(13) == which, value, 1.0)
+        return joints.sort(JointMessage(T0, (*names(), "ArmSag"), position, velocity, None)).qd
+
+    assert velocities(12, np.nan) is None and np.array_equal(velocities(12, 1.0), np.ones(13))
+    for which, value in ((3, np.nan), (12, np.inf)):
+        with pytest.raises(Refused, match="velocity of"):
+            velocities(which, value)
 
 
 # --- anything at all ---
