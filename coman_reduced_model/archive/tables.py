@@ -101,7 +101,7 @@ TABLES: dict[str, list[Column]] = {
         ("effect", pa.string(), "name in the catalogue, where the verdict is `effect`"),
         ("place", pa.string(), "joint, leg, foot or link; or the channel of a mismatch"),
         ("parameters", _list(_PARAMETER), "of the effect with 95 % intervals; of a mismatch: `size` and `sigma`"),
-        ("since_s", pa.float64(), "of a mismatch: its onset after the start of the bag"),
+        ("since_s", pa.float64(), "of a mismatch: its onset after the first sample"),
         ("evidence", pa.float64(), "of the effect [nats]"),
         ("share", pa.float64(), "of what is missing that the effect explains, as squares"),
         ("sentence", pa.string(), "the same in words"),

@@ -43,7 +43,8 @@ def isolability(
         typer.Option(
             "--candidate",
             metavar="BAG",
-            help="Another recording, of this robot or of a virtual one: what 20 s like it would add. Repeatable.",
+            help="Another recording, of this robot or of a virtual one with its joints and mass: what 20 s like it "
+            "would add. Repeatable.",
         ),
     ] = None,
     baseline: BaselineOption = None,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .evaluation.horizons import HorizonJudge
     from .robot.robot import Robot
 
-_EARLY_PLAN_S = 2.0  # a plan may be published so far ahead (`gait.ahead`)
+EARLY_PLAN_S = 2.0  # a plan may be published so far ahead (`gait.ahead`)
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class Pipeline:
         if stream.age_s > limits.restart_gap and abs(lead) < limits.restart_gap:
             text = f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}"
             return InputWarning(WarningKind.STOPPED, name, text)
-        early = _EARLY_PLAN_S if name == REFERENCE else limits.max_wait
+        early = EARLY_PLAN_S if name == REFERENCE else limits.max_wait
         if not -limits.max_wait <= lead <= early:
             side = "behind" if lead < 0.0 else "ahead of"
             text = f"{name}: its clock is {abs(lead):.3f} s {side} {JOINTS}, or it arrives at another time"

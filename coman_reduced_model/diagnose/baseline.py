@@ -142,8 +142,10 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
             parameters[unknown.name] = unknown.usual + usual, own_spread
     left = [leftover([case], fit, []) for case in cases]
     pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
+    robot = cases[0].state.world.robot
+    source = {"recordings": len(cases), "robot": robot.config.name, "mass_kg": robot.mass}
     learnt = replace(
-        population, source={"recordings": len(cases)}, precise={}, sheets={}, with_baseline={},
+        population, source=source, precise={}, sheets={}, with_baseline={},
         parameters=parameters, leftover=_leftover(left, population),
         repeats=_repeats(repeats_of(cases), len(cases), population), **population.with_baseline,
     )  # fmt: skip

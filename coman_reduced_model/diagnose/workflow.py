@@ -12,7 +12,7 @@ from ..core.config.schema import Config
 from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
-from .inference.check import check_recordings, parse_assumed
+from .inference.check import check_recordings, of_another_robot, parse_assumed
 from .inference.effects import with_structure
 from .inference.predicted_com import free_runs_here, free_runs_in_helper
 from .inference.prediction import predict_com
@@ -55,7 +55,7 @@ def diagnose(
     began = time.perf_counter()
     nominal = load_nominal(baseline)
     report = progress or (lambda fraction, what: None)
-    config = config.replaced({"prediction.adapt": False})  # what it would learn is to be found
+    given, config = config, config.replaced({"prediction.adapt": False})  # what it would learn is to be found
     config, assumed, paths = with_structure(config), [parse_assumed(text) for text in assume], [*train, *hold]
     refuse_repeated(paths)
     free_runs_of = free_runs_in_helper if second_process else free_runs_here
@@ -64,7 +64,13 @@ def diagnose(
 
         readings = read_bags(paths, config, urdf, names, between(report, 0.0, READ))
         checked = check_recordings(readings, len(train), config, assumed)
+        robot = checked.train[0][1].robot
+        checked.not_checked.extend(of_another_robot(nominal, robot))
         found = find_effects(checked, assumed, nominal, between(report, READ, SEARCHED))
         report(SEARCHED, "predicting the COM")
         predicted = predict_com(found.finding, checked, config, free_runs)
-    return build_diagnosis(checked, found, predicted, config, began)
+    diagnosis = build_diagnosis(checked, found, predicted, config, began)
+    of_user = {"prediction.adapt": given.prediction.adapt}
+    of_user |= {} if urdf is None else {"robot.urdf": str(Path(urdf).absolute())}  # type: ignore[dict-item]
+    diagnosis.model = diagnosis.model.replaced(of_user)
+    return diagnosis

@@ -15,6 +15,7 @@ from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.diagnose.inference.evidence import ONE_A_STEP
 from coman_reduced_model.diagnose.report.contents import MATERIAL
+from coman_reduced_model.resources import config_path
 from coman_reduced_model.schemas import schema
 from coman_reduced_model.sim.disturbances import make
 from coman_reduced_model.sim.record import record
@@ -140,7 +141,8 @@ def test_backlash_is_found_without_foot_sensors(bags, diagnose):
 @pytest.mark.slow
 def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tmp_path, capsys):
     train, held = bags("backlash")
-    result, out = diagnose(train, "--holdout", held)
+    urdf = config_path("coman.urdf")
+    result, out = diagnose(train, "--holdout", held, "--set", "prediction.adapt=true", "--urdf", urdf)
     width = named(result, "backlash", "RKneeSag")["width"]
     assert width["value"] == pytest.approx(0.026, rel=0.3) and width["interval"][0] > 0.0 and width["unit"] == "rad"
     shrinks(result, "spring/RKneeSag")
@@ -168,6 +170,7 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
     # The model that it writes is used as it is.
     config = load_config(out / result["model"])
     assert [(e.name, e.where) for e in config.effects][-1] == ("backlash", "RKneeSag")
+    assert config.prediction.adapt and config.urdf is not None and config.urdf.samefile(urdf)
     capsys.readouterr()
     assert run(["predict", str(held), "--config", str(out / "model.yaml"), "--out", str(tmp_path / "p")]) == 0
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import LEFT, RIGHT, walk, write_bag
+from synthetic import LEFT, RIGHT, T0, walk, write_bag
 
-from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS
+from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.recording import load
 from coman_reduced_model.errors import BagError
@@ -60,3 +60,30 @@ def test_clocks_that_differ_are_said(tmp_path):
     recording, _ = load(write_bag(tmp_path / "bag", [late(*each) for each in walk(6.0)]), Config())
     assert len([line for line in recording.warnings if "its clock is" in line]) == len(recording.clocks) == 2
     assert recording.clocks[0].startswith("left_foot/wrench: its clock is ")
+
+
+@pytest.mark.parametrize(("late_s", "said"), [(-1.0, "s behind"), (0.5, None), (5.0, "s ahead of")])
+def test_the_clock_of_a_plan_that_no_prediction_needs_is_compared_too(tmp_path, late_s, said):
+    """It may come early."""
+
+    def change(stream, message):
+        return replace(message, stamp_ns=message.stamp_ns + round(late_s * 1e9)) if stream == REFERENCE else message
+
+    recording, _ = load(write_bag(tmp_path / "bag", walk(6.0, reference=True), change), Config())
+    assert [line.partition(": ")[0] for line in recording.clocks] == ([REFERENCE] if said else [])
+    assert not said or said in recording.clocks[0] and recording.clocks[0] in recording.warnings
+
+
+def test_sensors_that_hang_are_said(tmp_path):
+    kept, rng = {}, np.random.default_rng(0)
+
+    def hangs(stream, message):
+        """The left one, noisy, for half of each second."""
+        if stream != LEFT:
+            return message
+        second, part = divmod((message.stamp_ns - T0) * 1e-9, 1.0)
+        noisy = message.force + rng.normal(0.0, 0.5, 3)
+        return replace(message, force=kept.setdefault(second, noisy) if part > 0.5 else noisy)
+
+    recording, _ = load(write_bag(tmp_path / "bag", walk(6.0), hangs), Config())
+    assert any("does its driver hang?" in line for line in recording.warnings)

@@ -102,8 +102,7 @@ def _plain(value: Any) -> Any:
 def load_nominal(path: str | Path = "") -> Nominal:
     """Read a file; default: the shipped population. A file of one robot is complete in itself, but for `monitor`.
 
-    What it lacks of widths and of sensors, as an earlier version did not know it, is that of the population, and so are
-    weights.
+    What it lacks, as an earlier version did not know it, is that of the population.
 
     Raises:
         ConfigError: it cannot be read, or is no such file.
@@ -112,10 +111,9 @@ def load_nominal(path: str | Path = "") -> Nominal:
     if not path:
         return population
     nominal = _load(str(path))
-    nominal = replace(
-        nominal, widths={**population.widths, **nominal.widths}, floor={**population.floor, **nominal.floor},
-        sensors={**population.sensors, **nominal.sensors},
-    )  # fmt: skip
+    names = ("widths", "floor", "sensors", "trust", "repeats", "leftover", "most")
+    both = {name: {**getattr(population, name), **getattr(nominal, name)} for name in names}
+    nominal = replace(nominal, **both)
     if _known(nominal.decision):
         return nominal
     usual = {"decision": population.decision, "interval_factor": population.interval_factor}

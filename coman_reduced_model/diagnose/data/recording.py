@@ -27,13 +27,14 @@ from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames
 from .computed import NOT_SHOWN, with_computed_wrenches
-from .streams import LEAST_THERE, near, resample, rising, rows_of, there, up_by_imu
+from .streams import LEAST_THERE, clocks_apart, near, resample, rising, rows_of, there, up_by_imu
 from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
 _SHORTEST = 2.0  # [s] of recording
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
+_OF_SENSORS = (WarningKind.ZERO, WarningKind.BIAS, WarningKind.HELD)  # seen only once all samples are there
 MENDED_FIRST = "until that is mended nothing can be learnt of the robot"
 FEET = (Foot.LEFT, Foot.RIGHT)
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -116,17 +117,21 @@ def load(
         imu: list[tuple[int, Array]] = []
         imu_frame = ""
         span = max(bag.end_ns - bag.start_ns, 1)
+        arrived: dict[str, list[tuple[int, int]]] = {}  # by stream: log times, and stamps
         for count, (stream, log_time, raw) in enumerate(session.messages()):
             if stream == IMU:
                 try:
                     message = session.decoders[IMU](raw)
                 except Exception:  # counted by the pipeline on the way that predicts
                     continue
+                arrived.setdefault(IMU, []).append((log_time, message.stamp_ns))
                 if message.orientation is not None and np.isfinite(message.orientation).all():
                     imu.append((message.stamp_ns, message.orientation))
                     imu_frame = message.frame_id.lstrip("/")
             else:
                 samples += pipeline.take(stream, raw, session.decoders[stream])
+                if (newest := pipeline.joiner.streams[stream].last) is not None:
+                    arrived.setdefault(stream, []).append((log_time, newest))
             if progress and count % 2000 == 0:
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
@@ -145,7 +150,12 @@ def load(
             pipeline.plausibility.update(sample, pipeline.predictor.zeros)
         found = pipeline.status().warnings
         suspect = [each for each in found if each.prevents_diagnosis]
-        clocks = tuple(str(each) for each in found if each.kind is WarningKind.CLOCK)
+        warnings = (*warnings, *(str(each) for each in found if each.kind in _OF_SENSORS))
+        watched = pipeline.joiner.clock_lead_s  # by the pipeline itself
+        arrived = {stream: each for stream, each in arrived.items() if stream not in watched}
+        others = clocks_apart(arrived, config.streams.max_wait)
+        warnings = (*warnings, *others)
+        clocks = (*(str(each) for each in found if each.kind is WarningKind.CLOCK), *others)
         for warning in suspect:
             if warning.kind is not WarningKind.TURNED:
                 raise BagError(f"{bag.path.name}: {warning}; {MENDED_FIRST}")
@@ -329,11 +339,11 @@ def _counts(q: Array) -> Array:
 
 
 def _efforts(tau: Array | None) -> Array | None:
-    """None as well where a driver fills the field with zeros for lack of a sensor; joints without values are NaN."""
+    """NaN where a joint measures none, which a driver may also say by zeros; None where no joint does."""
     if tau is None:
         return None
-    known = tau[:, np.isfinite(tau).all(axis=0)]
-    return tau if known.std(axis=0).any() else None
+    measured = (np.abs(np.diff(tau, axis=0)) > 0.0).any(axis=0)
+    return np.where(measured, tau, np.nan) if measured.any() else None
 
 
 def lifts_a_foot(phase: Integers) -> bool:

@@ -3,15 +3,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
+from ...core.base.stream_names import IMU, JOINTS, REFERENCE
 from ...core.base.types import Array, Booleans, Integers, Sample
+from ...core.pipeline import EARLY_PLAN_S
 from ...core.robot.robot import Robot
 
 LEAST_THERE = 0.8  # share of the time that a stream must be there, to be used
 _NEAR, _NEAR_PERIODS = 0.02, 0.6  # [s], and periods of a stream, from a value of it until which it is there
+
+
+def clocks_apart(arrived: Mapping[str, Sequence[tuple[int, int]]], most_s: float) -> list[str]:
+    """IMU and plan, whose clocks nobody needs for a prediction, against that of the joint states as they arrived.
+
+    Args:
+        arrived: by stream, log times and stamps [ns].
+        most_s: by which they may differ [s]; a plan may come early.
+    """
+    out = []
+    for stream, early in ((IMU, most_s), (REFERENCE, EARLY_PLAN_S)):
+        if arrived.get(stream) and arrived.get(JOINTS):
+            (log, stamps), (at, joints) = (np.array(arrived[each]).T for each in (stream, JOINTS))
+            ahead = float(np.median(stamps - log - np.interp(log, at, joints - at))) * 1e-9
+            if not -most_s <= ahead <= early:
+                side = "behind" if ahead < 0.0 else "ahead of"
+                out.append(f"{stream}: its clock is {abs(ahead):.3f} s {side} {JOINTS}, or it arrives at another time")
+    return out
 
 
 def rising(stamps: Array | Integers) -> Booleans:

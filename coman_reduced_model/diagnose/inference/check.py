@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.base.nominal import Nominal
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
+from ...core.robot.robot import Robot
 from ...errors import BagError, ConfigError
 from ..data.masks import TICKS, part_of, with_taken_up
 from ..data.reading import Reading
@@ -18,6 +20,7 @@ from ..data.recording import Recording, moving
 from ..physics.hypotheses import candidates, unknowns
 from .case import STEADY_S, Prepared, prepare
 
+OTHER_ROBOT = 0.01  # of its mass, by which the robot of a baseline may differ
 # Shares of a training recording that confirm where there is no other, and of what is left that help to choose.
 CONFIRMING, SELECTING = 1.0 / 3.0, 0.4
 
@@ -148,12 +151,22 @@ def with_common_streams(prepared: Sequence[Prepared]) -> list[Prepared]:
     ]
 
 
+def of_another_robot(nominal: Nominal, robot: Robot) -> list[str]:
+    """That a baseline was learnt from a robot of another mass, by its description."""
+    mass = nominal.source.get("mass_kg", robot.mass)
+    if abs(mass - robot.mass) <= OTHER_ROBOT * robot.mass:
+        return []
+    name = nominal.source.get("robot", "a robot")
+    return [f"the baseline is of {name} of {mass:.4g} kg, this robot has {robot.mass:.4g} kg: is it of another one?"]
+
+
 def limitations(prepared: Sequence[Prepared]) -> list[str]:
     """What the recordings cannot show, a sentence each."""
     lines, recordings = [], [recording for recording, _, _ in prepared]
-    if any(recording.tau is None for recording in recordings):
+    motors = all(recording.motor_q is not None for recording in recordings)
+    if motors and any(recording.tau is None and not recording.computed for recording in recordings):
         lines.append("no joint torques: springs are judged by what the foot wrenches ask for")
-    if any(recording.motor_q is None for recording in recordings):
+    if not motors:
         lines.append("no motor states: springs, motors and play cannot be judged")
     if any(recording.up is None for recording in recordings):
         lines.append("no IMU: a sloping floor and a pull look alike")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...core.base.nominal import Nominal
-from ...core.effects.catalogue import CATALOGUE, Effect
 from ...progress import Progress
 from ..data.recording import Recording, lifts_a_foot
 from ..physics.hypotheses import Candidate
@@ -21,7 +20,7 @@ from .finding import Finding
 from .floor import law_of
 from .gauss_newton import settled
 from .search import search
-from .weight import Weight, weight
+from .weight import LOADS, Weight, weight
 
 Verdict = Literal["effect", "none", "unknown", "not_excited"]
 FAR = 3.0  # standard deviations of nominal robots, from which on the report lists a law
@@ -134,7 +133,7 @@ def verdict(
     if finding.steps and finding.steps[0][1].alarms:
         return "effect" if first else "unknown"
     if off_weight:  # which no spring explains
-        return "effect" if first and CATALOGUE[first.effect].load is not Effect.load else "unknown"
+        return "effect" if first and first.effect in LOADS else "unknown"
     walk = all(lifts_a_foot(recording.phase) for recording in train)
     return "none" if walk or finding.chosen else "not_excited"
 

@@ -22,6 +22,7 @@ from .case import Case
 from .evidence import Evidence, pooled
 from .variability import adapted, with_both
 
+LOADS = {"payload", "body_mass"}  # effects that change what a robot weighs
 SURE = 3.0  # standard deviations beyond which a weight is off
 FORCES = ("force/", "unloaded/")  # laws that speak of it
 

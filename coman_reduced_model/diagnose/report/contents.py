@@ -235,12 +235,18 @@ def _means_of_pieces(values: Array, pieces: Integers) -> Array:
 
 
 def undetectable(finding: Finding) -> dict[str, dict[str, float]]:
-    """By effect (at its best place) and parameter, the deviation that would just raise an alarm."""
+    """By effect (at its best place) and parameter, the deviation from nominal that would just raise an alarm.
+
+    In the units of the configuration: what is fitted in others (the place of a load, by its moment) is left out.
+    """
     assert finding.fit is not None
     out: dict[str, dict[str, float]] = {}
-    for parameter, value in smallest(finding):
-        entry = out.setdefault(parameter.effect, {})
-        entry[parameter.key] = min(entry.get(parameter.key, np.inf), value)
+    for unknown, x in smallest(finding):
+        units = {each.name: each.unit for each in CATALOGUE[unknown.effect].parameters}
+        if unknown.unit == units[unknown.key]:
+            entry = out.setdefault(unknown.effect, {})
+            value = abs(unknown.value(unknown.usual + x) - unknown.value(unknown.usual))
+            entry[unknown.key] = min(entry.get(unknown.key, np.inf), value)
     return out
 
 

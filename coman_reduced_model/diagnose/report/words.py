@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import LINKS, PLAN
-from ..inference.weight import Weight
+from ..inference.weight import LOADS, Weight
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -61,8 +62,7 @@ def sentence(result: Mapping[str, Any]) -> str:
         more = f" (and {len(apart) - 1} more)" if len(apart) > 1 else ""
         text = f"check the clocks first: {apart[0]}{more}; beside that, {text}"
     named = {each["name"] for each in (*result["effects"], *result["suspected"])}
-    loads = named & {"payload", "body_mass"}
-    off = "" if loads else off_weight(result["weight"])
+    off = "" if named & LOADS else off_weight(result["weight"])
     return f"{text}; {off}" if off else text
 
 
@@ -118,9 +118,12 @@ def doubtful(result: Mapping[str, Any]) -> bool:
 
 def _likely(found: Mapping[str, float]) -> str:
     """What is likely to be missing by the first comparison, the most probable first; nothing: an empty text."""
-    names = {name: OUTSIDE if name == "unknown" else spaced(name) for name in found if name != "none"}
-    order = sorted((name for name in names if found[name] >= LIKELY), key=lambda name: -found[name])
-    return " or ".join(f"{names[name]} ({found[name]:.0%})" for name in order[:MOST_LIKELY])
+    names: Counter[str] = Counter()
+    for name, probability in found.items():
+        if name != "none":
+            names[OUTSIDE if name == "unknown" else spaced(name)] += probability  # type: ignore[assignment]
+    order = [(name, p) for name, p in names.most_common(MOST_LIKELY) if p >= LIKELY]
+    return " or ".join(f"{name} ({p:.0%})" for name, p in order)
 
 
 def stands_out(key: str, times: float) -> str:
@@ -165,7 +168,7 @@ def alternatives(effect: Mapping[str, Any]) -> list[str]:
 def _others(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Names and places of the others of its group, each once."""
     parts = (name.partition("@") for name in effect.get("group", ()))
-    places = [(name, "" if where in (PLAN, LINKS) else where) for name, _, where in parts]
+    places = [(name, at(where)) for name, _, where in parts]
     return [each for each in dict.fromkeys(places) if each != (effect["name"], effect["where"])]
 
 
@@ -224,7 +227,7 @@ def far(row: Mapping[str, Any]) -> list[str]:
     """What is far from nominal: of what, where, its value, and how far [standard deviations]."""
     words = dict.fromkeys([*row["name"].split("_"), *row["parameter"].split("_")])
     name = " ".join(word for word in words if word)
-    return [name, row["where"] or "–", figure(row), f"{row['deviations']:.1f}"]
+    return [name, at(row["where"]) or "–", figure(row), f"{row['deviations']:.1f}"]
 
 
 def shown(value: float, unit: str) -> str:
@@ -245,7 +248,7 @@ def place(where: str, foot: bool = False) -> str:
         return f"the {where} foot" if foot else f"all joints of the {where} leg"
     if not where:
         return "both feet" if foot else "all joints"
-    side = re.match(r"(l|r|left|right)(?=[_A-Z])|(left|right)", where, re.I)
+    side = re.search("left|right", where, re.I) or re.match(r"[LlRr](?=_|LEG_|leg_|[A-Z][a-z])", where)
     part = re.search(r"knee|ank|hip", where, re.I)
     if not side or not part:
         return where
@@ -277,8 +280,13 @@ def channel_unit(name: str) -> tuple[str, float]:
 
 def spaced(name: str) -> str:
     """A name of the vocabulary in words; `NAME@PLACE` with its place as it is."""
-    effect, at, where = name.partition("@")
-    return effect.replace("_", " ") + (f" of {where}" if at else "")
+    effect, _, where = name.partition("@")
+    return effect.replace("_", " ") + (f" of {at(where)}" if at(where) else "")
+
+
+def at(where: str) -> str:
+    """The place of a candidate; "" for a second way of an effect to show itself, which is no place."""
+    return "" if where in (PLAN, LINKS) else where
 
 
 def known(value: float | None) -> str:

@@ -34,6 +34,15 @@ def test_efforts_that_a_driver_fills_with_zeros_are_not_measured(tmp_path):
     assert recording.tau is None
 
 
+def test_efforts_that_a_driver_fills_with_zeros_for_some_joints_are_not_measured_there(tmp_path):
+    def change(stream, message):
+        return replace(message, effort=message.effort * (np.arange(12) % 6 < 4)) if stream == JOINTS else message
+
+    recording, _ = load(write_bag(tmp_path / "bag", walk(6.0), change), Config())
+    assert recording.tau is not None and recording.valid.all()
+    assert np.array_equal(np.isfinite(recording.tau).all(axis=0), np.arange(12) % 6 < 4)
+
+
 def test_joint_states_at_25_hz_are_read(tmp_path):
     recording, _ = load(write_bag(tmp_path / "bag", walk(6.0, rate=25.0)), Config())
     assert recording.valid.mean() > 0.95
