@@ -127,11 +127,13 @@ class _Export:
         """The position actuator of a joint, made if it has none; None where another one moves it."""
         found = [each for each in self._spec.actuators if each.target == joint]
         if not found:
-            made = self._spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            taken = any(each.name == joint for each in self._spec.actuators)
+            name = f"{joint}_spring" if taken else joint
+            made = self._spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             made.gaintype, made.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
             self._out.written.append(f"{joint}: a position actuator, for it had none")
             return made
-        if len(found) == 1 and found[0].biastype == mujoco.mjtBias.mjBIAS_AFFINE:
+        if len(found) == 1 and _is_position(found[0]):
             found[0].gear[:] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
             return found[0]
         self._out.left_out.append(f"{joint}: stiffness and damping: its actuator is no position actuator")
@@ -149,23 +151,28 @@ class _Export:
 
     def _masses(self) -> None:
         """Mass and COM of each body that an effect changes, in the order of the effects."""
-        trunk = self._config.robot.base_frame
-        changes: dict[str, list[EffectConfig]] = {}
+        changes: dict[int, tuple[mujoco.MjsBody, list[EffectConfig]]] = {}
         for effect in self._effects("payload", "com_offset", "body_mass"):
-            name = trunk
-            if effect.name == "body_mass" and effect.where:
-                if (joint := self._spec.joint(effect.where)) is None:
-                    raise ConfigError(f"{self._source}: no joint {effect.where!r} (effects.body_mass.where)")
-                name = joint.parent.name
-            changes.setdefault(name, []).append(effect)
-        for name, effects in changes.items():
-            body = self._spec.body(name)
-            if body is None:
-                raise ConfigError(f"{self._source}: no body {name!r} (robot.base_frame)")
+            body = self._body(effect.where if effect.name == "body_mass" else "")
+            changes.setdefault(body.id, (body, []))[1].append(effect)
+        for body, effects in changes.values():
             self._loaded(body, effects)
+            welded = [child.name or "a body without name" for child in body.bodies if not child.joints]
+            if welded and any(effect.name == "body_mass" for effect in effects):
+                self._out.left_out.append(f"body_mass: {', '.join(welded)}: fixed to {body.name!r}, keeps its mass")
+
+    def _body(self, joint: str) -> mujoco.MjsBody:
+        """That moves with a joint; "": the trunk. It may have no name."""
+        if joint:
+            if (found := self._spec.joint(joint)) is None:
+                raise ConfigError(f"{self._source}: no joint {joint!r} (effects.body_mass.where)")
+            return found.parent
+        if (body := self._spec.body(self._config.robot.base_frame)) is None:
+            raise ConfigError(f"{self._source}: no body {self._config.robot.base_frame!r} (robot.base_frame)")
+        return body
 
     def _loaded(self, body: mujoco.MjsBody, effects: Sequence[EffectConfig]) -> None:
-        i = self._model.body(body.name).id
+        i = body.id
         mass, com = float(self._model.body_mass[i]), self._model.body_ipos[i].copy()
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, self._model.body_iquat[i])
@@ -247,6 +254,12 @@ def _below(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
     yield body
     for child in body.bodies:
         yield from _below(child)
+
+
+def _is_position(actuator: mujoco.MjsActuator) -> bool:
+    """Whether it pulls towards a position; a servo of velocity has an affine bias, too."""
+    affine = actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE
+    return bool(affine and actuator.gainprm[0] == -actuator.biasprm[1] != 0.0)
 
 
 def _parallel(r: Array) -> Array:

@@ -51,7 +51,7 @@ def watching(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, ra
     """Seconds and the monitor, message by message of a synthetic walk.
 
     Args:
-        change: of each message: stream, seconds, message.
+        change: of each message: stream, seconds, message; None: it is lost.
         seconds: of the walk.
         skip: streams that are left out.
         imu: orientation of the trunk by seconds, as a quaternion x, y, z, w; None: no message.
@@ -77,8 +77,8 @@ def watching(change, seconds=13.0, skip=(), imu=lambda t: None, reset=np.inf, ra
             orientation = Rotation.from_quat(trunk) * mounting
             up = orientation.inv().apply([0.0, 0.0, 9.81])
             pipeline.on_imu(ImuMessage(message.stamp_ns, frame, orientation.as_quat(), np.zeros(3), up))
-        if stream not in skip:
-            take[stream](change(stream, t, message))
+        if stream not in skip and (changed := change(stream, t, message)) is not None:
+            take[stream](changed)
         yield t, pipeline.monitor
 
 

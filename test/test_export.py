@@ -82,6 +82,23 @@ def test_the_simulation_comes_closer_to_the_recording(tmp_path, mjcf, capsys, wa
     assert any("base_link: mass" in line for line in said["written"])
 
 
+def test_a_servo_of_velocity_and_what_is_welded_to_a_body_stay_as_they_are(tmp_path, mjcf, capsys):
+    spec = mujoco.MjSpec.from_file(str(mjcf))
+    knee = spec.joint("LKneeSag")
+    (servo,) = [each for each in spec.actuators if each.target == knee.name]
+    servo.biasprm[1:3] = 0.0, -servo.gainprm[0]
+    knee.parent.add_body(name="pad").add_geom(size=[0.02, 0.02, 0.02], mass=0.5)
+    mjcf.write_text(spec.to_xml(), encoding="utf-8")
+    changes = {
+        "effects.active": ["body_mass"],
+        "effects.body_mass.where": ["LKneeSag"],
+        "effects.body_mass.scale": [2.0],
+    }
+    _, said = export(tmp_path, mjcf, capsys, **changes)
+    assert any("LKneeSag: stiffness and damping: its actuator is no position" in line for line in said["left_out"])
+    assert any(line.startswith("body_mass: pad: fixed to") for line in said["left_out"])
+
+
 def test_what_mujoco_cannot_express_is_said(tmp_path, mjcf, capsys):
     changes = {
         "effects.active": [

@@ -103,14 +103,17 @@ def diagnoses(run: Run, bags: Sequence[StoredBag], rows: Sequence[Row]) -> list[
     Bags from before and from after a change of the robot's errors are not diagnosed together: an effect that only some
     of them have would be held against it.
     """
-    usable = [i for i, row in enumerate(rows) if row["status"] in USABLE and row["date"] is not None]
+    usable = [i for i, row in enumerate(rows) if row["status"] in USABLE and row["date"] and row.get("hash")]
     members: dict[tuple[str, str, bool], list[int]] = {}
     for robot in sorted({rows[i]["robot"] for i in usable}):
-        mine = sorted((i for i in usable if rows[i]["robot"] == robot), key=lambda i: (rows[i]["start_ns"], i))
+        mine = [i for i in usable if rows[i]["robot"] == robot]
+        mine.sort(key=lambda i: (rows[i]["date"], rows[i]["start_ns"], i))
         changed = _first_after_change([rows[i] for i in mine])
         for number, index in enumerate(mine):
             key = robot, period_of(rows[index]["date"], run.every), number >= changed
-            members.setdefault(key, []).append(index)
+            same = members.setdefault(key, [])
+            if rows[index]["hash"] not in (rows[other]["hash"] for other in same):  # a copy confirms nothing
+                same.append(index)
     tasks = []
     for (robot, period, _), ordered in sorted(members.items()):
         count = min(len(ordered), TRAIN + HELD_OUT)
@@ -118,9 +121,8 @@ def diagnoses(run: Run, bags: Sequence[StoredBag], rows: Sequence[Row]) -> list[
         held = min(HELD_OUT, count // 2)
         train, hold = chosen[: count - held], chosen[count - held :]
         hashes = tuple(rows[index]["hash"] for index in chosen)
-        if len({*hashes}) == len(hashes):
-            fit, rest = ([bags[index] for index in part] for part in (train, hold))
-            tasks.append(DiagnosisTask.named((robot, period), fit, rest, hashes, run.settings, run.out))
+        fit, rest = ([bags[index] for index in part] for part in (train, hold))
+        tasks.append(DiagnosisTask.named((robot, period), fit, rest, hashes, run.settings, run.out))
     return tasks
 
 

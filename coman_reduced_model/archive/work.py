@@ -32,6 +32,14 @@ USABLE = (OK, DAMAGED)
 Row = dict[str, Any]
 
 
+def _text(path: Path | None) -> str:
+    """Of a file; "" without one, and where it cannot be read, which each bag says."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace") if path else ""
+    except OSError:
+        return ""
+
+
 @dataclass(frozen=True)
 class Settings:
     """How bags are predicted and diagnosed.
@@ -56,8 +64,10 @@ class Settings:
         return TopicNames(self.namespace, self.remaps)
 
     def digest(self) -> str:
-        """The same for the same settings."""
-        values = [self.config.flat(), self.urdf, self.namespace, self.remaps, self.predict]
+        """The same for the same settings and the same contents of the files that they name."""
+        baseline = self.config.monitor.baseline
+        files = [_text(self.config.urdf), _text(Path(baseline) if baseline else None)]
+        values = [self.config.flat(), self.urdf, self.namespace, self.remaps, self.predict, files]
         return key_of(values)[:16]
 
 

@@ -13,7 +13,7 @@ from ..core.base.types import Foot
 from ..core.robot.robot import Robot
 from ..errors import RobotError
 from ..messages import INPUT_TYPES
-from ..topics import INPUT_TOPICS
+from ..topics import INPUT_TOPICS, TopicNames
 from .reader import Bag
 
 
@@ -33,8 +33,11 @@ class FoundTopics:
         return tuple(f"{nominal}:={topic}" for nominal, topic in named.items() if topic != f"/{nominal}")
 
 
-def find_topics(bag: Bag, robot: Robot) -> FoundTopics:
+def find_topics(bag: Bag, robot: Robot, names: TopicNames | None = None) -> FoundTopics:
     """The input topics of a bag. Nominal names count before others; what is not clear is noted and left out.
+
+    Args:
+        names: the nominal names with a namespace and remappings.
 
     Raises:
         BagError: a message cannot be decoded.
@@ -47,7 +50,7 @@ def find_topics(bag: Bag, robot: Robot) -> FoundTopics:
         fitting = {
             t: m for t, m in first.items() if bag.topics[t] == kind and t not in taken and _fits(robot, stream, m)
         }
-        nominal, named = f"/{INPUT_TOPICS[stream]}", list(fitting)
+        nominal, named = (names or TopicNames())(INPUT_TOPICS[stream]), list(fitting)
         if stream in (JOINTS, MOTORS):
             named = [t for t in fitting if ("motor" in t) == (stream == MOTORS)]
         if nominal in fitting or len(named) == 1:

@@ -78,7 +78,7 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
             raise ConfigError(f"--set: {change!r} is not of the form KEY=VALUE")
         try:
             values[key.strip()] = yaml.safe_load(text)
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError):  # a date that is none
             raise ConfigError(f"--set: {key.strip()}: {text!r} is not a value of YAML") from None
     return config.replaced(values, "--set") if values else config
 

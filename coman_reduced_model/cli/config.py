@@ -55,6 +55,7 @@ def describe(robot: Robot) -> list[str]:
     import pinocchio as pin
 
     from ..core.base.types import Foot
+    from ..core.robot.sole import outline
 
     data = robot.model.createData()
     q = pin.neutral(robot.model)
@@ -68,7 +69,7 @@ def describe(robot: Robot) -> list[str]:
     ]
     for foot, leg in ((Foot.LEFT, robot.config.left), (Foot.RIGHT, robot.config.right)):
         back, front, right, left = robot.soles[foot]
-        kind = "by the URDF" if len(robot.shapes[foot]) else "by foot_length and foot_width"
+        kind = "by the URDF" if outline(robot.shapes[foot]) is not None else "by foot_length and foot_width"
         lines.append(
             f"{foot.name.lower()}: {' '.join(leg.joints)}; {leg.sole_frame}, {front - back:.3f} x {left - right:.3f} m "
             f"({kind})"

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _STIFF = 60.0  # of weight times leg length [Nm/rad]: stiff drives, 10 kNm/rad for an iCub
 _DAMPED = 5e-4  # [s] damping over stiffness
+_WHOLE_LEG = 6  # joints
 _LONG, _WIDE = 0.3, 0.15  # of the leg's length: a sole
 
 
@@ -69,7 +70,7 @@ def init(
     draft = _draft(text, source, legs, os.path.relpath(urdf, out.parent) if urdf else "")
     robot = Robot(text, config_from_flat(draft.values, source).robot, source)
     _soles(draft, robot, legs, urdf.parent if urdf else Path())
-    _springs(draft, robot, legs)
+    _springs(draft, robot)
     found = _from_bag(draft, robot, bag, urdf, out, names) if bag else None
     config = config_from_flat(draft.values, source, out.parent)
     Robot(text, config.robot, source)
@@ -123,6 +124,7 @@ def _draft(text: str, source: str, legs: Legs, urdf: str) -> _Draft:
 def _soles(draft: _Draft, robot: Robot, legs: Legs, folder: Path) -> None:
     """Length and width of the sole: of shapes, else of meshes, else by the length of the leg."""
     from ..core.base.types import Foot
+    from ..core.robot.limits import leg_length
     from ..core.robot.sole import mesh_points, outline
 
     points, what = robot.shapes[Foot.LEFT], "collision shapes of the foot"
@@ -131,7 +133,7 @@ def _soles(draft: _Draft, robot: Robot, legs: Legs, folder: Path) -> None:
     edges = outline(points)
     keys = ("robot.foot_length", "robot.foot_width")
     if edges is None:
-        size = (_LONG * legs.length, _WIDE * legs.length)
+        size = (_LONG * leg_length(robot), _WIDE * leg_length(robot))
         draft.guesses |= dict.fromkeys(keys, "by the length of the leg: measure the sole")
     else:
         size = (edges[1] - edges[0], edges[3] - edges[2])
@@ -145,8 +147,15 @@ def _soles(draft: _Draft, robot: Robot, legs: Legs, folder: Path) -> None:
     draft.values |= {key: min(max(round(float(s), 3), 0.01), 1.0) for key, s in zip(keys, size, strict=True)}
 
 
-def _springs(draft: _Draft, robot: Robot, legs: Legs) -> None:
-    stiffness = float(f"{_STIFF * robot.mass * robot.config.gravity * legs.length:.2g}")
+def _springs(draft: _Draft, robot: Robot) -> None:
+    from ..core.robot.limits import leg_length
+
+    stiffness = float(f"{_STIFF * robot.mass * robot.config.gravity * leg_length(robot):.2g}")
+    if min(len(joints) for joints in robot.legs.values()) < _WHOLE_LEG:
+        draft.notes.append(
+            f"legs of less than {_WHOLE_LEG} joints cannot hold the soles flat wherever the trunk is: check with "
+            "`coman validate` whether the model predicts better than none (model.trunk_rotation: without is simpler)"
+        )
     for side in ("left", "right"):
         count = len(draft.values[f"robot.{side}.joints"])
         draft.values[f"robot.{side}.stiffness"] = [stiffness] * count
@@ -163,7 +172,7 @@ def _from_bag(draft: _Draft, robot: Robot, bag: Path, urdf: Path | None, out: Pa
     from ..topics import TopicNames
 
     with Bag(bag) as recording:
-        found = find_topics(recording, robot)
+        found = find_topics(recording, robot, names)
     draft.notes += found.notes
     reference = "motor" if MOTORS in found.topics else "topic" if REFERENCE in found.topics else "none"
     draft.values["prediction.reference"] = reference

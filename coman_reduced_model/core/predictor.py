@@ -163,6 +163,8 @@ class Predictor:
         weight = self.robot.mass * config.robot.gravity
         self.support.reconfigure(config.support, weight)
         self.zeros.weight = self.support.weight
+        if self.computed is not None:
+            self.computed.reconfigure(config)
 
     def update(self, sample: Sample) -> Prediction:
         """Take one sample.

@@ -16,6 +16,8 @@ from scipy.optimize import least_squares
 
 from ..core.base.types import Array
 from ..core.config.schema import Config, parameter_table
+from ..core.effects.base import Effect
+from ..core.effects.catalogue import CATALOGUE
 from ..core.evaluation.run import Run, run_of
 from ..errors import ConfigError
 from ..processes import workers
@@ -26,6 +28,7 @@ from .tune import Errors, Tuned, _known, _steps_of, describe, judged
 JOINTS = ("joint_stiffness", "joint_damping")
 _SOFT = 3.0  # joints up to this many times as stiff as the softest of their leg
 _STEP = 0.02  # of a parameter, relative: wider than the noise of restarts, narrow against what matters
+_WIDE = 1.0  # bounds that are further apart say nothing of what is usual
 _RATIO = (0.3, 3.0)  # bounds of joint ratios
 
 
@@ -69,12 +72,17 @@ def knobs(config: Config, names: Sequence[str]) -> list[Knob]:
                 "or a key such as model.share_x_before)"
             )
         for key in keys:
+            effect = CATALOGUE.get(key.split(".")[1]) if key.startswith("effects.") else None
+            if effect is not None and effect.late is not Effect.late:
+                raise ConfigError(f"--parameters: {key}: changes when samples are joined, which is not tuned")
             low, high = table[key].low, table[key].high
             values = flat[key] if isinstance(flat[key], tuple) else (flat[key],)
             for index, value in enumerate(values):  # type: ignore[arg-type]
                 where = index if isinstance(flat[key], tuple) else -1
                 place = f"[{index}]" if len(values) > 1 else ""  # type: ignore[arg-type]
                 found.append(Knob(f"{name}{place}", key, where, False, float(value), low, high))  # type: ignore[arg-type]
+    if not found:
+        raise ConfigError(f"--parameters: {', '.join(names)}: nothing to fit: the legs have none that is above 0")
     return found
 
 
@@ -150,6 +158,7 @@ def tune_parameters(
     axes = (0, 1, 2) if lateral else (0, 2)
     low, high = np.array([k.low for k in chosen]), np.array([k.high for k in chosen])
     start = np.clip([k.start for k in chosen], low, high)
+    scale = 0.1 * np.where(high - low < _WIDE, high - low, 1.0)  # of parameters that may be 0
     report = progress or (lambda fraction, words: None)
     done = 0
     with workers(processes, _begin, (recordings, config, chosen, windows, axes)) as pool:
@@ -164,13 +173,13 @@ def tune_parameters(
             return [known[p.tobytes()] for p in points]
 
         def jacobian(x: Array) -> Array:
-            steps = _STEP * np.maximum(np.abs(x), 0.1)
+            steps = _STEP * np.maximum(np.abs(x), scale)
             steps = np.where(x + steps > high, -steps, steps)
             base, *moved = evaluate([x, *(x + h for h in np.diag(steps))])
             return np.column_stack([(m - base) / h for m, h in zip(moved, steps, strict=True)])
 
         found = least_squares(
-            lambda x: evaluate([x])[0], start, jacobian, bounds=(low, high), x_scale=np.maximum(np.abs(start), 0.1),
+            lambda x: evaluate([x])[0], start, jacobian, bounds=(low, high), x_scale=np.maximum(np.abs(start), scale),
             xtol=3e-3, ftol=1e-3, max_nfev=8,
         )  # fmt: skip
         runs = list(pool.map(_runs, (start, found.x)))

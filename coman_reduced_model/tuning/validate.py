@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import as_completed
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -139,12 +140,21 @@ def score(recording: JoinedBag, config: Config, robot: str, gait: str, variant: 
     return Score(robot, gait, variant, run["rmse_m"], run["rmse_rigid_m"], skill, lean)
 
 
+def _possible(config: Config, variants: Sequence[str]) -> dict[str, Config]:
+    """The variants that a configuration can have: without the motor side, the trunk does not turn."""
+    found = {}
+    for name in variants:
+        with suppress(ConfigError):
+            found[name] = config.replaced(VARIANTS[name])
+    return found
+
+
 def tuned_variants(recording: JoinedBag, config: Config, variants: Sequence[str]) -> dict[str, Config]:
     """The paper's model and the whole model, each tuned on a bag."""
     found = {}
     shares = measure_shares([recording])
-    for variant in variants:
-        bare = config.replaced(VARIANTS[variant] | {"prediction.horizons": ()})
+    for variant, bare in _possible(config, variants).items():
+        bare = bare.replaced({"prediction.horizons": ()})
         bare = with_shares(bare, shares)
         names = chosen(bare, "")
         own = JoinedBag(recording.bag, recording.robot, recording.samples, recording.predict(bare), ())
@@ -161,7 +171,7 @@ def _train(
     if bag is None:
         bag = record_gait(case.robot, gait, folder / f"{case.robot}_{gait}_train", seed, duration_s)
     recording = read_recording(bag, case.config.replaced(PAPER | {"prediction.horizons": ()}))
-    return str(bag), tuned_variants(recording, case.config, QUICK)
+    return str(bag), tuned_variants(recording, case.config.with_joints_of(recording.robot), QUICK)
 
 
 def _judge(
@@ -173,9 +183,14 @@ def _judge(
         name = gait.replace(",", "").replace(" ", "_")
         bag = record_gait(case.robot, gait, folder / f"{case.robot}_{name}", seed, duration_s)
     recording = read_recording(bag, case.config.replaced(PAPER | {"prediction.horizons": ()}))
-    configs = {name: case.config.replaced(VARIANTS[name]) for name in variants} | dict(tuned)
-    configs["as configured"] = case.config
-    return str(bag), [score(recording, config, case.robot, gait, name) for name, config in configs.items()]
+    config = case.config.with_joints_of(recording.robot)
+    scores = [
+        score(recording, each, case.robot, gait, name)
+        for name, each in (_possible(config, variants) | dict(tuned)).items()
+    ]
+    if config.active:  # some act while streams are joined
+        recording = read_recording(bag, config)
+    return str(bag), [*scores, score(recording, config, case.robot, gait, "as configured")]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -328,6 +329,26 @@ def test_bags_before_and_after_a_change_are_not_diagnosed_together(whole, walks)
     assert [len(task.train) + len(task.holdout) for task in tasks] == [5, 5]
     before, after = (set(map(int, task.hashes)) for task in tasks)
     assert max(before) < 7 <= min(after)
+
+
+def test_a_copy_of_a_bag_leaves_the_others_to_be_diagnosed(whole, walks):
+    bags = [bag for bag in find_bags([str(walks)]) if bag.bag in BAGS][:1] * 4
+    table = [
+        {**rows(whole, "bags")[0], "robot": "anna", "status": "ok", "hash": each, "start_ns": 0}
+        | {"date": date_of("", T0, []) + timedelta(days=day)}
+        for each, day in (("c", 2), ("a", 0), ("a", 3), ("b", 1))
+    ]
+    (task,) = diagnoses(Run((str(walks),), "out", Settings(Config()), every="month"), bags, table)
+    assert task.hashes == ("a", "b", "c")  # by date, which a table may know better than the stamps
+
+
+def test_what_files_of_the_configuration_say_belongs_to_the_settings(tmp_path):
+    (tmp_path / "robot.urdf").write_text("<robot/>")
+    settings = Settings(replace(Config().replaced({"robot.urdf": "robot.urdf"}), directory=tmp_path))
+    before = settings.digest()
+    assert settings.digest() == before
+    (tmp_path / "robot.urdf").write_text("<robot name='other'/>")
+    assert settings.digest() != before
 
 
 def test_a_store_of_another_kind_is_read_and_written():

@@ -60,6 +60,17 @@ def test_topics_of_other_names_are_said(tmp_path, urdf, capsys):
     assert run(["predict", str(bag), "--config", str(out), "--out", str(tmp_path / "out"), *arguments]) == 0
 
 
+def test_topics_that_are_named_are_taken(tmp_path, urdf, capsys):
+    """Several would do, and none has the nominal name."""
+    bag = write_bag(tmp_path / "bag", walk(2.0), namespace="/walker")
+    arguments = ["init", "--urdf", str(urdf), "--bag", str(bag), "--out", str(tmp_path / "robot.yaml"), "--json"]
+    assert run([*arguments, "--namespace", "walker"]) == 0
+    named = json.loads(capsys.readouterr().out)
+    assert named["topics"]["joint_states"] == "/walker/joint_states"
+    assert run([*arguments, "--force", "--remap", "joint_states:=/walker/motor_states"]) == 0
+    assert json.loads(capsys.readouterr().out)["topics"]["joint_states"] == "/walker/motor_states"
+
+
 def test_a_real_robot(tmp_path, capsys):
     """An iCub: other names, wrenches in the frames of its feet, no shapes but meshes that are not there."""
     out = tmp_path / "icub.yaml"

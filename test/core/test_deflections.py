@@ -54,6 +54,14 @@ def test_sigma_is_the_rms_of_the_errors_by_kind_and_nan_before():
     assert not (held[1] > 1e-9).any()  # such predictions were hardly ever made, and none was wrong
 
 
+@pytest.mark.parametrize(("rate", "h"), [(200, 2.0), (2000, 2.0), (2600, 0.4)])
+def test_sigma_is_known_at_any_rate(rate, h):
+    judge, zero = DeflectionJudge(np.array([h]), np.zeros(0, dtype=np.intp)), np.zeros(3)
+    for k in range(round((h + 1.0) * rate)):
+        sigma = judge.update(10**9 + k * 10**9 // rate, zero, zero, zero, zero, np.full((2, 3), 1e-3), False)
+    assert sigma[1, 0] == pytest.approx(1e-3, rel=0.1)
+
+
 def test_after_a_jump_of_time_nothing_old_is_judged():
     judge, zero = DeflectionJudge(np.array([0.1]), np.zeros(0, dtype=np.intp)), np.zeros(3)
     judge.update(10**9, zero, zero, zero, zero, np.full((2, 3), 5.0), True)

@@ -194,6 +194,9 @@ def test_names_that_mean_nothing_are_refused():
     with pytest.raises(ConfigError, match="'nothing' is no number"):
         knobs(CONFIG, ["nothing"])
     assert [k.key for k in knobs(turning, ["friction"])] == ["model.friction"]
+    undamped = {f"robot.{side}.damping": [0.0] * 6 for side in ("left", "right")}
+    with pytest.raises(ConfigError, match="nothing to fit"):
+        knobs(CONFIG.replaced(undamped), ["joint_damping"])
 
 
 @pytest.mark.slow

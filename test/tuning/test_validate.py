@@ -14,7 +14,7 @@ from coman_reduced_model.core.config.files import load_config
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.sim.robot_table import ROBOTS
-from coman_reduced_model.tuning.validate import VARIANTS, Score, rows, summarise, virtual_case
+from coman_reduced_model.tuning.validate import VARIANTS, Score, _possible, rows, summarise, virtual_case
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 
@@ -23,6 +23,13 @@ def test_every_variant_is_a_configuration():
     for changes in VARIANTS.values():
         Config().replaced(changes)
     assert len({str(sorted(changes.items())) for changes in VARIANTS.values()}) == len(VARIANTS)
+
+
+def test_variants_that_a_configuration_cannot_have_are_left_out():
+    """Without the motor side the trunk does not turn."""
+    found = _possible(Config().replaced({"prediction.reference": "topic"}), list(VARIANTS))
+    assert "paper" in found and "trunk_rotation alone" not in found
+    assert list(_possible(Config(), list(VARIANTS))) == list(VARIANTS)
 
 
 @pytest.mark.parametrize(("variant", "shipped"), [("paper", "coman_paper"), ("all options", "coman")])

@@ -86,9 +86,18 @@ def learn(experience: Experience, h: int, off: Array, blended: Array, dt: float)
 
 
 @compiled
+def forget(experience: Experience, h: int, dt: float) -> None:
+    """Let errors of what was published at a horizon fade, where another kind of prediction was judged dt [s] later."""
+    fresh = 1.0 - np.exp(-min(dt, NOW) / MEMORY)
+    experience.errors[h] *= 1.0 - fresh
+    experience.known[h] *= 1.0 - fresh
+
+
+@compiled
 def remember(errors: Array, known: float, off: Array, fresh: float) -> float:
     """Let fading sums of products (3, 3) take in an error (3,), and return the share of the memory that is known."""
     if not np.isfinite(off[0] + off[1] + off[2]):
+        errors *= 1.0 - fresh
         return known * (1.0 - fresh)
     for i in range(3):
         for j in range(3):

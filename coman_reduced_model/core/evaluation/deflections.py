@@ -12,7 +12,7 @@ from ..base.compiled import Held, compiled, hold
 from ..base.types import Array, Integers
 from .blend import KNOWN, MEMORY, NOW
 
-_WAITING = 1024  # predictions of a horizon that wait for their time
+_WAITING = 4096  # predictions of a horizon that wait for their time: 2 s at 2 kHz
 
 
 class Judged(NamedTuple):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.compiled import Held, compiled, hold
 from ..base.types import Array
 from .baselines import BASELINES, best_baseline
-from .blend import KNOWN, OWN, begin_with, blend, learn, no_experience, weigh
+from .blend import KNOWN, OWN, begin_with, blend, forget, learn, no_experience, weigh
 from .sigma import UNKNOWN, Experiences, Spread, carry, covariance_ahead
 from .statistics import LEVELS, QUANTILES
 
@@ -305,6 +305,9 @@ def _judge_due(
             kind = pending.kinds[h, slot]
             _remember_error(past, h, pending.targets[h, slot] - pending.ahead_ns[h], off[1], kind == REPEATED)
             learn(experiences[kind], h, off[1:-1], off[0], dt)
+            for i, other in enumerate(experiences):  # what is published has one covariance, of the last seconds
+                if i != kind:
+                    forget(other, h, dt)
             dt = 0.0  # of several that are due, the first one stands for the time
 
 

@@ -117,7 +117,7 @@ class Feedforward:
 
         Returns:
             The deflection at the point before: its accelerations need its neighbours. None: it is the first one, has
-            been left out, plans no support, or is out of reach of the legs.
+            been left out, plans no support, is out of reach of the legs, or jumps: no feet push a COM faster than g.
         """
         if self._points and not self._continues(plan):
             if 0 <= plan.stamp_ns - self._points[-1][0].stamp_ns < _SPACING_NS - 1000:
@@ -132,6 +132,11 @@ class Feedforward:
         (first, q0), (middle, q1), (last, q2) = self._points
         model = self._posture.model
         before, after = (middle.stamp_ns - first.stamp_ns) * 1e-9, (last.stamp_ns - middle.stamp_ns) * 1e-9
+        change = (last.com - middle.com) / after - (middle.com - first.com) / before
+        if np.linalg.norm(change) > 0.5 * (before + after) * self._gravity:  # planned anew, or a point that is off
+            self.reset()
+            self._points.append((plan, q2))
+            return None
         v0, v1 = pin.difference(model, q0, q1) / before, pin.difference(model, q1, q2) / after
         v = (after * v0 + before * v1) / (before + after)
         torque, self.loads = self._torques(middle, q1, v, 2.0 * (v1 - v0) / (before + after))

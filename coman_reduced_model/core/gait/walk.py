@@ -71,9 +71,13 @@ class Walk:
         """Time in the plan [s]."""
         return _STANDING_T if self.start_ns is None else (now_ns - self.start_ns) * 1e-9
 
+    @property
+    def _lasts_ns(self) -> int:
+        return round(self.plan.duration_s * 1e9)
+
     def walking(self, now_ns: int) -> bool:
         """Whether the plan is under way."""
-        return self.start_ns is not None and self.time(now_ns) < self.plan.duration_s
+        return self.start_ns is not None and now_ns < self.start_ns + self._lasts_ns
 
     def start(self, now_ns: int) -> str | None:
         """Begin the plan now; after its end, plan it again from where the robot stands. A sentence if it cannot."""
@@ -106,9 +110,9 @@ class Walk:
 
     def go_on(self, now_ns: int) -> bool:
         """Begin again at the end of the plan, if it is to be repeated and was not stopped; whether it does."""
-        if not self._again or self.start_ns is None or self.time(now_ns) < self.plan.duration_s:
+        if not self._again or self.start_ns is None or self.walking(now_ns):
             return False
-        return self.start(self.start_ns + round(self.plan.duration_s * 1e9)) is None
+        return self.start(self.start_ns + self._lasts_ns) is None
 
     def reference(self, stamp_ns: int) -> Reference:
         """The plan at a time, with its preview."""

@@ -58,8 +58,8 @@ class ComputedWrenches:
         self._robot, self._gravity = robot, config.robot.gravity
         source = config.streams.wrench_source
         self._by_torques = source == "torques"
+        self.reconfigure(config)
         weight = config.support.weight or robot.mass * self._gravity
-        self._least = LEAST * config.support.contact_on * weight
         self._model, self._data = robot.model.copy(), robot.model.createData()
         self._q, self._v, self._a = pin.neutral(robot.model), np.zeros(robot.model.nv), np.zeros(robot.model.nv)
         self._slope = Differentiator(WINDOW, config.streams.restart_gap, robot.model.nv)
@@ -70,6 +70,11 @@ class ComputedWrenches:
         self._prior = np.concatenate([(weight * _usual(robot.soles[foot])) ** -2 for foot in FEET])
         self._without = self._with = 0  # samples without and with measured torques
         self._torque_signs = TorqueSigns(robot.joint_names)
+
+    def reconfigure(self, config: Config) -> None:
+        """Take over the thresholds of the support phase."""
+        weight = config.support.weight or self._robot.mass * self._gravity
+        self._least = LEAST * config.support.contact_on * weight
 
     def warnings(self) -> list[InputWarning]:
         """That there are no torques to compute from, or that they are not those that bear the robot."""

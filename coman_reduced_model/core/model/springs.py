@@ -7,6 +7,7 @@ Both models take their springs from here, so that an effect on a spring is writt
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -37,6 +38,12 @@ class Springs:
         self.matrices = {
             foot: (np.diag(self.stiffness[foot]), np.diag(self.damping[foot])) for foot in (Foot.LEFT, Foot.RIGHT)
         }
+
+    def of_effects(self, effects: Sequence[Effect]) -> Springs:
+        """The same springs with other effects on them."""
+        made = copy(self)
+        made._effects = [e for e in effects if type(e).springs is not Effect.springs]
+        return made
 
     def leg(
         self, foot: Foot, J: Array, com: Array, load: float, deflection: Array, rate: Array, motor_rate: Array

@@ -130,7 +130,7 @@ class Monitor:
         self._last_unlike = [False] * len(KINDS)  # the last phase of the kind was unlike those before it
         self._phase = self._phase_before = Phase.FLIGHT
         self._start_ns = self._phase_start_ns = 0  # of the walk, of the phase
-        self._last_ns = self._next_look_ns = self._last_window_ns = 0
+        self._last_ns = self._next_look_ns = self._last_window_ns = self._reported_ns = 0
         self.mismatches: list[Mismatch] = []
         self._changed = np.zeros(len(self.laws.names), dtype=bool)  # channels reported as changed
         self._intermittent.reset()
@@ -153,6 +153,8 @@ class Monitor:
             self._phase_start_ns = self._next_look_ns = stamp
             self._start_ns = self._start_ns or stamp
             self._begin_phase()
+        if self.mismatches and stamp - self._reported_ns >= _PIECE_NS:  # no phase may end for long
+            self._report(stamp)
         if phase is Phase.DOUBLE and self._phase_before in _LANDINGS:
             self._update_landing(sample)
         self._last_ns = stamp
@@ -243,6 +245,7 @@ class Monitor:
 
     def _report(self, stamp: int) -> None:
         """Update `mismatches` and `first`."""
+        self._reported_ns = stamp
         oldest = self._seconds(stamp) - _STALE
         evidence = self._evidence(oldest)
         self._changed = evidence.changed

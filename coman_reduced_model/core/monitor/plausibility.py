@@ -57,7 +57,7 @@ class Plausibility:
     def reconfigure(self, config: Config) -> None:
         """Take over the thresholds of the support phase."""
         self._weight = config.support.weight or self._robot.mass * config.robot.gravity
-        self._signs.weight = self._weight
+        self._signs.weight = self._turned_wrenches.weight = self._weight
         self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more is never in the air
 
     def reset(self) -> None:

@@ -35,7 +35,7 @@ class Turned:
 
     def __init__(self, weight: float, gravity: float) -> None:
         """Weight of the robot [N], gravity [m/s^2]."""
-        self._weight, self._gravity = weight, gravity
+        self.weight, self._gravity = weight, gravity
         self.reset()
 
     def reset(self) -> None:
@@ -58,7 +58,7 @@ class Turned:
         self._total += read
         self._samples += 1
         foot = Foot.LEFT if wrenches[Foot.LEFT][2] >= wrenches[Foot.RIGHT][2] else Foot.RIGHT
-        if total < _LOADED * self._weight or min(wrench[2] for wrench in wrenches.values()) < -0.1 * total:
+        if total < _LOADED * self.weight or min(wrench[2] for wrench in wrenches.values()) < -0.1 * total:
             self._begin(Foot.NONE)
             return
         if foot is not self._foot:
@@ -95,7 +95,7 @@ class Turned:
 
     def warnings(self) -> list[InputWarning]:
         """Present warnings; none where the sensors are so far from zero that they do not bear the weight."""
-        if abs(self._total - self._samples * self._weight) > _ZEROED * self._samples * self._weight:
+        if abs(self._total - self._samples * self.weight) > _ZEROED * self._samples * self.weight:
             return []
         turns = min(_TURNS[1:], key=self._distance)
         feet = [foot for foot, k in zip(WRENCHES, turns, strict=True) if k]  # a foot in the air shows nothing

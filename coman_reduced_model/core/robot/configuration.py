@@ -45,8 +45,8 @@ class RobotConfig:
             (12.0, 12.0, 8.0, 4.0, 4.0, 8.0),
         )
     )
-    foot_length: float = par(0.2, "m", "length of the sole, for pictures and ZMP limits", 0.01, 1.0)
-    foot_width: float = par(0.1, "m", "width of the sole", 0.01, 1.0)
+    foot_length: float = par(0.2, "m", "length of the sole, where the URDF has no shapes of the foot", 0.01, 1.0)
+    foot_width: float = par(0.1, "m", "width of the sole, likewise", 0.01, 1.0)
     gravity: float = par(9.81, "m/s^2", "acceleration of gravity", 0.1, 30.0)
 
     @property

@@ -270,4 +270,15 @@ def build_model(urdf: str, source: str) -> pin.Model:
         return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     except Exception as error:  # urdfdom's complaints reach Python as several types
         reason = " ".join(str(error).split())[:200]
-        raise RobotError(f"{source}: the URDF cannot be read: {reason}") from None
+        raise RobotError(f"{source}: the URDF cannot be read: {reason}{_without_limits(root)}") from None
+
+
+def _without_limits(root: ElementTree.Element) -> str:
+    """Joints that lack what a URDF must say of them, which is the usual reason and is printed elsewhere only."""
+    names = [
+        str(joint.get("name"))
+        for joint in root.iterfind("joint")
+        if joint.get("type") in ("revolute", "prismatic")
+        and not {"effort", "velocity"} <= set(() if (limit := joint.find("limit")) is None else limit.keys())
+    ]
+    return f" (<limit> with effort and velocity is missing: {', '.join(names)[:200]})" if names else ""

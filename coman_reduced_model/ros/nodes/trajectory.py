@@ -84,11 +84,12 @@ class TrajectoryNode(ConfiguredNode):
 
     def _begin(self, now: int) -> None:
         """Time begins, or has jumped: with it the walk, unless its start is given."""
+        if self._next:
+            self.walk.reset()
         self._next = now - now % self._period
         if self.config.gait.start_time >= 0.0:
             self.walk.start_ns = round(self.config.gait.start_time * 1e9)
         elif self.config.gait.autostart:
-            self.walk.reset()
             self.walk.start(self._next)
         self._publish_path()
 

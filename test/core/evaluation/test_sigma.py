@@ -12,7 +12,7 @@ from predictor_tools import CONFIG, run, sample
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.base.types import Prediction, Sample
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.evaluation.horizons import HorizonJudge
+from coman_reduced_model.core.evaluation.horizons import HELD, REPEATED, HorizonJudge
 from coman_reduced_model.resources import bag_path
 
 HORIZONS = (0.1, 0.2, 0.4)
@@ -69,6 +69,18 @@ def test_once_the_memory_is_full_the_estimate_counts_for_nothing():
     unsure = 0.05**2 * np.eye(6), np.zeros((3, 3))
     with_it, without = (np.sqrt(np.trace(judged(60.0, each)[-1, 0])) for each in (unsure, None))
     assert without <= with_it < 1.05 * without
+
+
+@pytest.mark.parametrize(("first", "then"), [((HELD, 0.0002), (REPEATED, 0.004)), ((REPEATED, 0.004), (HELD, 0.0002))])
+def test_it_follows_a_robot_that_sets_off_or_stops(first, then):
+    """Each kind of prediction has errors of its own; what is published has those of the last seconds."""
+    judge, rng, stamp = HorizonJudge((0.1,)), np.random.default_rng(0), 10**9
+    for seconds, (kind, size) in ((20.0, first), (30.0, then)):
+        for _ in range(round(seconds / 0.02)):
+            stamp += 20_000_000
+            ahead = np.broadcast_to(rng.normal(0.0, size, 3), (6, 1, 3))
+            out = judge.update(stamp, np.eye(4), np.zeros(3), np.zeros(3), np.array(ahead), kind)
+    assert np.sqrt(np.diag(out[0, 1:4])) == pytest.approx(then[1], rel=0.35)
 
 
 def test_without_an_estimate_it_is_not_known_before_there_are_errors():

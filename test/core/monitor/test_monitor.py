@@ -216,6 +216,18 @@ def test_mismatch_is_reported_while_it_lasts_and_when_it_recurs(poor):
     assert found == looks
 
 
+def test_mismatch_is_dropped_where_no_phase_ends_any_more():
+    """The wrenches are lost for good: after 10 s nothing is known of it."""
+
+    def change(stream, t, message):
+        if stream not in FEET.values() or t < BEGINS:
+            return message
+        return replace(message, force=message.force + [0.0, 10.0, 0.0]) if t < 11.0 else None
+
+    seen, hidden = ({each.channel for each in watched(change, until).mismatches} for until in (11.0, 25.0))
+    assert seen >= {"force/y"} and not hidden
+
+
 def test_mismatch_that_cannot_be_observed_any_more_is_dropped():
     """A lateral force, then the robot stands on its toes, which hides it: dropped after 10 s."""
     front = float(robot().soles[Foot.LEFT][1])

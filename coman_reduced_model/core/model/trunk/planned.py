@@ -9,6 +9,7 @@ before is (`memory.py`), and simulated in the same way. By how much the motors d
 
 from __future__ import annotations
 
+from copy import copy
 from math import exp
 
 import numpy as np
@@ -16,7 +17,10 @@ import numpy as np
 from ...base.compiled import Held, compiled, hold, mul
 from ...base.types import Array, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
+from ...effects.foot_slip import FootSlip
 from ...effects.hooks import STANDS, Now
+from ...effects.hysteresis import Hysteresis
+from ...effects.touchdown_impact import TouchdownImpact
 from ...feedforward.feedforward import Feedforward
 from ...measured.standing import STEP as KERB
 from ...robot.robot import Robot
@@ -46,6 +50,17 @@ Points = tuple[Array, Array, Integers]  # of it: com, soles, phase
 _NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
 
 
+def _with_effects_of_its_own(model: Model) -> Model:
+    """Slips and blows of now are not those of a point to come, which must not move them either."""
+    made = copy(model)
+    made.effects = [copy(e) if isinstance(e, Hysteresis | TouchdownImpact | FootSlip) else e for e in model.effects]
+    for mine, given in zip(made.effects, model.effects, strict=True):
+        if mine is not given:
+            mine.reset()
+    made.springs = model.springs.of_effects(made.effects)
+    return made
+
+
 class PlannedWalk:
     """Motors and equations of motion to come, and the model simulated through them.
 
@@ -54,7 +69,8 @@ class PlannedWalk:
     """
 
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
-        """Share the effects and constants of the point-mass model."""
+        """Share the constants of the point-mass model, and its effects but for those that remember what was."""
+        model = _with_effects_of_its_own(model)
         self._robot, self._friction = robot, config.model.friction
         self._feedforward = Feedforward.of(robot, model.springs, model.gravity)
         self._equations = Equations(robot, config, model)
