@@ -75,7 +75,7 @@ def test_once_the_memory_is_full_the_estimate_counts_for_nothing():
 def test_it_follows_a_robot_that_sets_off_or_stops(first, then):
     """Each kind of prediction has errors of its own; what is published has those of the last seconds."""
     judge, rng, stamp = HorizonJudge((0.1,)), np.random.default_rng(0), 10**9
-    for seconds, (kind, size) in ((20.0, first), (30.0, then)):
+    for seconds, (kind, size) in ((20.0, first), (60.0, then)):
         for _ in range(round(seconds / 0.02)):
             stamp += 20_000_000
             ahead = np.broadcast_to(rng.normal(0.0, size, 3), (6, 1, 3))
