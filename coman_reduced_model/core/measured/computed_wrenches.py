@@ -145,7 +145,7 @@ class ComputedWrenches:
 
 def _measured(tau: Array) -> bool:
     """Whether torques of a leg are: drivers without sensors give NaN, or zeros, which no loaded leg has."""
-    return bool(np.isfinite(tau).any() and tau.any())
+    return bool(np.nan_to_num(tau).any())
 
 
 def _usual(sole: Array) -> Array:

@@ -118,8 +118,8 @@ def _run(name: str, find: Callable[[], Callable[[], Any]], argv: list[str], stop
         executor = EventsExecutor()
         executor.add_node(node)
         stop.at_once = False
-        parent = int(os.environ.get(PARENT, os.getppid()))
-        while not stop.requested and os.getppid() == parent:
+        parent = os.environ.get(PARENT)  # None: it outlives who started it
+        while not stop.requested and parent in (None, str(os.getppid())):
             if getattr(node, "todo", None) is not None:
                 todo, node.todo = node.todo, None
                 stop.at_once = True
