@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import LEFT, RIGHT, T0, walk, write_bag
+from synthetic import LEFT, RIGHT, T0, robot, walk, write_bag
 
+from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.recording import load
+from coman_reduced_model.diagnose.inference.check import of_another_robot
 from coman_reduced_model.errors import BagError
 
 OTHER = {LEFT: (RIGHT, "r_sole"), RIGHT: (LEFT, "l_sole")}
@@ -72,6 +74,15 @@ def test_the_clock_of_a_plan_that_no_prediction_needs_is_compared_too(tmp_path, 
     recording, _ = load(write_bag(tmp_path / "bag", walk(6.0, reference=True), change), Config())
     assert [line.partition(": ")[0] for line in recording.clocks] == ([REFERENCE] if said else [])
     assert not said or said in recording.clocks[0] and recording.clocks[0] in recording.warnings
+
+
+@pytest.mark.parametrize(("mass", "said"), [(None, 0), (1.0, 0), (1.5, 1), ("heavy", 0)])
+def test_a_baseline_of_another_robot_is_said(mass, said):
+    source = {"robot": "anna"} if mass is None else {"robot": "anna", "mass_kg": mass}
+    if isinstance(mass, float):
+        source["mass_kg"] = mass * robot().mass
+    lines = of_another_robot(replace(load_nominal(), source=source), robot())
+    assert len(lines) == said and all("anna" in line for line in lines)
 
 
 def test_sensors_that_hang_are_said(tmp_path):

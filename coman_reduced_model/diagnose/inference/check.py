@@ -153,8 +153,8 @@ def with_common_streams(prepared: Sequence[Prepared]) -> list[Prepared]:
 
 def of_another_robot(nominal: Nominal, robot: Robot) -> list[str]:
     """That a baseline was learnt from a robot of another mass, by its description."""
-    mass = nominal.source.get("mass_kg", robot.mass)
-    if abs(mass - robot.mass) <= OTHER_ROBOT * robot.mass:
+    mass = nominal.source.get("mass_kg")
+    if not isinstance(mass, float) or abs(mass - robot.mass) <= OTHER_ROBOT * robot.mass:
         return []
     name = nominal.source.get("robot", "a robot")
     return [f"the baseline is of {name} of {mass:.4g} kg, this robot has {robot.mass:.4g} kg: is it of another one?"]
