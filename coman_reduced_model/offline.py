@@ -304,7 +304,7 @@ _WHY = {  # by flag of the samples
 def first_cause(summary: dict[str, Any]) -> str:
     """Why a bag could not be predicted: why most of a stream was rejected, else the first warning or flag."""
     needed = {name: stream["accepted"] for name, stream in summary["streams"].items() if stream["expected"]}
-    rejected = {key: n for key, n in summary["rejected"].items() if n > needed.get(key.partition("/")[0], math.inf)}
+    rejected = {key: n for key, n in summary["rejected"].items() if n > needed.get(key.rpartition("/")[0], math.inf)}
     if rejected:
         return str(summary["last_rejection"][max(rejected, key=rejected.__getitem__)])
     if summary["warnings"]:

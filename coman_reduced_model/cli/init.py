@@ -153,7 +153,7 @@ def _springs(draft: _Draft, robot: Robot) -> None:
     stiffness = float(f"{_STIFF * robot.mass * robot.config.gravity * leg_length(robot):.2g}")
     if min(len(joints) for joints in robot.legs.values()) < _WHOLE_LEG:
         draft.notes.append(
-            f"legs of less than {_WHOLE_LEG} joints cannot hold the soles flat wherever the trunk is: check with "
+            f"legs of fewer than {_WHOLE_LEG} joints cannot hold the soles flat wherever the trunk is: check with "
             "`coman validate` whether the model predicts better than none (model.trunk_rotation: without is simpler)"
         )
     for side in ("left", "right"):

@@ -201,8 +201,20 @@ def test_a_urdf_in_the_home_of_the_user(tmp_path, predict, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "mine.urdf").write_text(description())
     bag = write_bag(tmp_path / "bag", walk(0.5), urdf_text="")
+    code, _, err = predict(bag, "--set", "robot.urdf=~nobody_of_this_name/mine.urdf")
+    assert code == 2 and "the URDF cannot be read" in err
     code, _, err = predict(bag, "--set", "robot.urdf=~/mine.urdf")
     assert code == 0, err
+
+
+def test_why_most_wrenches_are_refused_is_why_nothing_is_predicted(tmp_path, predict):
+    def elsewhere(stream, message):
+        return (
+            replace(message, frame_id="nowhere") if stream == LEFT and message.stamp_ns > T0 + 50_000_000 else message
+        )
+
+    code, _, err = predict(write_bag(tmp_path / "bag", walk(1.0), elsewhere), "--set", "support.weight=20000")
+    assert code == 2 and "nothing could be predicted" in err and "nowhere" in err
 
 
 def test_log_times_of_another_clock_change_nothing_but_the_log_times(tmp_path, predict):

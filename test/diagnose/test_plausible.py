@@ -10,9 +10,10 @@ import pytest
 from synthetic import LEFT, RIGHT, T0, robot, walk, write_bag
 
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE
+from coman_reduced_model.core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.recording import load
+from coman_reduced_model.diagnose.data.streams import clocks_apart
 from coman_reduced_model.diagnose.inference.check import of_another_robot
 from coman_reduced_model.errors import BagError
 
@@ -74,6 +75,15 @@ def test_the_clock_of_a_plan_that_no_prediction_needs_is_compared_too(tmp_path, 
     recording, _ = load(write_bag(tmp_path / "bag", walk(6.0, reference=True), change), Config())
     assert [line.partition(": ")[0] for line in recording.clocks] == ([REFERENCE] if said else [])
     assert not said or said in recording.clocks[0] and recording.clocks[0] in recording.warnings
+
+
+def test_without_log_times_no_clock_is_apart():
+    stamps = [(0, each * 10**7) for each in range(600)]  # all log times are 0, as after a conversion
+    assert not clocks_apart({JOINTS: stamps, IMU: stamps, REFERENCE: stamps}, 0.05)
+    assert (
+        len(clocks_apart({JOINTS: [(at, at) for _, at in stamps], IMU: [(at, at + 10**9) for _, at in stamps]}, 0.05))
+        == 1
+    )
 
 
 @pytest.mark.parametrize(("mass", "said"), [(None, 0), (1.0, 0), (1.5, 1), ("heavy", 0)])

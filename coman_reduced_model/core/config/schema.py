@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -68,7 +69,8 @@ class Config:
     @property
     def urdf(self) -> Path | None:
         """The file of `robot.urdf`; None: the configuration names none."""
-        return self.directory / Path(self.robot.urdf).expanduser() if self.robot.urdf else None
+        # Unlike Path.expanduser, this leaves a home that it does not find, and the file is not found.
+        return self.directory / os.path.expanduser(self.robot.urdf) if self.robot.urdf else None  # noqa: PTH111
 
     @property
     def active(self) -> tuple[str, ...]:

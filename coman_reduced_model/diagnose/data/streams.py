@@ -29,6 +29,8 @@ def clocks_apart(arrived: Mapping[str, Sequence[tuple[int, int]]], most_s: float
     for stream, early in ((IMU, most_s), (REFERENCE, EARLY_PLAN_S)):
         if arrived.get(stream) and arrived.get(JOINTS):
             (log, stamps), (at, joints) = (np.array(arrived[each]).T for each in (stream, JOINTS))
+            if at[-1] <= at[0]:  # no log times
+                continue
             ahead = float(np.median(stamps - log - np.interp(log, at, joints - at))) * 1e-9
             if not -most_s <= ahead <= early:
                 side = "behind" if ahead < 0.0 else "ahead of"

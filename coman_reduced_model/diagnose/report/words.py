@@ -248,7 +248,9 @@ def place(where: str, foot: bool = False) -> str:
         return f"the {where} foot" if foot else f"all joints of the {where} leg"
     if not where:
         return "both feet" if foot else "all joints"
-    side = re.search("left|right", where, re.I) or re.match(r"[LlRr](?=_|LEG_|leg_|[A-Z][a-z])", where)
+    side = re.search("left|right", where, re.I) or re.match(
+        r"[LlRr](?=_|LEG_|leg_|[A-Z][a-z]|(?i:knee|hip|ank))", where
+    )
     part = re.search(r"knee|ank|hip", where, re.I)
     if not side or not part:
         return where

@@ -26,6 +26,8 @@ def test_a_class_is_named_beside_the_group_only_where_none_of_it_is_there():
         ("leg_right_knee_joint", "the right knee (leg_right_knee_joint)"),
         ("robot_left_hip_yaw", "the left hip yaw (robot_left_hip_yaw)"),
         ("RLEG_KNEE", "the right knee (RLEG_KNEE)"),
+        ("lknee", "the left knee (lknee)"),
+        ("rear_hip", "rear_hip"),
         ("leg_r_hip", "leg_r_hip"),
         ("joint7", "joint7"),
         ("left", "all joints of the left leg"),

@@ -73,7 +73,7 @@ class TrunkModel(Dynamics):
         """Forget the past."""
         self.stop()
         self._stride.reset()
-        self._planned.reset()
+        self._planned.forget()
         self._soles.reset()
         self._ground, self.flags = self._soles.planes(), Flags.OK
 

@@ -47,16 +47,14 @@ _PAUSE_NS = 200_000_000  # after a plan that differed more, until the next one i
 _UNKNOWN, _ANOTHER, _STANDS, _STEPS = range(4)  # what the plan says ahead
 Times = tuple[int, int, float]  # of `PlannedSteps`: stamps of the message and of the last point [ns], and dt
 Points = tuple[Array, Array, Integers]  # of it: com, soles, phase
+_REMEMBER = (Hysteresis, TouchdownImpact, FootSlip)  # effects that do
 _NO_ACCELERATION, _NO_ZMP = np.zeros(3), np.full(3, np.nan)
 
 
 def _with_effects_of_its_own(model: Model) -> Model:
     """Slips and blows of now are not those of a point to come, which must not move them either."""
     made = copy(model)
-    made.effects = [copy(e) if isinstance(e, Hysteresis | TouchdownImpact | FootSlip) else e for e in model.effects]
-    for mine, given in zip(made.effects, model.effects, strict=True):
-        if mine is not given:
-            mine.reset()
+    made.effects = [copy(e) if isinstance(e, _REMEMBER) else e for e in model.effects]
     made.springs = model.springs.of_effects(made.effects)
     return made
 
@@ -70,7 +68,7 @@ class PlannedWalk:
 
     def __init__(self, robot: Robot, config: Config, model: Model) -> None:
         """Share the constants of the point-mass model, and its effects but for those that remember what was."""
-        model = _with_effects_of_its_own(model)
+        self._model = model = _with_effects_of_its_own(model)
         self._robot, self._friction = robot, config.model.friction
         self._feedforward = Feedforward.of(robot, model.springs, model.gravity)
         self._equations = Equations(robot, config, model)
@@ -87,7 +85,7 @@ class PlannedWalk:
         self._lead = np.zeros(2)  # fading sums: lead times deflection, deflection squared
         self._far_ns = round(1e9 * (max(config.prediction.horizons, default=0.0) + EVERY)) + _GAP_NS
         self._paused_ns = 0  # until then no plan is taken
-        self.reset()
+        self.forget()
         # Compiled or loaded now, not in the middle of a walk.
         zero = State(np.zeros(m + 6), np.zeros(m + 6), np.zeros(2 * ROWS))
         start = Start(0, int(Foot.LEFT), np.zeros(terms_size(m)), zero, np.eye(4))
@@ -96,8 +94,15 @@ class PlannedWalk:
         along(np.zeros((2, 6 + m)), 0.0, np.zeros(1), np.eye(4))
         _learn_lead(np.zeros(2), self._memory.stamp, 1, self._joints, 0, np.zeros(len(robot.idx_v)), self._legs, 1.0)
 
+    def forget(self) -> None:
+        """Forget the past, slips of springs included, but for the share of the lead."""
+        for effect in self._model.effects:
+            if isinstance(effect, _REMEMBER):
+                effect.reset()
+        self.reset()
+
     def reset(self) -> None:
-        """Forget the past, but for the share of the lead."""
+        """Take the plan from the beginning."""
         self._feedforward.reset()
         self._equations.reset()
         self._n = self._last_ns = 0  # points kept; stamp of the last one that was looked at

@@ -29,3 +29,8 @@ def test_planned_steps_do_not_move_the_slips_of_the_free_run():
             prediction = predictor.update(replace(sample, q=sample.q.copy(), reference=reference))
         found.append(prediction.predicted_com)
     np.testing.assert_array_equal(*found)
+    predictor.reset()  # as after a gap
+    again = Predictor(robot, config)
+    for sample in samples[:300]:
+        both = [each.update(replace(sample, q=sample.q.copy())) for each in (predictor, again)]
+    np.testing.assert_array_equal(*(each.predicted_com for each in both))
