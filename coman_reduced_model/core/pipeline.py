@@ -23,7 +23,17 @@ if TYPE_CHECKING:
     from .evaluation.horizons import HorizonJudge
     from .robot.robot import Robot
 
-EARLY_PLAN_S = 2.0  # a plan may be published so far ahead (`gait.ahead`)
+_EARLY_PLAN_S = 2.0  # a plan may be published so far ahead (`gait.ahead`)
+
+
+def clock_apart(stream: str, lead_s: float, most_s: float) -> InputWarning | None:
+    """That stamps of a stream are so far ahead of those of the joint states [s]; None up to `most_s`, either way."""
+    early = _EARLY_PLAN_S if stream == REFERENCE else most_s
+    if -most_s <= lead_s <= early:
+        return None
+    side = "behind" if lead_s < 0.0 else "ahead of"
+    text = f"{stream}: its clock is {abs(lead_s):.3f} s {side} {JOINTS}, or it arrives at another time"
+    return InputWarning(WarningKind.CLOCK, stream, text)
 
 
 @dataclass(frozen=True)
@@ -269,9 +279,4 @@ class Pipeline:
         if stream.age_s > limits.restart_gap and abs(lead) < limits.restart_gap:
             text = f"{name}: no message for the last {stream.age_s:.2f} s of {JOINTS}"
             return InputWarning(WarningKind.STOPPED, name, text)
-        early = EARLY_PLAN_S if name == REFERENCE else limits.max_wait
-        if not -limits.max_wait <= lead <= early:
-            side = "behind" if lead < 0.0 else "ahead of"
-            text = f"{name}: its clock is {abs(lead):.3f} s {side} {JOINTS}, or it arrives at another time"
-            return InputWarning(WarningKind.CLOCK, name, text)
-        return None
+        return clock_apart(name, lead, limits.max_wait)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ...core.base.stream_names import IMU, JOINTS, REFERENCE
 from ...core.base.types import Array, Booleans, Integers, Sample
-from ...core.pipeline import EARLY_PLAN_S
+from ...core.pipeline import clock_apart
 from ...core.robot.robot import Robot
 
 LEAST_THERE = 0.8  # share of the time that a stream must be there, to be used
@@ -26,15 +26,14 @@ def clocks_apart(arrived: Mapping[str, Sequence[tuple[int, int]]], most_s: float
         most_s: by which they may differ [s]; a plan may come early.
     """
     out = []
-    for stream, early in ((IMU, most_s), (REFERENCE, EARLY_PLAN_S)):
+    for stream in (IMU, REFERENCE):
         if arrived.get(stream) and arrived.get(JOINTS):
             (log, stamps), (at, joints) = (np.array(arrived[each]).T for each in (stream, JOINTS))
             if at[-1] <= at[0]:  # no log times
                 continue
             ahead = float(np.median(stamps - log - np.interp(log, at, joints - at))) * 1e-9
-            if not -most_s <= ahead <= early:
-                side = "behind" if ahead < 0.0 else "ahead of"
-                out.append(f"{stream}: its clock is {abs(ahead):.3f} s {side} {JOINTS}, or it arrives at another time")
+            if (warning := clock_apart(stream, ahead, most_s)) is not None:
+                out.append(str(warning))
     return out
 
 

@@ -14,10 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial import ConvexHull
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.gait.gait import PlanPoint, WalkPlan, plan_walk
 from coman_reduced_model.core.gait.parameters import GAITS, GaitParameters, gait
-from coman_reduced_model.core.gait.walk import Walk
 from coman_reduced_model.errors import ComanError, ConfigError
 
 SOLE = np.array([[0.13, 0.05], [0.13, -0.05], [-0.07, 0.05], [-0.07, -0.05]])  # [m] corners in the sole frame
@@ -39,16 +37,6 @@ gaits = st.builds(
     zmp_offset_y_m=st.floats(-0.02, 0.03),
     first_swing=st.sampled_from(["left", "right"]),
 )
-
-
-@pytest.mark.parametrize(("single", "double", "steps"), [(0.5, 0.3, 14), (0.8, 0.3, 8), (0.7, 0.2, 6)])
-def test_a_walk_repeats_whatever_its_length(single, double, steps):
-    """The end in whole nanoseconds may come before the end in seconds."""
-    gait_ = {"gait.single_support": single, "gait.double_support": double, "gait.steps": steps}
-    walk = Walk(Config().replaced({**gait_, "gait.repeat": True}))
-    walk.start(10**9)
-    end = 10**9 + round(1e9 * walk.plan.duration_s)
-    assert not walk.go_on(end - 1) and walk.go_on(end) and walk.walking(end + 1) and walk.start_ns == end
 
 
 def planned(p: GaitParameters) -> WalkPlan:

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A walk in time: where it ends and begins again."""
+
+from __future__ import annotations
+
+import pytest
+
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.gait.walk import Walk
+
+
+@pytest.mark.parametrize(("single", "double", "steps"), [(0.5, 0.3, 14), (0.8, 0.3, 8), (0.7, 0.2, 6)])
+def test_a_walk_repeats_whatever_its_length(single, double, steps):
+    """The end in whole nanoseconds may come before the end in seconds."""
+    gait_ = {"gait.single_support": single, "gait.double_support": double, "gait.steps": steps}
+    walk = Walk(Config().replaced({**gait_, "gait.repeat": True}))
+    walk.start(10**9)
+    end = 10**9 + round(1e9 * walk.plan.duration_s)
+    assert not walk.go_on(end - 1) and walk.go_on(end) and walk.walking(end + 1) and walk.start_ns == end
