@@ -158,7 +158,8 @@ def rerooted(recording: Recording, root: Root, machine: Robot) -> Recording:
     return recording.changed(**streams, up=recording.up @ root.R.T, count=np.zeros(len(order)))
 
 
-BELIEVED = {"pull": np.array([4.0, -3.0]), "slope": np.array([0.02, -0.03]), "tilting": 2e-4, "sinking": 1e-6}
+BELIEVED = {"pull": np.array([4.0, -3.0]), "slope": np.array([0.02, -0.03]), "tilting": 2e-4, "sinking": 1e-6,
+            "softness": 1e-4}  # fmt: skip
 
 
 def test_residuals_do_not_depend_on_the_root_link(root):

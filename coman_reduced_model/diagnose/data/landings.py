@@ -82,19 +82,28 @@ def slide_lengths(world: World, q: Array, slides: Sequence[Slide]) -> Array:
 
 
 def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
-    """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere."""
-    out = np.full(len(ticks), np.nan)
+    """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere.
+
+    Beyond what shakes the foot as long afterwards, when it stands.
+    """
+    out, shaken, n = np.full(len(ticks), np.nan), list[float](), round(_LANDING_S * RATE)
     if recording.period > _SELDOM_S:
         return out
     for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
-        end = min(i + round(_LANDING_S * RATE), leaves)
+        end, force = min(i + n, leaves), recording.wrench[landed][:, 2]
         if i - left >= SWING_S * RATE and recording.valid[i - 1 : end].all():
-            out[tick] = blow(recording.wrench[landed][i:end, 2])
+            out[tick] = blow(force[i:end])
+            lifts = i + int(np.argmax(np.append(~np.isin(recording.phase[i:], (landed, Phase.DOUBLE)), True)))
+            for k in range(i + n, lifts - n + 1, n):
+                window = slice(k - _BESIDE, k + n)
+                shaken += [_largest(force[window])] if recording.valid[window].all() else []
+    if not shaken:
+        return np.full(len(ticks), np.nan)
     # A blow that comes after the next foot has left is not seen: most landings decide, if they are alike.
     seen = np.flatnonzero(np.isfinite(out))
     if len(seen) and (alike := _alike(out[seen], UNLIKE * mass)).mean() > 0.5:
         out[seen[~alike]] = np.nan
-    return out
+    return np.asarray(out - np.mean(shaken))
 
 
 def blow(force: Array) -> float:
@@ -105,7 +114,11 @@ def blow(force: Array) -> float:
     """
     if len(force) < _BLOW + _BESIDE:
         return float("nan")
-    force = np.concatenate([np.zeros(_BESIDE), force])  # in the air before
+    return _largest(np.concatenate([np.zeros(_BESIDE), force]))  # in the air before
+
+
+def _largest(force: Array) -> float:
+    """The same of a force (n,) [N] that begins with what is borne before."""
     around = sliding_window_view(force, _BLOW + 2 * _BESIDE)
     before, felt, after = np.split(around, [_BESIDE, _BESIDE + _BLOW], axis=1)
     borne = np.maximum(before.mean(axis=1), after.mean(axis=1)).clip(0.0)

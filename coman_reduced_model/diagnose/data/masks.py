@@ -23,6 +23,8 @@ TAKEN_UP = 0.0024  # [m] of lever of the weight: the torque beyond which its sig
 TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
 TIPPED_SHARE = 0.8  # of the time
 EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
+EDGE, EDGE_SHARE = 0.85, 0.5  # of half a sole, beyond which it may turn on its edge; of the time: then soles are wrong
+BEARS = 0.05  # of the weight, on a foot of which the centre of pressure means something
 SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 
 
@@ -32,10 +34,11 @@ class Masks:
 
     ticks: Integers  # (m,) indices into the grid
     steady: Booleans  # (m,) no change of contact near, on the ground
+    flat: Booleans  # (m,) the same, and no foot bears at the edge of its sole, on which it may turn
     complete: Booleans  # (m,) no gap in the recording near
     air: dict[Foot, Booleans]  # (m,) the foot is unloaded
     double: Booleans  # (m,) both feet stand
-    touchdown: Integers  # (m,) index of the tick at which this double support was first steady
+    touchdown: Integers  # (m,) index of the tick at which this double support was first steady and flat
     share: Array  # (m,) smooth share of the left foot
     segment: Integers  # (m,) number of the phase: what belongs together
     slides: tuple[Slide, ...]  # landings that show whether the foot slides
@@ -65,19 +68,24 @@ def masks(recording: Recording, world: World) -> Masks:
         air[foot] &= ~_scuffs(smooth(recording.wrench[foot][:, 2:3])[ticks, 0], air[foot], world)
     double = (steady & (phase == Phase.DOUBLE))[ticks]
     segment = number[ticks]
-    touchdown = np.zeros(len(ticks), dtype=np.intp)
-    for value in np.unique(segment):
-        mine = np.flatnonzero((segment == value) & double)
-        if len(mine):
-            touchdown[mine] = mine[0]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
     blow, taken_up = blows(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
     slides = usual_slides(recording, ticks, world)
     stride = in_stride(phase, RATE)[ticks]
     return Masks(
-        ticks, steady[ticks], ~gap[ticks], air, double, touchdown, share, segment, slides, blow, taken_up, stride
+        ticks, steady[ticks], steady[ticks], ~gap[ticks], air, double, _touchdown(segment, double), share, segment,
+        slides, blow, taken_up, stride,
     )  # fmt: skip
+
+
+def _touchdown(segment: Integers, both: Booleans) -> Integers:
+    """(m,) index of the first tick of each phase at which both feet stand so."""
+    out = np.zeros(len(segment), dtype=np.intp)
+    for value in np.unique(segment[both]):
+        mine = np.flatnonzero((segment == value) & both)
+        out[mine] = mine[0]
+    return out
 
 
 def supports(channel: str) -> tuple[str, ...]:
@@ -99,12 +107,31 @@ def part_of(where: Masks, begin: float, end: float) -> Masks:
     return replace(
         where,
         steady=where.steady & inside,
+        flat=where.flat & inside,
         complete=where.complete & inside,
         air={foot: air & inside for foot, air in where.air.items()},
         double=where.double & inside,
         slides=tuple(slide for slide in where.slides if first <= slide.tick < last),
         blow=np.where(inside, where.blow, np.nan),
     )
+
+
+def not_on_edges(where: Masks, recording: Recording, world: World) -> Masks:
+    """Not `flat` where the centre of pressure of a foot that bears is at the edge of its sole.
+
+    Unless that is most of the time: then it is no edge, or sensors have zeros that hide where the foot bears.
+    """
+    edge = np.zeros(len(where.ticks), dtype=bool)
+    for foot, load in ((Foot.LEFT, where.share), (Foot.RIGHT, 1.0 - where.share)):
+        x0, x1, y0, y1 = world.robot.soles[foot]
+        wrench = smooth(recording.wrench[foot])[where.ticks]
+        pressed = np.stack([-wrench[:, 4], wrench[:, 3]]) / np.maximum(wrench[:, 2], 1e-9)
+        off = np.abs(pressed.T - 0.5 * np.array([x0 + x1, y0 + y1])) / (0.5 * np.array([x1 - x0, y1 - y0]))
+        edge |= (load > BEARS) & (off > EDGE).any(axis=1)
+    if edge[where.steady].sum() > EDGE_SHARE * where.steady.sum():
+        return where
+    flat = where.flat & ~edge
+    return replace(where, flat=flat, touchdown=_touchdown(where.segment, where.double & flat))
 
 
 def _scuffs(force: Array, air: Booleans, world: World) -> Booleans:
@@ -174,7 +201,7 @@ def on_flat_soles(where: Masks, residuals: Mapping[str, Array]) -> Masks:
     single = where.steady & ~where.double
     if (single & ~whole).sum() >= 0.5 * (single & ~tipped).sum():  # else it hardly does anything but stagger
         tipped = whole
-    return replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped)
+    return replace(where, steady=where.steady & ~tipped, flat=where.flat & ~tipped, double=where.double & ~tipped)
 
 
 def _usual(values: Array) -> float:

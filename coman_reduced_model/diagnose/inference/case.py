@@ -15,11 +15,12 @@ from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import Unknown, applied
 from ...core.robot.robot import Robot
 from ...errors import BagError
-from ..data.masks import TICKS, Masks, masks, on_flat_soles, with_taken_up
+from ..data.masks import TICKS, Masks, masks, not_on_edges, on_flat_soles, with_taken_up
 from ..data.recording import Recording, of_world
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
+from ..physics.soles import softness
 from .evidence import Evidence, Fit, Problem, assemble, parts_of, pooled, summed, weigh
 from .floor import floor, law_of, unit_of
 from .noise import Noise, repeated
@@ -49,7 +50,8 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
             )
             recording = recording.changed(up=None, warnings=(*recording.warnings, warning))
             state = evaluate(recording, world, where)
-    where = on_flat_soles(where, state.residuals)
+    where = not_on_edges(on_flat_soles(where, state.residuals), recording, world)
+    world = world.changed(softness=softness(recording, world, where, state))
     if where.staggers:
         warning = "nearly always on the edge of a foot by the IMU: the balance of forces shows little of it"
         recording = recording.changed(warnings=(*recording.warnings, warning))

@@ -39,6 +39,7 @@ from .noise import (
     mean_offset,
     no_less,
     repeated,
+    white_noise,
     yule_walker,
 )
 from .prior import Kind, kinds_of, prior_variance
@@ -247,13 +248,18 @@ def weigh(
         remainder = {key: row - problem.columns[key] @ best for key, row in problem.rows.items()}
         noise = {
             key: Noise(
-                no_less(yule_walker(left, problem.pieces[key]), key, floors),
+                no_less(_of_remainder(left, problem.pieces[key], key), key, floors),
                 max(resolution[key], mean_offset(left, problem.pieces[key])),
                 max(repeated(left, problem.stride.get(key)), usual[key]),
             )
             for key, left in remainder.items()
         }
     return summed(problem.unknowns, at, parts, problem.usual.trust), noise, remainder
+
+
+def _of_remainder(left: Array, pieces: Integers, key: str) -> Array:
+    """Noise (1 + ORDER,) of what is left of a group."""
+    return white_noise(left) if key.partition("|")[0] in ONE_A_STEP else yule_walker(left, pieces)
 
 
 def weighed(problem: Problem, at: Array, noise: dict[str, Noise]) -> Evidence:

@@ -152,6 +152,11 @@ def yule_walker(values: Array, pieces: Integers) -> Array:
     return np.concatenate([[np.sqrt(max(innovation, 1e-6 * covariance[0]))], phi])
 
 
+def white_noise(values: Array) -> Array:
+    """The same of values (n,) that have nothing to do with each other, one for each step: about their own mean."""
+    return np.array([max(float(np.sqrt(values @ values / max(len(values) - 1, 1))), 1e-15), *[0.0] * ORDER])
+
+
 @compiled
 def _autocovariance(values: Array, pieces: Integers) -> Array:
     """(1 + ORDER,) of values (n,) at lags from 0 on, of pairs in the same piece."""

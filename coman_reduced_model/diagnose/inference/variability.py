@@ -165,6 +165,7 @@ def _improved(
             share, square = np.array(pairs).T
             mean = (ANCHOR * anchor[name] ** 2 + float(share @ square)) / (ANCHOR + float(share.sum()))
             widths[name] = min(float(np.sqrt(mean)), known.most.get(name, np.inf))
+    out[1].update({name: min(width, out[0][name]) for name, width in out[1].items()})
     return replace(known, widths=out[0], precise=out[1])
 
 

@@ -40,9 +40,18 @@ from ..data.masks import Masks, sure_torque
 from ..data.recording import FEET, RATE, WRENCH, Recording
 from ..data.signals import SOFTEST, Smoothed, noise_share, rate_of, slipped, smooth, spring_stretch
 from ..data.world import World
-from .motion import Motion, free_motion, inertial_forces, motion_of, normal, seen_from, yielding_of
+from .motion import (
+    Motion,
+    flexibility,
+    free_motion,
+    inertial_forces,
+    motion_of,
+    normal,
+    seen_from,
+    share_of,
+    yielding_of,
+)
 
-JOLT = 0.004  # [m/s] by which any landing stops the robot
 SEEN = 0.8  # of a blow: the rest cannot be distinguished from the load that comes (on the virtual robot)
 AXES = ("x", "y", "z")
 
@@ -105,18 +114,21 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
     same_ground = before is not None and all(
-        _same(world, before.world, name) for name in ("slope", "tilting", "sinking")
+        _same(world, before.world, name) for name in ("slope", "tilting", "sinking", "softness")
     )
     same_forces = before is not None and recording.wrench is before.recording.wrench
-    if before and same_q and same_ground and (same_forces or not (world.tilting or world.sinking)):
+    if before and same_q and same_ground and (same_forces or not (world.tilting or world.sinking or world.softness)):
         up = before.up
     else:
-        up = {foot: normal(world, motion.R[foot], wrench[foot], yaw[foot]) for foot in FEET}
+        up = {
+            foot: normal(world, foot, motion.R[foot], wrench[foot], yaw[foot], share_of(foot, where.share))
+            for foot in FEET
+        }
     if before and up is before.up:
         R, free = before.R, before.free
         inertial = before.inertial if world.model is before.world.model else before.inertial_of(world.model)
     else:
-        R, free = free_motion(world, motion, up, where.share, yielding_of(world, recording, motion, ticks))
+        R, free = free_motion(world, motion, up, where.share, yielding_of(world, recording, motion, ticks, where.share))
         inertial = inertial_forces(world.model, free)
     if before and same_forces and inertial is before.inertial and _same(world, before.world, "pull"):
         rest, balance = before.rest, before.balance
@@ -137,7 +149,8 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     out = balance | _joints(recording, world, where, needed, torques, smoothed)
     if recording.up is not None:
         leaning = np.einsum("nij,nj->ni", R, smoothed(recording.up)[ticks])
-        out |= {"tilt/roll": leaning[:, 1], "tilt/pitch": -leaning[:, 0]}
+        tilt = {"tilt/roll": leaning[:, 1], "tilt/pitch": -leaning[:, 0]}
+        out |= {name: np.where(where.flat, value, np.nan) for name, value in tilt.items()}
     # A spring whose torque is measured owes nothing to the ground.
     anywhere = {name.replace("torque", "spring", 1) for name in out if name.startswith("torque/")}
     out = {
@@ -158,7 +171,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
-    out["landing/z"] = where.blow - JOLT * robot.mass - SEEN * world.impulse
+    out["landing/z"] = where.blow - SEEN * world.impulse
     out["slide/x"] = np.full(len(ticks), np.nan)
     for value, slide in zip(slid, where.slides, strict=True):
         out["slide/x"][slide.tick] = value + slide.share * world.slip[FEET.index(slide.foot)]
@@ -305,7 +318,7 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     """The right sole in the frame of the left one, both taken back to a hard level floor."""
     R = np.einsum("nji,njk->nik", motion.R[Foot.LEFT], motion.R[Foot.RIGHT])
     p = np.einsum("nji,nj->ni", motion.R[Foot.LEFT], motion.p[Foot.RIGHT] - motion.p[Foot.LEFT])
-    left, right = (world.tilting * wrench[foot][:, 3:5] for foot in FEET)
+    left, right = (flexibility(world, foot, share_of(foot, where.share)) * wrench[foot][:, 3:5] for foot in FEET)
     # A foot turns against the ground's moment on it, and sinks against its force.
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) - (left - right)[:, 0]
     pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - (left - right)[:, 1]
@@ -314,4 +327,4 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     since = {"y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
     out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
-    return {name: np.where(where.double, value, np.nan) for name, value in out.items()}
+    return {name: np.where(where.double & where.flat, value, np.nan) for name, value in out.items()}

@@ -146,8 +146,12 @@ def _scatter(recording: Recording, about: About) -> Iterator[tuple[str, Unknown]
     if recording.up is not None:
         for k, key in enumerate(("roll", "pitch")):
             yield f"ground_slope@.{key}", _zero(about, "imu", key, "rad", _imu_zero(k), "imu")
-    landing = about.widths("landings", "spread", reach="landings.spread", times=about.robot.mass)
+    landing = about.widths("landings", "usual", "spread", reach="landings.spread", times=about.robot.mass)
     yield "touchdown_impact@", Unknown("", "landings", "impulse", "Ns", world_plus("impulse"), own=True, **landing)
+
+    edge = about.weight * 0.5 * about.robot.config.foot_length  # [Nm] of a foot that bears the weight at its edge
+    soles = about.widths("soles", "spread", reach="soles.spread", per=edge)
+    yield "ground_compliance@", Unknown("", "soles", "softness", "rad/Nm", world_plus("softness"), **soles)
 
 
 def _masses(about: About) -> Iterator[Unknown]:

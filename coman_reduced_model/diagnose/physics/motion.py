@@ -16,6 +16,8 @@ from ..data.recording import FEET, Recording
 from ..data.signals import rate_of, smooth
 from ..data.world import World
 
+LEAST_SHARE = 0.1  # of the weight on a foot, below which where it bears it is not known
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -84,30 +86,51 @@ def seen_from(yaw: Array, v: Array) -> Array:
     return np.column_stack([c * v[0] + s * v[1], c * v[1] - s * v[0]])
 
 
-def normal(world: World, R: Array, wrench: Array, yaw: Array) -> Array:
+def flexibility(world: World, foot: Foot, share: Array) -> Array:
+    """(m, 2) [rad/Nm] Rotation of a foot about x and y for its moment, by ground and soles that give way.
+
+    Ground is as soft about x as about y. Soles are an even layer, so that length and width of the foot count; and the
+    less they are pressed, the softer they are: a foot turns by where it bears its load, not by how much that is.
+
+    Args:
+        share: (m,) of the weight that the foot bears.
+    """
+    x0, x1, y0, y1 = world.robot.soles[foot]
+    soles = world.softness * np.array([((x1 - x0) / (y1 - y0)) ** 2, 1.0])
+    return np.asarray(world.tilting + soles / np.maximum(share, LEAST_SHARE)[:, None])
+
+
+def share_of(foot: Foot, left: Array) -> Array:
+    """(m,) of the weight that a foot bears, by that of the left one."""
+    return left if foot == Foot.LEFT else 1.0 - left
+
+
+def normal(world: World, foot: Foot, R: Array, wrench: Array, yaw: Array, share: Array) -> Array:
     """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment.
 
-    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom.
+    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom, share (m,) of the weight on it.
     """
     roll, pitch = world.slope
-    level = seen_from(yaw, np.array([-pitch, roll])) + world.tilting * wrench[:, [4, 3]] * [1.0, -1.0]
+    turned = flexibility(world, foot, share) * wrench[:, 3:5]
+    level = seen_from(yaw, np.array([-pitch, roll])) + turned[:, [1, 0]] * [1.0, -1.0]
     turned = np.column_stack([level, np.ones(len(R))])
     return np.einsum("nij,nj->ni", R, turned / np.linalg.norm(turned, axis=1)[:, None])
 
 
 def yielding_of(
-    world: World, recording: Recording, motion: Motion, ticks: Integers
+    world: World, recording: Recording, motion: Motion, ticks: Integers, share: Array
 ) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
     """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground."""
-    if not (world.tilting or world.sinking):
+    if not (world.tilting or world.sinking or world.softness):
         return None
-    flexible = -np.array([0.0, 0.0, world.sinking, world.tilting, world.tilting, 0.0])
     twist: dict[Foot, Array] = {}
     twist_rate: dict[Foot, Array] = {}
     for foot in FEET:
         first = rate_of(smooth(recording.wrench[foot]))
         for out, value in ((twist, first), (twist_rate, rate_of(first))):
-            sole = value[ticks] * flexible
+            sole = np.zeros((len(ticks), 6))
+            sole[:, 2] = -world.sinking * value[ticks, 2]
+            sole[:, 3:5] = -flexibility(world, foot, share_of(foot, share)) * value[ticks, 3:5]
             linear, angular = (np.einsum("nij,nj->ni", motion.R[foot], part) for part in (sole[:, :3], sole[:, 3:]))
             out[foot] = np.hstack([linear + np.cross(motion.p[foot], angular), angular])
     return twist, twist_rate

@@ -8,8 +8,8 @@ import pytest
 from diagnose_tools import standing, stretched, swaying, t
 
 from coman_reduced_model.core.base.types import Foot, Phase
-from coman_reduced_model.diagnose.data.masks import masks, on_flat_soles
-from coman_reduced_model.diagnose.data.recording import moving
+from coman_reduced_model.diagnose.data.masks import masks, not_on_edges, on_flat_soles
+from coman_reduced_model.diagnose.data.recording import Recording, moving
 from coman_reduced_model.diagnose.physics.balance import evaluate
 
 
@@ -52,6 +52,35 @@ def test_who_is_nearly_always_on_an_edge_staggers():
     where = masks(recording, world)
     found = on_flat_soles(where, evaluate(recording, world, where).residuals)
     assert found.staggers and found.steady.sum() == where.steady.sum()
+
+
+def bearing(at: float, when: np.ndarray) -> Recording:
+    """Standing on both feet, the left one bearing at a share of its sole's half length while `when` (n,)."""
+    recording, world = standing()
+    x0, x1, _, _ = world.robot.soles[Foot.LEFT]
+    wrench = {foot: values * [1.0, 1.0, 1.0, 0.0, 0.0, 0.0] for foot, values in recording.wrench.items()}
+    wrench[Foot.LEFT][:, 4] = -wrench[Foot.LEFT][:, 2] * (0.5 * (x0 + x1) + at * 0.5 * (x1 - x0) * when)
+    return recording.changed(wrench=wrench)
+
+
+def test_a_foot_that_bears_at_its_edge_is_not_flat():
+    _, world = standing()
+    late = t > 0.7 * t[-1]
+    for at, flat in ((0.98, False), (-0.98, False), (0.6, True)):
+        recording = bearing(at, late)
+        where = not_on_edges(masks(recording, world), recording, world)
+        begun = t[where.ticks] > 0.7 * t[-1] + 0.1
+        assert where.flat[begun].all() == flat and (flat or not where.flat[begun].any())
+        assert where.flat[t[where.ticks] < 0.7 * t[-1] - 0.1].all() and where.double[begun].all()
+        found = evaluate(recording, world, where).residuals
+        assert np.isfinite(found["feet/pitch"][begun]).all() == np.isfinite(found["tilt/pitch"][begun]).all() == flat
+        assert np.isfinite(found["force/z"][begun]).all()
+
+
+def test_soles_on_whose_edge_a_robot_always_stands_are_other_ones():
+    recording, world = bearing(0.98, np.ones(len(t), dtype=bool)), standing()[1]
+    where = masks(recording, world)
+    assert not_on_edges(where, recording, world) is where
 
 
 def test_the_zero_of_an_encoder_takes_up_no_play():

@@ -124,7 +124,9 @@ def moving_about() -> Recording:
 
 
 @pytest.mark.parametrize("lacks", [(), ("tau",), ("motor_q", "plan", "moved"), ("up",)])
-@pytest.mark.parametrize("believed", [{}, {"tilting": 2e-4, "sinking": 1e-6}, {"lead": 0.3, "yielded": 2e-4}])
+@pytest.mark.parametrize(
+    "believed", [{}, {"tilting": 2e-4, "sinking": 1e-6}, {"softness": 2e-4}, {"lead": 0.3, "yielded": 2e-4}]
+)
 def test_what_is_taken_over_from_another_hypothesis_is_what_it_would_be_alone(lacks, believed):
     recording, world = moving_about().changed(**dict.fromkeys(lacks)), standing()[1].changed(**believed)
     where = masks(recording, world)
