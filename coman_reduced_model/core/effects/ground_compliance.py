@@ -75,9 +75,8 @@ class GroundCompliance(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        edge = about.weight * 0.5 * about.robot.config.foot_length  # [Nm] of a foot that bears the weight at its edge
         out = []
-        for key, load, field in (("rotational", edge, "tilting"), ("vertical", about.weight, "sinking")):
+        for key, load, field in (("rotational", about.edge, "tilting"), ("vertical", about.weight, "sinking")):
             usual = ("usual",) if key == "vertical" else ()  # soles turn otherwise: `soles` of diagnose/physics
             prior = about.widths(f"ground_compliance.{key}", *usual, "spread", "reach", per=load)
             out.append(cls.unknown(key, world_plus(field), low=0.0, **prior))

@@ -180,6 +180,11 @@ class About:
         """[N]."""
         return self.robot.mass * self.gravity
 
+    @property
+    def edge(self) -> float:
+        """[Nm] of a foot that bears the weight at its front edge."""
+        return self.weight * 0.5 * self.robot.config.foot_length
+
 
 def applied(known: Sequence[Unknown], at: Array, recording: _R, world: _W) -> tuple[_R, _W]:
     """Recording and world under the hypothesis of deviations `at` (P,) from nominal, of each beyond what is usual."""

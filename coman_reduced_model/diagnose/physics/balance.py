@@ -205,7 +205,7 @@ def balanced(state: State, where: Masks, noise: float | Array) -> State:
         return state
     wrench = {}
     for foot in FEET:
-        share = where.share if foot == Foot.LEFT else 1.0 - where.share
+        share = share_of(foot, where.share)
         wanted = np.linalg.solve(state.motion.J[foot][:, :, :6].transpose(0, 2, 1), missing[:, :, None])[:, :, 0]
         wanted = np.where(steady[:, None], share[:, None] * wanted, 0.0)
         added = np.column_stack([np.interp(grid, where.ticks, column) for column in wanted.T])

@@ -149,8 +149,7 @@ def _scatter(recording: Recording, about: About) -> Iterator[tuple[str, Unknown]
     landing = about.widths("landings", "usual", "spread", reach="landings.spread", times=about.robot.mass)
     yield "touchdown_impact@", Unknown("", "landings", "impulse", "Ns", world_plus("impulse"), own=True, **landing)
 
-    edge = about.weight * 0.5 * about.robot.config.foot_length  # [Nm] of a foot that bears the weight at its edge
-    soles = about.widths("soles", "spread", reach="soles.spread", per=edge)
+    soles = about.widths("soles", "spread", reach="soles.spread", per=about.edge)
     yield "ground_compliance@", Unknown("", "soles", "softness", "rad/Nm", world_plus("softness"), **soles)
 
 

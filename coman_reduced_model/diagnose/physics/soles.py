@@ -16,7 +16,7 @@ from ..data.signals import without_noise
 from ..data.world import World
 from .balance import State, evaluate
 
-TOLD = tuple(f"{law}/{axis}" for law in ("force", "moment") for axis in "xy") + tuple(
+LAWS = tuple(f"{law}/{axis}" for law in ("force", "moment") for axis in "xy") + tuple(
     f"{law}/{axis}" for law in ("feet", "tilt") for axis in ("roll", "pitch")
 )
 STEP = 0.001  # [rad] by which a foot turns that bears the weight at its front edge, for the difference quotient
@@ -36,7 +36,7 @@ def softness(recording: Recording, world: World, where: Masks, measured: State) 
     step = STEP / (world.robot.mass * world.gravity * 0.5 * world.robot.config.foot_length)
     moved = evaluate(quiet.recording, world.changed(softness=step), where, quiet).residuals
     groups: list[tuple[Array, Array]] = []
-    for name in TOLD:
+    for name in LAWS:
         row = measured.residuals.get(name, np.full(len(where.ticks), np.nan))
         by = (quiet.residuals.get(name, row) - moved.get(name, row)) / step
         for _, chosen in parts(where, name):
@@ -46,6 +46,6 @@ def softness(recording: Recording, world: World, where: Masks, measured: State) 
     found = 0.0
     for _ in range(ROUNDS if groups else 0):
         weights = [1.0 / max(float(np.mean((r - found * c) ** 2)), 1e-18) for r, c in groups]
-        told = sum(w * float(c @ c) for w, (_, c) in zip(weights, groups, strict=True))
-        found = sum(w * float(c @ r) for w, (r, c) in zip(weights, groups, strict=True)) / max(told, 1e-18)
+        precision = sum(w * float(c @ c) for w, (_, c) in zip(weights, groups, strict=True))
+        found = sum(w * float(c @ r) for w, (r, c) in zip(weights, groups, strict=True)) / max(precision, 1e-18)
     return max(found, 0.0)

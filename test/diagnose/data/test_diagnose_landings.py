@@ -105,7 +105,7 @@ def test_what_shakes_a_foot_that_stands_is_no_blow():
     assert landing(shaking + blow)[1] == pytest.approx(np.full(3, 1.5), rel=0.3)
 
 
-def test_a_foot_that_never_stands_for_long_tells_nothing_of_blows():
+def test_a_foot_that_never_stands_for_long_shows_no_blows():
     recording, world = standing()
     phase = np.where(np.mod(t, 0.6) < 0.1, Phase.DOUBLE, np.where(np.mod(t, 1.2) < 0.6, Phase.LEFT, Phase.RIGHT))
     always = masks(recording.changed(phase=phase, valid=np.mod(t, 0.6) < 0.3), world).blow
