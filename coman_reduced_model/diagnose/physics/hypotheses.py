@@ -150,7 +150,8 @@ def _scatter(recording: Recording, about: About) -> Iterator[tuple[str, Unknown]
     yield "touchdown_impact@", Unknown("", "landings", "impulse", "Ns", world_plus("impulse"), own=True, **landing)
 
     soles = about.widths("soles", "spread", reach="soles.spread", per=about.edge)
-    yield "ground_compliance@", Unknown("", "soles", "softness", "rad/Nm", world_plus("softness"), **soles)
+    # own: it counts from what was found of each recording (soles.py)
+    yield "ground_compliance@", Unknown("", "soles", "softness", "rad/Nm", world_plus("softness"), own=True, **soles)
 
 
 def _masses(about: About) -> Iterator[Unknown]:
