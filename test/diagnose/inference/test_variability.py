@@ -12,7 +12,13 @@ from diagnose_tools import made_up
 from coman_reduced_model.core.base.nominal import Nominal
 from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
-from coman_reduced_model.diagnose.inference.variability import adapted, learn_widths, widths_of_robot, with_widths
+from coman_reduced_model.diagnose.inference.variability import (
+    adapted,
+    learn_widths,
+    means_of,
+    widths_of_robot,
+    with_widths,
+)
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate
 
 JOINTS = 8
@@ -107,3 +113,19 @@ def test_an_imu_that_is_mounted_otherwise_widens_what_an_imu_may_be_off_by(off, 
 def test_spreads_are_relative_to_what_their_parameter_says():
     (one,) = with_widths([replace(figures()[0], relative=3.0)], {"play.spread": 0.2})
     assert one.spread == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_what_robots_have_some_of_anyway_is_found_whether_of_a_robot_or_of_each_recording(own):
+    rng, known = np.random.default_rng(8), [made_up("", 0.5, 0.5, own=own)]
+    known = [replace(known[0], widths={"spread": "knock.spread", "usual": "knock.usual"})]
+    robots = []
+    for _ in range(60):
+        r = 0.3 + 0.1 * rng.standard_normal((2, 50))
+        robots.append(
+            [
+                Evidence(known, np.zeros(1), np.full((1, 1), 5e3), np.array([1e2 * x.sum()]), 1e2 * float(x @ x), 50)
+                for x in r
+            ]
+        )
+    assert means_of(robots, Nominal({"knock.spread": 0.5}))["knock.usual"] == pytest.approx(0.3, rel=0.2)
