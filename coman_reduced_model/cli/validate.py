@@ -14,7 +14,10 @@ from .common import (
     ConfigOption,
     ForceOption,
     JsonOption,
+    NamespaceOption,
+    RemapOption,
     SetOption,
+    UrdfOption,
     print_json,
     print_table,
     progress,
@@ -56,6 +59,9 @@ def validate(
     ] = False,
     config: ConfigOption = None,
     changes: SetOption = None,
+    urdf: UrdfOption = None,
+    namespace: NamespaceOption = "",
+    remap: RemapOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -66,10 +72,14 @@ def validate(
     from ..judge.seeds import describe, fresh_range
     from ..output import OutputFolder, to_json
     from ..report.validation import validation_page
+    from ..topics import TopicNames
     from ..tuning import validate as validation
 
     if bags and untuned:
         raise ConfigError("--untuned: only without BAG")
+    of_bags = {"--urdf": urdf, "--namespace": namespace, "--remap": remap}
+    if given := [option for option, value in of_bags.items() if value and not bags]:
+        raise ConfigError(f"{given[0]}: only with BAG")
     if holdout and not bags:
         raise ConfigError("--holdout: name the bags to tune on as well")
     variants = validation.QUICK if quick else tuple(validation.VARIANTS)
@@ -83,7 +93,11 @@ def validate(
             raise ConfigError("BAG, --holdout: two bags have the same name")
         for bag in named.values():  # said before any work begins
             Bag(bag).close()
-        cases = [validation.RobotCase(settings.robot.name, settings, named)]
+        cases = [
+            validation.RobotCase(
+                settings.robot.name, settings, named, names=TopicNames(namespace, remap or ()), urdf=urdf
+            )
+        ]
         train, judge = [bags[0].name], [bag.name for bag in holdout]
         if len(bags) > 1:
             raise ConfigError("BAG: tune on one bag here (coman tune takes several)")

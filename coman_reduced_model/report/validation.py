@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from ..core.config.schema import Config
 from ..core.evaluation.run import run_of
-from ..tuning.recording import read_recording
 from ..tuning.validate import PAPER, QUICK, VARIANTS, RobotCase, Score, Validation, rows
 from . import figures
 from .draw import SERIES, legend, new_figure, title
@@ -106,7 +105,7 @@ def _paper_figures(done: Validation, case: RobotCase, folder: Path) -> list[Part
         ("whole_tuned", held, f"all options, {other}", tuned[f"{whole}, tuned"]),
     ]
     bare = case.config.replaced(PAPER | {"prediction.horizons": ()})
-    recordings = {bag: read_recording(bag, bare) for bag in (train, held)}
+    recordings = {bag: case.read(bag, bare) for bag in (train, held)}
     parts: list[Part] = [
         Text(f"Robot {case.robot}. Three steps from the middle of the walk, chosen by place and not by fit.")
     ]

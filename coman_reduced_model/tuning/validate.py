@@ -23,6 +23,7 @@ from ..core.predictor import Predictor
 from ..errors import BagError, ConfigError
 from ..processes import workers
 from ..progress import Progress
+from ..topics import TopicNames
 from .free_run import compile_loop
 from .parameters import tune_parameters
 from .recording import JoinedBag, read_recording
@@ -89,6 +90,16 @@ class RobotCase:
     config: Config
     bags: dict[str, Path] = field(default_factory=dict)  # by gait
     tuned: dict[str, dict[str, Config]] = field(default_factory=dict)  # by the gait tuned on, and variant
+    names: TopicNames = field(default_factory=TopicNames)  # in `bags`
+    urdf: Path | None = None  # instead of the one that bag or configuration name
+
+    def read(self, bag: str | Path, config: Config) -> JoinedBag:
+        """One of its bags, recorded or read.
+
+        Raises:
+            ComanError: it cannot be read, lacks a topic, or holds no usable sample.
+        """
+        return read_recording(bag, config, self.names, self.urdf)
 
 
 def virtual_case(name: str, config: Config) -> RobotCase:
@@ -170,7 +181,7 @@ def _train(
     bag = case.bags.get(gait)
     if bag is None:
         bag = record_gait(case.robot, gait, folder / f"{case.robot}_{gait}_train", seed, duration_s)
-    recording = read_recording(bag, case.config.replaced(PAPER | {"prediction.horizons": ()}))
+    recording = case.read(bag, case.config.replaced(PAPER | {"prediction.horizons": ()}))
     return str(bag), tuned_variants(recording, case.config.with_joints_of(recording.robot), QUICK)
 
 
@@ -182,14 +193,14 @@ def _judge(
     if bag is None:
         name = gait.replace(",", "").replace(" ", "_")
         bag = record_gait(case.robot, gait, folder / f"{case.robot}_{name}", seed, duration_s)
-    recording = read_recording(bag, case.config.replaced(PAPER | {"prediction.horizons": ()}))
+    recording = case.read(bag, case.config.replaced(PAPER | {"prediction.horizons": ()}))
     config = case.config.with_joints_of(recording.robot)
     scores = [
         score(recording, each, case.robot, gait, name)
         for name, each in (_possible(config, variants) | dict(tuned)).items()
     ]
     if config.active:  # some act while streams are joined
-        recording = read_recording(bag, config)
+        recording = case.read(bag, config)
     return str(bag), [*scores, score(recording, config, case.robot, gait, "as configured")]
 
 

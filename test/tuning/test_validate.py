@@ -70,6 +70,9 @@ def test_bad_input_is_one_line(tmp_path, capsys):
         ([test1, "--holdout", test1], "also tuned on"),
         (["--robots", "coman,giant"], "'giant' is not allowed"),
         (["nowhere", "--holdout", test1], "nowhere"),
+        (["--urdf", "robot.urdf"], "--urdf: only with BAG"),
+        ([test1, "--holdout", str(BAGS / "test2"), "--remap", "joint_states:=elsewhere"], "/elsewhere"),
+        ([test1, "--holdout", str(BAGS / "test2"), "--urdf", "nowhere.urdf"], "nowhere.urdf"),
     ):
         assert run(["validate", *arguments, *out]) == 2
         error = capsys.readouterr().err
