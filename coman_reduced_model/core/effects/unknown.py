@@ -183,7 +183,7 @@ class About:
     @property
     def edge(self) -> float:
         """[Nm] of a foot that bears the weight at its front edge."""
-        return self.weight * 0.5 * self.robot.config.foot_length
+        return self.weight * 0.5 * self.robot.sole_length
 
 
 def applied(known: Sequence[Unknown], at: Array, recording: _R, world: _W) -> tuple[_R, _W]:

@@ -150,6 +150,11 @@ class Robot:
         return float(pin.computeTotalMass(self.model))
 
     @property
+    def sole_length(self) -> float:
+        """Of the soles in the mean [m]."""
+        return float(np.mean([front - back for back, front, *_ in self.soles.values()]))
+
+    @property
     def mimic_joints(self) -> tuple[str, ...]:
         """Joints that follow others by the URDF (<mimic>); free in the model, so that messages must give them."""
         found = [str(joint.get("name")) for joint in ElementTree.fromstring(self.urdf.strip()).iterfind("joint[mimic]")]

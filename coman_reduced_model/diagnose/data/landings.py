@@ -55,9 +55,10 @@ def usual_slides(recording: Recording, ticks: Integers, world: World) -> tuple[S
 def _slides(recording: Recording, ticks: Integers) -> tuple[Slide, ...]:
     """Landings at which a slide would show."""
     out = []
-    for landed, tick, _, i, leaves in _landings(recording.phase, ticks):
+    for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
         end = min(i + round(SLIPS_TO * RATE), leaves - round(CONTACT_S * RATE))
-        if end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
+        chatters = i - left < SWING_S * RATE
+        if chatters or end - i < _SHORTEST_SLIDE_S * RATE or not recording.valid[i:end].all():
             continue
         first = slice(i + round(_LANDED_S[0] * RATE), i + round(_LANDED_S[1] * RATE))
         last = slice(end - round(_SLID_S * RATE), end)
@@ -87,12 +88,14 @@ def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
     Beyond what shakes the foot as long afterwards, when it stands.
     """
     out, shaken, n = np.full(len(ticks), np.nan), list[float](), round(_LANDING_S * RATE)
+    of_foot: dict[Foot, list[int]] = {foot: [] for foot in FEET}
     if recording.period > _SELDOM_S:
         return out
     for landed, tick, left, i, leaves in _landings(recording.phase, ticks):
         end, force = min(i + n, leaves), recording.wrench[landed][:, 2]
         if i - left >= SWING_S * RATE and recording.valid[i - 1 : end].all():
             out[tick] = blow(force[i:end])
+            of_foot[landed].append(tick)
             lifts = i + int(np.argmax(np.append(~np.isin(recording.phase[i:], (landed, Phase.DOUBLE)), True)))
             for k in range(i + n, lifts - n + 1, n):
                 window = slice(k - _BESIDE, k + n)
@@ -100,9 +103,10 @@ def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
     if not shaken:
         return np.full(len(ticks), np.nan)
     # A blow that comes after the next foot has left is not seen: most landings decide, if they are alike.
-    seen = np.flatnonzero(np.isfinite(out))
-    if len(seen) and (alike := _alike(out[seen], UNLIKE * mass)).mean() > 0.5:
-        out[seen[~alike]] = np.nan
+    for landings in of_foot.values():
+        seen = np.array([tick for tick in landings if np.isfinite(out[tick])], dtype=np.intp)
+        if len(seen) and (alike := _alike(out[seen], UNLIKE * mass)).mean() > 0.5:
+            out[seen[~alike]] = np.nan
     return np.asarray(out - np.mean(shaken))
 
 

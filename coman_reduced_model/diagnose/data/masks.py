@@ -39,13 +39,18 @@ class Masks:
     air: dict[Foot, Booleans]  # (m,) the foot is unloaded
     double: Booleans  # (m,) both feet stand
     touchdown: Integers  # (m,) index of the tick at which this double support was first steady and flat
-    share: Array  # (m,) smooth share of the left foot
+    left: Array  # (n,) smooth share of the left foot, on the grid
     segment: Integers  # (m,) number of the phase: what belongs together
     slides: tuple[Slide, ...]  # landings that show whether the foot slides
     blow: Array  # (m,) [Ns] of a landing, at the tick before it; NaN elsewhere
     taken_up: Array  # (m, nj) -1..1, at which end of its play a joint would be, if it had some
     stride: Array  # (m,) strides so far
     staggers: bool = False  # nearly always on the edge of a foot
+
+    @property
+    def share(self) -> Array:
+        """(m,) of the left foot."""
+        return self.left[self.ticks]
 
 
 def masks(recording: Recording, world: World) -> Masks:
@@ -69,7 +74,7 @@ def masks(recording: Recording, world: World) -> Masks:
     double = (steady & (phase == Phase.DOUBLE))[ticks]
     segment = number[ticks]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
-    share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)[ticks]
+    share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)
     blow, taken_up = blows(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
     slides = usual_slides(recording, ticks, world)
     stride = in_stride(phase, RATE)[ticks]
@@ -119,18 +124,27 @@ def part_of(where: Masks, begin: float, end: float) -> Masks:
 def not_on_edges(where: Masks, recording: Recording, world: World) -> Masks:
     """Not `flat` where the centre of pressure of a foot that bears is at the edge of its sole.
 
-    Unless that is most of the time: then it is no edge, or sensors have zeros that hide where the foot bears.
+    Unless that is most of a kind of support: then it is no edge, or sensors have zeros that hide where the foot bears.
     """
     edge = np.zeros(len(where.ticks), dtype=bool)
     for foot, load in ((Foot.LEFT, where.share), (Foot.RIGHT, 1.0 - where.share)):
         x0, x1, y0, y1 = world.robot.soles[foot]
         wrench = smooth(recording.wrench[foot])[where.ticks]
+        if where.air[foot].any():
+            wrench = wrench - np.median(wrench[where.air[foot]], axis=0)
         pressed = np.stack([-wrench[:, 4], wrench[:, 3]]) / np.maximum(wrench[:, 2], 1e-9)
         off = np.abs(pressed.T - 0.5 * np.array([x0 + x1, y0 + y1])) / (0.5 * np.array([x1 - x0, y1 - y0]))
         edge |= (load > BEARS) & (off > EDGE).any(axis=1)
-    if edge[where.steady].sum() > EDGE_SHARE * where.steady.sum():
-        return where
-    flat = where.flat & ~edge
+    for kind in (where.double, ~where.double):
+        mine = where.steady & kind
+        if edge[mine].sum() > EDGE_SHARE * mine.sum():
+            edge &= ~kind
+    return _flat_only(where, ~edge)
+
+
+def _flat_only(where: Masks, there: Booleans) -> Masks:
+    """`flat` only there (m,), and what follows of it."""
+    flat = where.flat & there
     return replace(where, flat=flat, touchdown=_touchdown(where.segment, where.double & flat))
 
 
@@ -201,7 +215,7 @@ def on_flat_soles(where: Masks, residuals: Mapping[str, Array]) -> Masks:
     single = where.steady & ~where.double
     if (single & ~whole).sum() >= 0.5 * (single & ~tipped).sum():  # else it hardly does anything but stagger
         tipped = whole
-    return replace(where, steady=where.steady & ~tipped, flat=where.flat & ~tipped, double=where.double & ~tipped)
+    return _flat_only(replace(where, steady=where.steady & ~tipped, double=where.double & ~tipped), ~tipped)
 
 
 def _usual(values: Array) -> float:

@@ -80,6 +80,11 @@ class World:
             none, warming,
         )  # fmt: skip
 
+    @property
+    def gives_way(self) -> bool:
+        """Soles move with the forces on them."""
+        return bool(self.tilting or self.sinking or self.softness)
+
     def changed(self, **fields: object) -> World:
         """A copy with other figures."""
         return replace(self, **fields)  # type: ignore[arg-type]

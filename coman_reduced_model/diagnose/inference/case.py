@@ -50,7 +50,10 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
             )
             recording = recording.changed(up=None, warnings=(*recording.warnings, warning))
             state = evaluate(recording, world, where)
-    where = not_on_edges(on_flat_soles(where, state.residuals), recording, world)
+    where = not_on_edges(where, recording, world)
+    if recording.up is not None:  # soles that are soft turn without being on their edge
+        soft = world.changed(softness=softness(recording, world, where, state))
+        where = on_flat_soles(where, evaluate(recording, soft, where, state).residuals)
     world = world.changed(softness=softness(recording, world, where, state))
     if where.staggers:
         warning = "nearly always on the edge of a foot by the IMU: the balance of forces shows little of it"

@@ -36,7 +36,7 @@ def floor(state: State, where: Masks, floors: Mapping[str, float], sensors: Mapp
     recording, robot = state.recording, state.world.robot
     stride = recording.stride
     force = sensors["force"] * robot.mass * state.world.gravity
-    torque = sensors["moment"] * robot.mass * state.world.gravity * robot.config.foot_length
+    torque = sensors["moment"] * robot.mass * state.world.gravity * robot.sole_length
     wrench = np.repeat([force, torque], 3)
     positions = without_noise(recording, state.world).q
     sums: dict[str, list[float]] = {}

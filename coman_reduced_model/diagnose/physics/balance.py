@@ -42,13 +42,13 @@ from ..data.signals import SOFTEST, Smoothed, noise_share, rate_of, slipped, smo
 from ..data.world import World
 from .motion import (
     Motion,
-    flexibility,
     free_motion,
     inertial_forces,
     motion_of,
     normal,
     seen_from,
     share_of,
+    turned,
     yielding_of,
 )
 
@@ -111,24 +111,22 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
     smoothed = Smoothed(before.smoothed if before else None)
     yaw = {foot: recording.yaw[foot][ticks] for foot in FEET}
     motion = before.motion if before and same_q else motion_of(world.robot, smoothed(recording.q), ticks)
-    wrench = {foot: smoothed(recording.wrench[foot])[ticks] for foot in FEET}
+    on_grid = {foot: smoothed(recording.wrench[foot]) for foot in FEET}
+    wrench = {foot: value[ticks] for foot, value in on_grid.items()}
     # Soft ground couples the forces into the motion; else motion and weight do not depend on what the sensors read.
     same_ground = before is not None and all(
         _same(world, before.world, name) for name in ("slope", "tilting", "sinking", "softness")
     )
     same_forces = before is not None and recording.wrench is before.recording.wrench
-    if before and same_q and same_ground and (same_forces or not (world.tilting or world.sinking or world.softness)):
+    if before and same_q and same_ground and (same_forces or not world.gives_way):
         up = before.up
     else:
-        up = {
-            foot: normal(world, foot, motion.R[foot], wrench[foot], yaw[foot], share_of(foot, where.share))
-            for foot in FEET
-        }
+        up = {foot: normal(world, motion.R[foot], _turned(world, foot, wrench, where), yaw[foot]) for foot in FEET}
     if before and up is before.up:
         R, free = before.R, before.free
         inertial = before.inertial if world.model is before.world.model else before.inertial_of(world.model)
     else:
-        R, free = free_motion(world, motion, up, where.share, yielding_of(world, recording, motion, ticks, where.share))
+        R, free = free_motion(world, motion, up, where.share, yielding_of(world, on_grid, motion, ticks, where.left))
         inertial = inertial_forces(world.model, free)
     if before and same_forces and inertial is before.inertial and _same(world, before.world, "pull"):
         rest, balance = before.rest, before.balance
@@ -314,17 +312,24 @@ def _joints(
     return out
 
 
+def _turned(world: World, foot: Foot, wrench: dict[Foot, Array], where: Masks) -> Array:
+    """(m, 2) [rad] by which a foot has turned, of wrenches at the ticks."""
+    return turned(world, foot, wrench[foot], share_of(foot, where.share))
+
+
 def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array]) -> dict[str, Array]:
     """The right sole in the frame of the left one, both taken back to a hard level floor."""
     R = np.einsum("nji,njk->nik", motion.R[Foot.LEFT], motion.R[Foot.RIGHT])
     p = np.einsum("nji,nj->ni", motion.R[Foot.LEFT], motion.p[Foot.RIGHT] - motion.p[Foot.LEFT])
-    left, right = (flexibility(world, foot, share_of(foot, where.share)) * wrench[foot][:, 3:5] for foot in FEET)
+    left, right = (_turned(world, foot, wrench, where) for foot in FEET)
     # A foot turns against the ground's moment on it, and sinks against its force.
-    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) - (left - right)[:, 0]
-    pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - (left - right)[:, 1]
+    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    apart = seen_from(yaw, left.T) - right  # in axes of the right sole, as roll and pitch are
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) - apart[:, 0]
+    pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - apart[:, 1]
     sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
     height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
-    since = {"y": p[:, 1], "yaw": np.arctan2(R[:, 1, 0], R[:, 0, 0])}
+    since = {"y": p[:, 1], "yaw": yaw}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
     out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}
     return {name: np.where(where.double & where.flat, value, np.nan) for name, value in out.items()}

@@ -164,7 +164,7 @@ def _masses(about: About) -> Iterator[Unknown]:
             yield replace(_of_robot(about, name, "mass", "1", _mass(body), "mass"), step=0.05)
             axes = trunk.placement.rotation.copy() if body == trunk.parentJoint else np.eye(3)
             for k, key in enumerate("xyz"):
-                width = "com" if body > 1 or key != "z" else "com_z"
+                width = "com_z" if body == trunk.parentJoint and key == "z" else "com"
                 yield replace(
                     _of_robot(about, name, f"com_{key}", "m", lever_plus(body, axes[:, k]), width), step=0.005
                 )

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from ...core.base.types import Array, Foot, Integers
 from ...core.robot.robot import Robot
-from ..data.recording import FEET, Recording
-from ..data.signals import rate_of, smooth
+from ..data.recording import FEET
+from ..data.signals import rate_of
 from ..data.world import World
 
-LEAST_SHARE = 0.1  # of the weight on a foot, below which where it bears it is not known
+LEAST_SHARE = 0.05  # of the weight on a foot, below which where it bears is not known
 
 
 @dataclass(frozen=True)
@@ -81,23 +81,29 @@ def motion_of(robot: Robot, smoothed: Array, ticks: Integers) -> Motion:
 
 
 def seen_from(yaw: Array, v: Array) -> Array:
-    """A level vector (2,) of odom in axes (m, 2) that are turned by yaw (m,) [rad] there."""
+    """A level vector (2,) or (2, m) in axes (m, 2) that are turned by yaw (m,) [rad] against its own."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.column_stack([c * v[0] + s * v[1], c * v[1] - s * v[0]])
 
 
-def flexibility(world: World, foot: Foot, share: Array) -> Array:
-    """(m, 2) [rad/Nm] Rotation of a foot about x and y for its moment, by ground and soles that give way.
+def turned(world: World, foot: Foot, wrench: Array, share: Array) -> Array:
+    """(m, 2) [rad] Rotation of a foot about x and y against its moment, by ground and soles that give way.
 
-    Ground is as soft about x as about y. Soles are an even layer, so that length and width of the foot count; and the
-    less they are pressed, the softer they are: a foot turns by where it bears its load, not by how much that is.
+    Ground is as soft about x as about y. Soles are an even layer, so that length and width of the foot count, and the
+    moment about its centre; and the less they are pressed, the softer they are: a foot turns by where it bears its
+    load, not by how much that is.
 
     Args:
+        wrench: (m, 6) on the foot, in the frame of its sole.
         share: (m,) of the weight that the foot bears.
     """
+    moment = wrench[:, 3:5]
+    if not world.softness:
+        return np.asarray(world.tilting * moment)
     x0, x1, y0, y1 = world.robot.soles[foot]
-    soles = world.softness * np.array([((x1 - x0) / (y1 - y0)) ** 2, 1.0])
-    return np.asarray(world.tilting + soles / np.maximum(share, LEAST_SHARE)[:, None])
+    about_centre = moment + 0.5 * wrench[:, 2:3] * np.array([-(y0 + y1), x0 + x1])
+    soles = world.softness * np.array([((x1 - x0) / (y1 - y0)) ** 2, 1.0]) / np.hypot(share, LEAST_SHARE)[:, None]
+    return np.asarray(world.tilting * moment + soles * about_centre)
 
 
 def share_of(foot: Foot, left: Array) -> Array:
@@ -105,32 +111,36 @@ def share_of(foot: Foot, left: Array) -> Array:
     return left if foot == Foot.LEFT else 1.0 - left
 
 
-def normal(world: World, foot: Foot, R: Array, wrench: Array, yaw: Array, share: Array) -> Array:
-    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes and gives way under its moment.
+def normal(world: World, R: Array, turn: Array, yaw: Array) -> Array:
+    """Against gravity (m, 3) in the root's frame, by a foot on a floor that slopes, on which it has `turned` (m, 2).
 
-    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom, share (m,) of the weight on it.
+    R (m, 3, 3) of its sole in the root's frame, yaw (m,) [rad] in odom.
     """
     roll, pitch = world.slope
-    turned = flexibility(world, foot, share) * wrench[:, 3:5]
-    level = seen_from(yaw, np.array([-pitch, roll])) + turned[:, [1, 0]] * [1.0, -1.0]
-    turned = np.column_stack([level, np.ones(len(R))])
-    return np.einsum("nij,nj->ni", R, turned / np.linalg.norm(turned, axis=1)[:, None])
+    level = seen_from(yaw, np.array([-pitch, roll])) + turn[:, [1, 0]] * [1.0, -1.0]
+    up = np.column_stack([level, np.ones(len(R))])
+    return np.einsum("nij,nj->ni", R, up / np.linalg.norm(up, axis=1)[:, None])
 
 
 def yielding_of(
-    world: World, recording: Recording, motion: Motion, ticks: Integers, share: Array
+    world: World, wrench: dict[Foot, Array], motion: Motion, ticks: Integers, left: Array
 ) -> tuple[dict[Foot, Array], dict[Foot, Array]] | None:
-    """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground."""
-    if not (world.tilting or world.sinking or world.softness):
+    """Twist and its rate (m, 6) that soles moving on soft ground give the root link (its frame); None: hard ground.
+
+    Args:
+        wrench: (n, 6) by foot, smoothed.
+        left: (n,) share of the left foot.
+    """
+    if not world.gives_way:
         return None
     twist: dict[Foot, Array] = {}
     twist_rate: dict[Foot, Array] = {}
     for foot in FEET:
-        first = rate_of(smooth(recording.wrench[foot]))
+        turn = turned(world, foot, wrench[foot], share_of(foot, left))
+        first = rate_of(np.column_stack([world.sinking * wrench[foot][:, 2], turn]))
         for out, value in ((twist, first), (twist_rate, rate_of(first))):
             sole = np.zeros((len(ticks), 6))
-            sole[:, 2] = -world.sinking * value[ticks, 2]
-            sole[:, 3:5] = -flexibility(world, foot, share_of(foot, share)) * value[ticks, 3:5]
+            sole[:, 2:5] = -value[ticks]
             linear, angular = (np.einsum("nij,nj->ni", motion.R[foot], part) for part in (sole[:, :3], sole[:, 3:]))
             out[foot] = np.hstack([linear + np.cross(motion.p[foot], angular), angular])
     return twist, twist_rate

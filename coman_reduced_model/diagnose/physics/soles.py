@@ -27,13 +27,15 @@ ROUNDS = 3
 def softness(recording: Recording, world: World, where: Masks, measured: State) -> float:
     """Of the soles, as `World` has it [rad/Nm]: what explains most of the laws that it bends; 0 where none shows it.
 
-    Each law counts with what is left of it. Means are left out: zeros of sensors would be in them.
+    Each law counts with what is left of it. Means on each foot are left out: zeros of sensors would be in them, and
+    those of encoders differ from leg to leg.
 
     Args:
+        where: what is flat with rigid soles, or with those of a first guess.
         measured: state of the recording with rigid soles.
     """
     quiet = evaluate(without_noise(recording, world), world, where)
-    step = STEP / (world.robot.mass * world.gravity * 0.5 * world.robot.config.foot_length)
+    step = STEP / (world.robot.mass * world.gravity * 0.5 * world.robot.sole_length)
     moved = evaluate(quiet.recording, world.changed(softness=step), where, quiet).residuals
     groups: list[tuple[Array, Array]] = []
     for name in LAWS:
@@ -42,7 +44,9 @@ def softness(recording: Recording, world: World, where: Masks, measured: State) 
         for _, chosen in parts(where, name):
             shown = np.flatnonzero(chosen & np.isfinite(row) & np.isfinite(by))
             if len(shown) >= LEAST:
-                groups.append((row[shown] - row[shown].mean(), by[shown] - by[shown].mean()))
+                usual = np.column_stack([np.ones(len(shown)), where.share[shown]])
+                both = np.column_stack([row, by])[shown]
+                groups.append(tuple((both - usual @ np.linalg.lstsq(usual, both)[0]).T))
     found = 0.0
     for _ in range(ROUNDS if groups else 0):
         weights = [1.0 / max(float(np.mean((r - found * c) ** 2)), 1e-18) for r, c in groups]

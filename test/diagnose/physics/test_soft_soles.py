@@ -17,7 +17,7 @@ from coman_reduced_model.diagnose.inference.case import Case, examine, prepare
 from coman_reduced_model.diagnose.inference.prior import prior_variance
 from coman_reduced_model.diagnose.physics.balance import evaluate
 from coman_reduced_model.diagnose.physics.hypotheses import unknowns
-from coman_reduced_model.diagnose.physics.motion import flexibility
+from coman_reduced_model.diagnose.physics.motion import turned, yielding_of
 from coman_reduced_model.diagnose.physics.soles import softness
 from coman_reduced_model.sim.contact import Contact
 from coman_reduced_model.sim.worlds.run import record_world
@@ -26,13 +26,41 @@ from coman_reduced_model.sim.worlds.world import World
 SOLES = {"firm": Contact(), "soft": Contact(solref=(0.0215, 1.0), solimp=(0.8, 0.95, 0.0022, 0.5, 2.0))}
 
 
+def bearing(world, x: float, y: float, share: np.ndarray) -> np.ndarray:
+    """(n, 6) Wrench of the left foot that bears shares (n,) of the weight at x, y [m] from the centre of its sole."""
+    x0, x1, y0, y1 = world.robot.soles[Foot.LEFT]
+    x, y = x + 0.5 * (x0 + x1), y + 0.5 * (y0 + y1)
+    return world.robot.mass * world.gravity * share[:, None] * np.array([0.0, 0.0, 1.0, y, -x, 0.0])
+
+
 def test_a_foot_turns_by_where_it_bears_and_by_the_shape_of_its_sole():
     world = standing()[1].changed(softness=1e-4)
+    weight, share = world.robot.mass * world.gravity, np.array([1.0, 0.5])
     x0, x1, y0, y1 = world.robot.soles[Foot.LEFT]
-    whole, half = flexibility(world, Foot.LEFT, np.array([1.0, 0.5]))
-    assert whole == pytest.approx([1e-4 * ((x1 - x0) / (y1 - y0)) ** 2, 1e-4]) and whole[0] > 2.0 * whole[1]
-    assert half * 0.5 == pytest.approx(whole)  # half of the load at the same place
-    assert flexibility(world.changed(tilting=1e-3, softness=0.0), Foot.LEFT, np.array([0.3])) == pytest.approx(1e-3)
+    at_centre, ahead, aside = (
+        turned(world, Foot.LEFT, bearing(world, *at, share), share) for at in ((0.0, 0.0), (0.02, 0.0), (0.0, 0.02))
+    )
+    assert at_centre == pytest.approx(0.0, abs=1e-12)
+    assert ahead[:, 1] == pytest.approx(-1e-4 * 0.02 * weight, rel=0.02)  # half of the load at the same place
+    assert aside[:, 0] == pytest.approx(1e-4 * ((x1 - x0) / (y1 - y0)) ** 2 * 0.02 * weight, rel=0.02)
+    ground, moment = world.changed(tilting=1e-3, softness=0.0), np.array([[0.0, 0.0, 0.0, 1.0, 2.0, 0.0]])
+    assert turned(ground, Foot.LEFT, moment, np.array([0.3])) == pytest.approx(1e-3 * moment[:, 3:5])
+
+
+def test_a_foot_that_takes_over_the_load_where_it_bears_does_not_turn():
+    """Its moment grows, but so does the pressure on its sole."""
+    recording, world = standing()
+    where, world = masks(recording, world), world.changed(softness=1e-4)
+    motion = evaluate(recording, world, where).motion
+    left = 0.5 + 0.3 * np.sin(2.0 * np.pi * recording.t)
+    shares = {Foot.LEFT: left, Foot.RIGHT: 1.0 - left}
+    taken_over = {foot: bearing(world, 0.05, 0.0, share) for foot, share in shares.items()}
+    swayed = {foot: taken_over[Foot.LEFT] for foot in shares}
+    still, turns = (
+        np.abs(yielding_of(world, wrench, motion, where.ticks, share)[0][Foot.LEFT][:, 4]).max()
+        for wrench, share in ((taken_over, left), (swayed, np.full(len(left), 0.5)))
+    )
+    assert still < 0.05 * turns
 
 
 @pytest.fixture(scope="module")
