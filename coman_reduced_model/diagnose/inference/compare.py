@@ -36,15 +36,16 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
     A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely. A
     delay as nominal robots have it is far from linear, and shows along the streams that it shifts: so for a rival that
     shifts a stream, nothing more is judged along those that any of them shifts. One clock is not taken for another.
+    Where a shift is part of what was found before, every rival moves it once more: nothing more is judged there too.
     """
     nothing = _Trial(finding, None, finding.train, finding.hold)
     alone = nothing.with_noise_of(nothing)
     first = nothing.judged([alone])
-    found, shifted = [], [(first.train, first.select)]
+    found, shifted, moves = [], [(first.train, first.select)], _shifts(finding, finding.released)
     for option in rivals:
         trial = _Trial(finding, option, *_settled(finding, cache, option))
         mine = [trial.with_noise_of(nothing), trial.with_noise_of(trial)]
-        other = nothing.judged([alone, nothing.with_noise_of(trial)])
+        other = nothing.judged([alone, nothing.with_noise_of(trial), *(mine if moves else ())])
         found.append((trial, trial.judged(mine), (other.train, other.select)))
         if option.effect in CLOCKS:
             same = nothing.judged(mine)
@@ -115,8 +116,8 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
     parameters would take up what the shift does not explain.
     """
     released = [*finding.released, *rival.unknowns]
-    if rival.effect in CLOCKS:
-        at, _, _ = settle(_nearer(finding, cache, rival), cache, released)
+    if _shifts(finding, released):
+        at, _, _ = settle(_nearer(finding, cache, rival) if rival.effect in CLOCKS else finding, cache, released)
         return cache.at(at, "train"), cache.at(at, "hold")
     at, train, _ = settle(finding, cache, released, 1)
     if np.array_equal(at, finding.at):
@@ -127,6 +128,11 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]
     return train, select
+
+
+def _shifts(finding: Finding, released: Sequence[int]) -> bool:
+    """Whether a stream is shifted in time by one of these parameters."""
+    return any(finding.known[i].effect in CLOCKS for i in released)
 
 
 def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:

@@ -55,7 +55,7 @@ def test_a_foot_that_takes_over_the_load_where_it_bears_does_not_turn():
     left = 0.5 + 0.3 * np.sin(2.0 * np.pi * recording.t)
     shares = {Foot.LEFT: left, Foot.RIGHT: 1.0 - left}
     taken_over = {foot: bearing(world, 0.05, 0.0, share) for foot, share in shares.items()}
-    swayed = {foot: taken_over[Foot.LEFT] for foot in shares}
+    swayed = dict.fromkeys(shares, taken_over[Foot.LEFT])
     still, turns = (
         np.abs(yielding_of(world, wrench, motion, where.ticks, share)[0][Foot.LEFT][:, 4]).max()
         for wrench, share in ((taken_over, left), (swayed, np.full(len(left), 0.5)))
