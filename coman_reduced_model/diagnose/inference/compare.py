@@ -41,7 +41,7 @@ def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> 
     nothing = _Trial(finding, None, finding.train, finding.hold)
     alone = nothing.with_noise_of(nothing)
     first = nothing.judged([alone])
-    found, shifted, moves = [], [(first.train, first.select)], _shifts(finding, finding.released)
+    found, shifted, moves = [], [(first.train, first.select)], _shifts(finding)
     for option in rivals:
         trial = _Trial(finding, option, *_settled(finding, cache, option))
         mine = [trial.with_noise_of(nothing), trial.with_noise_of(trial)]
@@ -116,13 +116,13 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
     parameters would take up what the shift does not explain.
     """
     released = [*finding.released, *rival.unknowns]
-    if _shifts(finding, released):
-        at, _, _ = settle(_nearer(finding, cache, rival) if rival.effect in CLOCKS else finding, cache, released)
+    if rival.effect in CLOCKS:
+        at, _, _ = settle(_nearer(finding, cache, rival), cache, released)
         return cache.at(at, "train"), cache.at(at, "hold")
     at, train, _ = settle(finding, cache, released, 1)
     if np.array_equal(at, finding.at):
         return train, finding.hold
-    if cache.has(at):
+    if cache.has(at) or _shifts(finding):
         return cache.at(at, "train"), cache.at(at, "hold")
     select = [
         examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
@@ -130,9 +130,9 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
     return train, select
 
 
-def _shifts(finding: Finding, released: Sequence[int]) -> bool:
-    """Whether a stream is shifted in time by one of these parameters."""
-    return any(finding.known[i].effect in CLOCKS for i in released)
+def _shifts(finding: Finding) -> bool:
+    """Whether a shift of a stream is part of what was found before: then each rival moves it."""
+    return any(finding.known[i].effect in CLOCKS for i in finding.released)
 
 
 def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:
