@@ -17,6 +17,7 @@ from ...core.robot.robot import Robot
 from ...errors import BagError
 from ..data.masks import TICKS, Masks, masks, not_on_edges, on_flat_soles, with_taken_up
 from ..data.recording import Recording, of_world
+from ..data.signals import without_noise
 from ..data.world import World
 from ..physics.balance import State, evaluate
 from ..physics.hypotheses import unknowns
@@ -50,11 +51,11 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
             )
             recording = recording.changed(up=None, warnings=(*recording.warnings, warning))
             state = evaluate(recording, world, where)
-    where = not_on_edges(where, recording, world)
+    where, quiet = not_on_edges(where, recording, world), without_noise(recording, world)
     if recording.up is not None:  # soles that are soft turn without being on their edge
-        soft = world.changed(softness=softness(recording, world, where, state))
+        soft = world.changed(softness=softness(quiet, world, where, state))
         where = on_flat_soles(where, evaluate(recording, soft, where, state).residuals)
-    world = world.changed(softness=softness(recording, world, where, state))
+    world = world.changed(softness=softness(quiet, world, where, state))
     if where.staggers:
         warning = "nearly always on the edge of a foot by the IMU: the balance of forces shows little of it"
         recording = recording.changed(warnings=(*recording.warnings, warning))

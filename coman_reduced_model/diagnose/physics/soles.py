@@ -12,7 +12,6 @@ import numpy as np
 from ...core.base.types import Array
 from ..data.masks import Masks, parts
 from ..data.recording import Recording
-from ..data.signals import without_noise
 from ..data.world import World
 from .balance import State, evaluate
 
@@ -24,23 +23,24 @@ LEAST = 24  # ticks of a law in one kind of support
 ROUNDS = 3
 
 
-def softness(recording: Recording, world: World, where: Masks, measured: State) -> float:
+def softness(quiet: Recording, world: World, where: Masks, measured: State) -> float:
     """Of the soles, as `World` has it [rad/Nm]: what explains most of the laws that it bends; 0 where none shows it.
 
     Each law counts with what is left of it. Means on each foot are left out: zeros of sensors would be in them, and
     those of encoders differ from leg to leg.
 
     Args:
+        quiet: the recording without most of its noise, along which derivatives are taken.
         where: what is flat with rigid soles, or with those of a first guess.
         measured: state of the recording with rigid soles.
     """
-    quiet = evaluate(without_noise(recording, world), world, where)
+    state = evaluate(quiet, world, where)
     step = STEP / (world.robot.mass * world.gravity * 0.5 * world.robot.sole_length)
-    moved = evaluate(quiet.recording, world.changed(softness=step), where, quiet).residuals
+    moved = evaluate(quiet, world.changed(softness=step), where, state).residuals
     groups: list[tuple[Array, Array]] = []
     for name in LAWS:
         row = measured.residuals.get(name, np.full(len(where.ticks), np.nan))
-        by = (quiet.residuals.get(name, row) - moved.get(name, row)) / step
+        by = (state.residuals.get(name, row) - moved.get(name, row)) / step
         for _, chosen in parts(where, name):
             shown = np.flatnonzero(chosen & np.isfinite(row) & np.isfinite(by))
             if len(shown) >= LEAST:
