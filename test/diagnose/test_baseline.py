@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -67,17 +66,14 @@ def test_a_baseline_of_a_robot_that_is_too_heavy_does_not_hide_it(tmp_path, caps
     usual, out = tmp_path / "usual.yaml", tmp_path / "out"
     assert run(["baseline", str(tmp_path / "well_1"), str(tmp_path / "well_2"), "--out", str(usual)]) == 0
     text, err = capsys.readouterr()
-    found = re.search(r"weight by forces and motion: (\d+) ± ", text)
-    assert found and 108 <= int(found[1]) <= 112
-    assert re.search(
-        r"warning: by its forces, the robot weighs (8|9|10|11)% more than by its URDF, and data sheets allow 3%", err
-    ), err
+    assert "weight by forces and motion: 109 ± " in text
+    assert "warning: by its forces, the robot weighs 9% more than by its URDF, and data sheets allow 3%" in err
     assert load_nominal(usual).parameters["mass@root_joint"][0] > 0.03  # most of it is usual
 
     assert run(["diagnose", str(tmp_path / "later"), "--baseline", str(usual), "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     share = result["weight"]["share"]
-    assert share == pytest.approx(0.1, abs=0.03) and result["weight"]["deviation"] < 0.03
+    assert abs(share - 0.1) < result["weight"]["deviation"] < 0.03
     said = f"by its forces, the robot weighs {share:.0%} more than by its URDF"
     assert said in result["sentence"] and said in (out / "report.html").read_text()
 
