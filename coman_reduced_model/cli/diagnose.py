@@ -36,7 +36,8 @@ def diagnose(
             "--holdout",
             metavar="BAG",
             help="Another walk, better of another gait; no value is fitted to it. The last one confirms: it is opened "
-            "once, at the end, and can only take effects away. Those before it help to choose. Repeatable.",
+            "once, at the end, and can only take effects away, though it helps to weigh the robot. Those before it "
+            "help to choose. Repeatable.",
         ),
     ] = None,
     assume: Annotated[
@@ -71,6 +72,7 @@ def diagnose(
             urdf=urdf,
             names=names,
             progress=report,
+            notice=lambda line: warn([f"check the clocks first: {line}"]),
         )
     save_diagnosis(diagnosis, out, force)
     warn(diagnosis.result["not_checked"])

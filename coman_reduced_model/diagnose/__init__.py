@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ def diagnose(
     urdf: str | Path | None = None,
     names: TopicNames | None = None,
     progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find the effect that the model or the sensors lack in recorded walks of one robot.
 
@@ -33,13 +34,15 @@ def diagnose(
     Args:
         bags: recordings to find effects in.
         holdout: other recordings, better of another gait; nothing is fitted to them. The last one confirms: it is
-            opened once, at the end, and can only take effects away. Those before it help to choose.
+            opened once, at the end, and can only take effects away; the weight of the robot counts all. Those before it
+            help to choose.
         config: nominal robot and model; default: COMAN.
         assume: effects whose parameters are fitted instead of looking for one: `NAME` or `NAME:where=PLACE`.
         baseline: file of what is usual for this robot (`coman baseline`); default: the shipped population.
         urdf: file of the robot, instead of the one that configuration or bag name.
         names: namespace and remappings of the topics.
         progress: called with the fraction done and what is being done.
+        notice: called before the search, with each stream whose clock is apart.
 
     Raises:
         ComanError: a bag, the robot or the configuration cannot be used.
@@ -56,5 +59,13 @@ def diagnose(
 
     train, held = ([each] if isinstance(each, (str, Path)) else each for each in (bags, holdout))
     return diagnose(
-        train, held, config or Config(), urdf=urdf, names=names, assume=assume, baseline=baseline, progress=progress
+        train,
+        held,
+        config or Config(),
+        urdf=urdf,
+        names=names,
+        assume=assume,
+        baseline=baseline,
+        progress=progress,
+        notice=notice,
     )

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..core.base.nominal import load_nominal
@@ -34,6 +34,7 @@ def diagnose(
     baseline: str | Path = "",
     second_process: bool = True,
     progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find the missing effects.
 
@@ -48,6 +49,7 @@ def diagnose(
         second_process: whether to predict in another process beside this one, which halves the time of the last step.
         assume: effects (`NAME` or `NAME:where=PLACE`) whose parameters are fitted instead of a search.
         progress: called with the fraction done and the current work.
+        notice: called before the search, with each stream whose clock is apart: what is found then hangs on it.
 
     Raises:
         ComanError: a bag, the robot or the configuration cannot be used.
@@ -64,6 +66,9 @@ def diagnose(
 
         readings = read_bags(paths, config, urdf, names, between(report, 0.0, READ))
         checked = check_recordings(readings, len(train), config, assumed)
+        for line in checked.clocks_apart:
+            if notice:
+                notice(line)
         robot = checked.train[0][1].robot
         checked.not_checked.extend(of_another_robot(nominal, robot))
         found = find_effects(checked, assumed, nominal, between(report, READ, SEARCHED))

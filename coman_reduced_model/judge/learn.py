@@ -47,9 +47,10 @@ from ..errors import ComanError
 from ..output import to_json, write_file
 from ..processes import workers
 from .by_kind import kinds_of
+from .calibration import compared
 from .families import of_this_catalogue
 from .learn_variability import checked_case, learn_variability
-from .score import compared, rate
+from .score import rate
 from .seeds import commit
 from .weights import SHOWN, Example, by_left_out, learn_decision
 

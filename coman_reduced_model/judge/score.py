@@ -22,7 +22,7 @@ from ..core.base.nominal import load_nominal
 from ..output import write_file
 from ..resources import version
 from .by_kind import by_kind, by_what_was_learnt
-from .calibration import NOMINAL, calibration
+from .calibration import NOMINAL, calibration, compared
 from .families import CLASSES, class_of, of_this_catalogue
 from .folder import RunFolder, stored
 from .run import seal
@@ -30,7 +30,6 @@ from .seeds import commit, spent_among
 from .sizes import shown
 
 OTHER = ("none", "unknown", "not_excited")
-UNLIKE = {"hysteresis": ("friction",), "stiffness_drift": ("time",)}  # parameters that the hidden forms do not share
 SHOWN = 5.0  # standard deviations that its own recordings leave, from which a hidden effect shows
 
 
@@ -69,10 +68,15 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     return {"result": result, "named": named, "place": places, "error": errors}
 
 
-def compared(effect: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters of a hidden effect that mean the same in the form that the diagnosis has."""
-    others = UNLIKE.get(str(effect["name"]), ())
-    return {name: value for name, value in effect["parameters"].items() if name not in others}
+def in_group(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> str:
+    """The result of `outcome`, if a group of two that holds what is hidden counts as it."""
+    true = {_class(effect) for effect in answer["effects"]}
+    effects = []
+    for effect in (verdict or {}).get("effects") or ():
+        names = (name.partition("@") for name in effect.get("group") or ())
+        members = [{"name": name, "where": where} for name, _, where in names]
+        effects.append(next((m for m in members if len(members) == 2 and _class(m) in true), effect))
+    return str(outcome(answer, verdict and {**verdict, "effects": effects})["result"])
 
 
 def _class(effect: Mapping[str, Any]) -> str:
@@ -149,6 +153,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         },
         "workflow": _shares(rows, lambda row: row["result"]),
         "or_suspected": _shares(rows, lambda row: row["or_suspected"]),
+        "in_group": _shares(rows, lambda row: row["in_group"]),
         "baselines": {m: _shares(rows, partial(_by_baseline, m)) for m in methods},
         "by_level": {
             level: rate(*_count(rows, partial(_of_level, level), "right")) for level in ("weak", "medium", "strong")
@@ -185,6 +190,7 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **found,
         "or_suspected": outcome(answer, taken)["result"] if taken else found["result"],
+        "in_group": in_group(answer, case["verdict"]),
         "case": case["name"],
         **{key: answer[key] for key in ("seed", "kind", "families", "levels", "robot", "attempt", "worlds")},
         "lowered": answer["levels"] != answer["wanted"],

@@ -15,6 +15,7 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.recording import load
 from coman_reduced_model.diagnose.data.streams import clocks_apart
 from coman_reduced_model.diagnose.inference.check import of_another_robot
+from coman_reduced_model.diagnose.workflow import diagnose
 from coman_reduced_model.errors import BagError
 
 OTHER = {LEFT: (RIGHT, "r_sole"), RIGHT: (LEFT, "l_sole")}
@@ -63,6 +64,16 @@ def test_clocks_that_differ_are_said(tmp_path):
     recording, _ = load(write_bag(tmp_path / "bag", [late(*each) for each in walk(6.0)]), Config())
     assert len([line for line in recording.warnings if "its clock is" in line]) == len(recording.clocks) == 2
     assert recording.clocks[0].startswith("left_foot/wrench: its clock is ")
+
+
+def test_clocks_that_are_apart_are_said_before_the_search(tmp_path):
+    bag = write_bag(tmp_path / "bag", [late(*each) for each in walk(6.0)])
+
+    def notice(line):
+        raise KeyboardInterrupt(line)
+
+    with pytest.raises(KeyboardInterrupt, match="^bag: .*clock"):
+        diagnose([bag], [], Config(), second_process=False, notice=notice)
 
 
 @pytest.mark.parametrize(("late_s", "said"), [(-1.0, "s behind"), (0.5, None), (5.0, "s ahead of")])

@@ -158,6 +158,27 @@ def test_what_is_suspected_without_an_alarm_is_counted_apart():
     assert result["gap_reduction"]["median_share_of_oracle"] == 0.0
 
 
+def test_a_group_of_two_that_holds_what_is_hidden_is_counted_apart():
+    def of_group(*group: str) -> dict:
+        verdict = verdict_of(("payload", ""))
+        verdict["effects"][0]["group"] = ["payload", *group]
+        return verdict
+
+    answer = hidden("single", ("backlash", "LKneeSag"))
+    rows = [
+        of_group(),
+        of_group("backlash@LKneeSag"),
+        of_group("backlash@LKneeSag", "com_offset"),
+        of_group("com_offset"),
+    ]
+    rows += [verdict_of(("backlash", "LKneeSag")), {"verdict": "none", "effects": []}]
+    result = score([{"name": str(k), "answer": answer, "verdict": verdict} for k, verdict in enumerate(rows)])
+    assert [row["result"] for row in result["rows"]] == ["wrong"] * 4 + ["right", "none"]
+    assert [row["in_group"] for row in result["rows"]] == ["wrong", "right", "wrong", "wrong", "right", "none"]
+    assert result["in_group"]["right_on_medium_and_strong"]["hits"] == 2
+    assert result["in_group"]["wrong_name"]["hits"] == 3
+
+
 def test_the_oracle_names_with_as_many_false_alarms_as_the_workflow(capsys):
     """Its limit lies at the evidence of clean robots, of which it too may call as many faulty."""
 

@@ -55,6 +55,11 @@ class Checked:
         """Bags whose COM decides what goes into the model: the held-out ones, if there are any."""
         return self.hold_paths or self.train_paths
 
+    @property
+    def clocks_apart(self) -> list[str]:
+        """By recording, streams whose clocks differ from that of the joint states, or that arrive at another time."""
+        return [f"{each.name}: {line}" for each in self.recordings for line in each.clocks]
+
 
 def parse_assumed(text: str) -> tuple[str, str]:
     """Name and place of an assumed effect: `NAME` or `NAME:where=PLACE`.

@@ -40,8 +40,14 @@ def decides(each: Mapping[str, Any]) -> str:
     text = f"To decide between {', '.join(names[:_NAMES])}{more}: "
     text += "; or ".join(manoeuvre["sentence"] for manoeuvre in each["manoeuvres"][:_MANOEUVRES]) + "."
     best, length = each["again"][0], f"{each['seconds']:.0f} s"
+    open_yet = each["factor"] < APART
     text += (
         f" The expected log Bayes factor of {names[0]} against what is most like it here is {each['factor']:.1f} nats, "
-        f"and {APART:g} are needed; with {length} more like {best['bag']} it is {best['factor']:.1f}."
+        f"and {APART:g} are {'needed' if open_yet else 'enough'}; with {length} more like {best['bag']} it is "
+        f"{best['factor']:.1f}."
     )
+    if not open_yet:
+        text += (
+            f" So if {names[0]} alone were there, it would stand out: look for several effects, or for something else."
+        )
     return f"{text} What any other recording would add: coman isolability BAG... --candidate BAG."

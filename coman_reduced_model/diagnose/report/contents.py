@@ -92,7 +92,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "weight": asdict(found.weight),
         "contradicted": list(found.contradicted),
         "confirmed_on": confirmed_on(checked),
-        "clocks_apart": [f"{each.name}: {line}" for each in checked.recordings for line in each.clocks],
+        "clocks_apart": checked.clocks_apart,
         "not_checked": not_checked,
         "bags": {
             "train": [str(path) for path in checked.train_paths],

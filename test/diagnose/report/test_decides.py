@@ -58,6 +58,13 @@ def test_a_group_has_its_manoeuvres_and_what_more_of_each_recording_adds():
     assert "backlash of LKneeSag, joint stiffness of RKneeSag" in text and "20 s more like" in text
 
 
+def test_what_the_recordings_would_distinguish_is_not_said_to_need_more_of_them():
+    (found,) = with_group(diagnosis(), GROUP)
+    few, many = (said({**found, "factor": factor}) for factor in (2.9, 3.1))
+    assert "2.9 nats, and 3 are needed; with 20 s more like" in few and "several effects" not in few
+    assert "3.1 nats, and 3 are enough" in many and "if backlash of LKneeSag alone were there" in many
+
+
 def test_an_effect_that_nothing_looks_like_needs_no_manoeuvre():
     made = diagnosis()
     assert made.result["decides"] == [] and with_group(made, GROUP[:1]) == []
