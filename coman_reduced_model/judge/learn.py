@@ -56,7 +56,7 @@ from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
-COMPARISON = 8  # grows where comparisons that are kept in files would come out otherwise
+COMPARISON = 9  # grows where comparisons that are kept in files would come out otherwise
 SHARED = 2  # errors of an effect that those of all others are worth
 TENTHS = 10
 TINY = 1e-12  # of a width
@@ -313,7 +313,9 @@ def header() -> str:
 # source: where the figures come from. kinds: by axis, the kinds of worlds that they were learnt on, but for monitor.
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
-#     data sheets and what is common, where learning begins. most: what they allow at most.
+#     data sheets and what is common, where learning begins. most: what they allow at most. Forces and masses are in
+#     weights and masses of the robot, but for sensors' zeros; torques of drives and ground, and the inverse of what
+#     gives way under them, in weights times half the length of a foot.
 # precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]. A simulator whose sensors have no
@@ -326,7 +328,7 @@ def header() -> str:
 #     times what the middle one of its joints leaves the worst one does.
 # decision: weights by which an effect is named, with recordings that help to choose and alone; alarm: probability that
 #     nothing is missing, up to which one in a hundred of these robots gets; together: how far all that varies is pulled
-#     on all but two of a thousand [deviations of chi squared]. with_baseline: the same where the robot's own baseline
+#     on nearly all of them [deviations of chi squared]. with_baseline: the same where the robot's own baseline
 #     is known.
 # interval_factor: by effect, by which 95 % intervals of the fit are longer, and of all together.
 # monitor: by law (of one robot also by channel), by judge/learn_monitor.py: unit; single, double: noise, the usual

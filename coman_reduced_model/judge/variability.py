@@ -9,6 +9,7 @@ import numpy as np
 
 from ..sim.disturbances import imperfections as made
 from ..sim.disturbances.masses import Scatter
+from ..sim.robot_table import COMAN, RobotTable
 from ..sim.worlds import World
 
 SPREADS = {  # effects whose size varies as another figure of `true_deviations`
@@ -39,7 +40,7 @@ def true_deviations(world: World) -> dict[str, float]:
         "joint_damping.scale.spread": scatter.spring,
         "mass.spread": scatter.mass,
         "com.spread": scatter.com,
-        "torque_zero.spread": max(s.torque_bias, 1e-3),
+        "torque_zero.spread": max(s.torque_bias, 1e-3) / edge(world.table),
         "wrench_scale.scale.spread": float(np.hypot(a * made.WRENCH_GAIN, s.wrench_gain)) + 1e-4,
         "imu.spread": s.tilt_bias,
         **_zeros(s),
@@ -49,7 +50,7 @@ def true_deviations(world: World) -> dict[str, float]:
     return noise | {
         "encoder_bias.bias.spread": float(np.hypot(a * made.ENCODER_ZERO, a * made.ECCENTRICITY / 2.0)),
         "backlash.width.spread": a * made.PLAY * 0.65,
-        "joint_friction.coulomb.spread": a * made.FRICTION * 0.65,
+        "joint_friction.coulomb.spread": a * made.FRICTION * 0.65 / edge(COMAN),
         "transport_delay.delay.spread": a * (made.DELAY + made.LINK_LATE) * EVEN,
         "motor_lag.time_constant.spread": a * made.LAG * EVEN,
         "wrench_delay.delay.spread": a * made.WRENCH_LATE * EVEN,
@@ -64,7 +65,14 @@ def deviation_of(effect: str, parameter: str, world: World) -> float:
     """Standard deviation of the size of an effect over clean robots of this world; 0: nothing is known of it."""
     name = SPREADS.get(effect, f"{effect}.{parameter}")
     deviation = true_deviations(world).get(f"{name}.spread", 0.0)
-    return deviation / (9.81 * world.table.mass) if effect == "ground_compliance" else deviation  # [m] under the weight
+    if effect == "ground_compliance":
+        return deviation / (9.81 * world.table.mass)  # [m] under the weight
+    return deviation * edge(world.table) if effect == "joint_friction" else deviation
+
+
+def edge(table: RobotTable) -> float:
+    """[Nm] of a foot of a robot that bears the weight at its front edge."""
+    return 9.81 * table.mass * 0.5 * (table.foot_back + table.foot_front)
 
 
 def _soles(world: World) -> dict[str, float]:

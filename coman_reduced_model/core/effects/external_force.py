@@ -43,5 +43,5 @@ class ExternalForce(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        prior = about.widths("external_force", "spread", "reach")
+        prior = about.widths("external_force", "spread", "reach", times=about.weight)
         return [cls.unknown(key, world_plus("pull", k), **prior) for k, key in enumerate("xy")]

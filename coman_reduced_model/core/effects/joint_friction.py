@@ -50,8 +50,9 @@ class JointFriction(Effect):
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
-        one = about.widths("joint_friction.coulomb", "spread", "reach")
-        many = about.widths("joint_friction.coulomb", "reach", spread="joint_friction.together.spread")
+        one = about.widths("joint_friction.coulomb", "spread", "reach", times=about.edge)
+        together = "joint_friction.together.spread"
+        many = about.widths("joint_friction.coulomb", "reach", spread=together, times=about.edge)
         creep = about.widths("joint_friction.creep", "spread", "reach")
         out = []
         for where, j in about.joints_and_legs.items() if about.efforts or about.motors else ():

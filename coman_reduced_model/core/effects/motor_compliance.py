@@ -41,9 +41,9 @@ class MotorCompliance(Effect):
         name = "motor_compliance.compliance"
         out = []
         if about.motors:
-            prior = about.widths(name, "spread", "reach")
+            prior = about.widths(name, "spread", "reach", per=about.edge)
             out.append(cls.unknown("compliance", world_plus("yielding"), low=0.0, **prior))
         if about.motors and about.plan:
-            prior = about.widths(name, "reach", spread="motor_compliance.plan.spread")
+            prior = about.widths(name, "reach", spread="motor_compliance.plan.spread", per=about.edge)
             out.append(cls.unknown("compliance", world_plus("yielded"), PLAN, low=0.0, **prior))
         return out

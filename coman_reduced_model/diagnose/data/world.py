@@ -26,7 +26,8 @@ class World:
         slope: roll, pitch (2,) of the floor about x, y of odom [rad].
         pull: constant force (2,) at the trunk's COM, along x, y of odom [N].
         tilting: rotation of a foot for its moment [rad/Nm]; sinking: for its force [m/N].
-        softness: of the soles: rotation about y of a foot that bears the whole weight, for its moment [rad/Nm].
+        softness: of the soles: rotation about y of a foot that bears the whole weight, for its moment [rad/Nm]; they
+            sink accordingly.
         cubic: (nj,) torque = k d (1 + cubic d^2) [1/rad^2]; play: (nj,) full backlash [rad].
         lost, slips_at: (nj,) lost motion that friction holds [rad], and the torque under which it slips [Nm].
         drift, warming: (nj,) relative change of the stiffness while the robot walks, and its time constant [s].

@@ -48,6 +48,7 @@ from .motion import (
     normal,
     seen_from,
     share_of,
+    sunk,
     turned,
     yielding_of,
 )
@@ -327,8 +328,8 @@ def _feet(motion: Motion, where: Masks, world: World, wrench: dict[Foot, Array])
     apart = seen_from(yaw, left.T) - right  # in axes of the right sole, as roll and pitch are
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) - apart[:, 0]
     pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) - apart[:, 1]
-    sunk = world.sinking * (wrench[Foot.LEFT][:, 2] - wrench[Foot.RIGHT][:, 2])
-    height = p[:, 2] - sunk - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
+    sunken = sunk(world, Foot.LEFT, wrench[Foot.LEFT]) - sunk(world, Foot.RIGHT, wrench[Foot.RIGHT])
+    height = p[:, 2] - sunken - left[:, 0] * p[:, 1] + left[:, 1] * p[:, 0]
     since = {"y": p[:, 1], "yaw": yaw}
     out = {"feet/z": height, "feet/roll": roll, "feet/pitch": pitch}
     out |= {f"feet/{name}": value - value[where.touchdown] for name, value in since.items()}

@@ -125,7 +125,7 @@ def _scatter(recording: Recording, about: About) -> Iterator[tuple[str, Unknown]
         for joint, j in about.joints.items():
             yield (
                 f"joint_friction@{joint}.",
-                _zero(about, joint, "torque_zero", "Nm", columns_minus("tau", j), "torque_zero"),
+                _zero(about, joint, "torque_zero", "Nm", columns_minus("tau", j), "torque_zero", times=about.edge),
             )
             gain = _of_robot(about, joint, "torque_gain", "1", _gain(j), "torque_gain")
             yield f"joint_friction@{joint}.", replace(gain, step=0.02)
@@ -170,14 +170,14 @@ def _masses(about: About) -> Iterator[Unknown]:
                 )
 
 
-def _of_robot(about: About, where: str, key: str, unit: str, change: Change, width: str) -> Unknown:
+def _of_robot(about: About, where: str, key: str, unit: str, change: Change, width: str, times: float = 1.0) -> Unknown:
     """Something that differs from robot to robot, with one width, named in `Nominal.widths`."""
-    return Unknown("", where, key, unit, change, **about.widths(width, "spread", reach=f"{width}.spread"))
+    return Unknown("", where, key, unit, change, **about.widths(width, "spread", reach=f"{width}.spread", times=times))
 
 
-def _zero(about: About, where: str, key: str, unit: str, change: Change, width: str) -> Unknown:
+def _zero(about: About, where: str, key: str, unit: str, change: Change, width: str, times: float = 1.0) -> Unknown:
     """The same, that differs from recording to recording."""
-    return replace(_of_robot(about, where, key, unit, change, width), own=True)
+    return replace(_of_robot(about, where, key, unit, change, width, times), own=True)
 
 
 def _stretch(recording: Recording, world: World, j: int) -> float:

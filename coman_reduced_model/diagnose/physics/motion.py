@@ -106,6 +106,18 @@ def turned(world: World, foot: Foot, wrench: Array, share: Array) -> Array:
     return np.asarray(world.tilting * moment + soles * about_centre)
 
 
+def sunk(world: World, foot: Foot, wrench: Array) -> Array:
+    """(m,) [m] by which a foot has sunk under its force, by ground and soles that give way.
+
+    A sole that bears at its ends gives way by the square of half its length times as much as it turns about y.
+
+    Args:
+        wrench: (m, 6) on the foot, in the frame of its sole.
+    """
+    x0, x1, *_ = world.robot.soles[foot]
+    return np.asarray((world.sinking + world.softness * (0.5 * (x1 - x0)) ** 2) * wrench[:, 2])
+
+
 def share_of(foot: Foot, left: Array) -> Array:
     """(m,) of the weight that a foot bears, by that of the left one."""
     return left if foot == Foot.LEFT else 1.0 - left
@@ -137,7 +149,7 @@ def yielding_of(
     twist_rate: dict[Foot, Array] = {}
     for foot in FEET:
         turn = turned(world, foot, wrench[foot], share_of(foot, left))
-        first = rate_of(np.column_stack([world.sinking * wrench[foot][:, 2], turn]))
+        first = rate_of(np.column_stack([sunk(world, foot, wrench[foot]), turn]))
         for out, value in ((twist, first), (twist_rate, rate_of(first))):
             sole = np.zeros((len(ticks), 6))
             sole[:, 2:5] = -value[ticks]

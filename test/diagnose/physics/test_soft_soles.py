@@ -17,7 +17,7 @@ from coman_reduced_model.diagnose.inference.case import Case, examine, prepare
 from coman_reduced_model.diagnose.inference.prior import prior_variance
 from coman_reduced_model.diagnose.physics.balance import evaluate
 from coman_reduced_model.diagnose.physics.hypotheses import unknowns
-from coman_reduced_model.diagnose.physics.motion import turned, yielding_of
+from coman_reduced_model.diagnose.physics.motion import sunk, turned, yielding_of
 from coman_reduced_model.diagnose.physics.soles import softness
 from coman_reduced_model.sim.contact import Contact
 from coman_reduced_model.sim.worlds.run import record_world
@@ -45,6 +45,15 @@ def test_a_foot_turns_by_where_it_bears_and_by_the_shape_of_its_sole():
     assert aside[:, 0] == pytest.approx(1e-4 * ((x1 - x0) / (y1 - y0)) ** 2 * 0.02 * weight, rel=0.02)
     ground, moment = world.changed(tilting=1e-3, softness=0.0), np.array([[0.0, 0.0, 0.0, 1.0, 2.0, 0.0]])
     assert turned(ground, Foot.LEFT, moment, np.array([0.3])) == pytest.approx(1e-3 * moment[:, 3:5])
+
+
+def test_a_sole_that_bears_at_its_ends_sinks_by_how_much_it_turns():
+    """Two springs k, half the foot's length from its centre: 1 / (2 k) down, 1 / (2 k (L/2)^2) about y."""
+    world, k = standing()[1], 1e4
+    x0, x1, *_ = world.robot.soles[Foot.LEFT]
+    soft = world.changed(softness=1.0 / (2.0 * k * (0.5 * (x1 - x0)) ** 2), sinking=1e-6)
+    force = np.array([[0.0, 0.0, 100.0, 0.0, 0.0, 0.0]])
+    assert sunk(soft, Foot.LEFT, force) == pytest.approx(100.0 / (2.0 * k) + 1e-4)
 
 
 def test_a_foot_that_takes_over_the_load_where_it_bears_does_not_turn():
