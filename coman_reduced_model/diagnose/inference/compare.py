@@ -33,19 +33,20 @@ STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> list[Explanation]:
     """Nothing more, then each rival, linear around its own values.
 
-    A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely. A
-    delay as nominal robots have it is far from linear, and shows along the streams that it shifts: so for a rival that
-    shifts a stream, nothing more is judged along those that any of them shifts. One clock is not taken for another.
-    Where a shift is part of what was found before, every rival moves it once more: nothing more is judged there too.
+    A rival and nothing more are both judged with the noise that either leaves, whichever makes them more likely, and
+    nothing more along the rival's derivatives as well: what fits better only because other parameters act otherwise
+    there is no evidence for the rival. A delay as nominal robots have it is far from linear, and shows along the
+    streams that it shifts: so for a rival that shifts a stream, nothing more is judged along those that any of them
+    shifts. One clock is not taken for another.
     """
     nothing = _Trial(finding, None, finding.train, finding.hold)
     alone = nothing.with_noise_of(nothing)
     first = nothing.judged([alone])
-    found, shifted, moves = [], [(first.train, first.select)], _shifts(finding)
+    found, shifted = [], [(first.train, first.select)]
     for option in rivals:
         trial = _Trial(finding, option, *_settled(finding, cache, option))
         mine = [trial.with_noise_of(nothing), trial.with_noise_of(trial)]
-        other = nothing.judged([alone, nothing.with_noise_of(trial), *(mine if moves else ())])
+        other = nothing.judged([alone, nothing.with_noise_of(trial), *mine])
         found.append((trial, trial.judged(mine), (other.train, other.select)))
         if option.effect in CLOCKS:
             same = nothing.judged(mine)
