@@ -134,11 +134,19 @@ def parameter_errors(examples: Sequence[Example]) -> dict[str, list[float]]:
             ways = [row for row in example.rows[1:] if (row["name"], row["where"]) == place]
             for row in sorted(ways, key=lambda way: -way["gain"])[:1]:
                 for key, (nominal, x, deviation, logarithmic) in row["parameters"].items():
-                    truth = compared(effect).get(key)
+                    truth = _as_fitted(effect).get(key)
                     if isinstance(truth, float) and (not logarithmic or truth > 0.0):
                         true = np.log(truth / nominal) if logarithmic else truth - nominal
                         errors.setdefault(effect["name"], []).append(abs(x - true) / deviation)
     return errors
+
+
+def _as_fitted(effect: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a hidden effect as the unknowns have them: of a load, its moment about the trunk [kg m]."""
+    found = compared(effect)
+    if effect["name"] == "payload":
+        found |= {key: found[key] * found["mass"] for key in "xyz" if key in found}
+    return found
 
 
 def interval_factors(examples: Sequence[Example]) -> dict[str, float]:

@@ -18,6 +18,7 @@ from coman_reduced_model.judge.learn import (
     coverage,
     interval_factors,
     learn_leftover,
+    parameter_errors,
     with_leftover,
 )
 from coman_reduced_model.judge.learn_variability import learn_repeats
@@ -177,6 +178,14 @@ def test_intervals_become_as_long_as_they_must_be():
     rough = [example("single", 30.0, error=float(e)) for e in 3.0 * np.random.default_rng(2).normal(size=400)]
     found = interval_factors(rough)
     assert found["payload"] == pytest.approx(3.0, rel=0.1) == found["all"]
+
+
+def test_where_a_load_is_is_judged_by_its_moment_as_it_is_fitted():
+    case = example("single", 30.0)
+    load = {"name": "payload", "where": "", "parameters": {"mass": 2.0, "x": 0.05}}
+    row = {**case.rows[1], "parameters": {"mass": [0.0, 2.3, 0.1, False], "x": [0.0, 0.12, 0.01, False]}}
+    found = parameter_errors([replace(case, answer={**case.answer, "effects": [load]}, rows=[case.rows[0], row])])
+    assert found["payload"] == pytest.approx([3.0, 2.0])
 
 
 def test_an_effect_that_could_be_in_two_ways_is_judged_by_its_better_one():
