@@ -169,7 +169,7 @@ class Pipeline:
         last, self._last_stamp = self._last_stamp, sample.stamp_ns
         if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
             self.restarts += 1
-            self.reset()
+            self._restart(sample.stamp_ns > last)
             self._last_stamp = sample.stamp_ns
         self.samples += 1
         self.plausibility.update(sample, self.predictor.zeros)
@@ -181,9 +181,16 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget the past, as after a gap: odom and levels begin at the next sample. Counters are kept."""
+        self._restart(False)
+
+    def _restart(self, gap: bool) -> None:
+        """After a gap, what looked wrong with the measurements counts on: a bag may have many."""
         self._last_stamp = None
         self.predictor.reset()
-        self.plausibility.reset()
+        if gap:
+            self.plausibility.interrupt()
+        else:
+            self.plausibility.reset()
         if self.monitor is not None:
             self.monitor.reset()
 

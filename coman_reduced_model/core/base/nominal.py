@@ -107,10 +107,10 @@ def load_nominal(path: str | Path = "") -> Nominal:
     Raises:
         ConfigError: it cannot be read, or is no such file.
     """
-    population = _load(str(config_path("nominal")))
+    population = _population()
     if not path:
         return population
-    nominal = _load(str(path))
+    nominal = _read(path)  # each time: a baseline may be learnt again while a node runs
     names = ("widths", "floor", "sensors", "trust", "repeats", "leftover", "most")
     both = {name: {**getattr(population, name), **getattr(nominal, name)} for name in names}
     nominal = replace(nominal, **both)
@@ -161,7 +161,8 @@ def _with_baseline(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def _known(decision: Mapping[str, Mapping[str, float]]) -> bool:
     """Whether weights are of features that this version knows."""
-    return bool(decision) and all("evidence" in weights for weights in decision.values())
+    wanted = {"one", "evidence", "ways", "unknown"}
+    return {"selected", "alone"} <= set(decision) and all(wanted <= set(weights) for weights in decision.values())
 
 
 def _share(name: str, value: Any) -> float:
@@ -172,7 +173,27 @@ def _share(name: str, value: Any) -> float:
 
 
 @cache
-def _load(path: str) -> Nominal:
+def _population() -> Nominal:
+    return _read(config_path("nominal"))
+
+
+def _finite(values: Mapping[str, Any] | None) -> dict[str, float]:
+    """Numbers by name."""
+    found = {name: float(value) for name, value in (values or {}).items()}
+    for name, value in found.items():
+        if not isfinite(value):
+            raise ValueError(f"{name}: {value}")
+    return found
+
+
+def _pairs(values: Mapping[str, Any] | None) -> dict[str, tuple[float, float]]:
+    """The same of two numbers each."""
+    pairs = {name: (a, b) for name, (a, b) in (values or {}).items()}
+    first, second = (_finite({name: pair[k] for name, pair in pairs.items()}) for k in (0, 1))
+    return {name: (first[name], second[name]) for name in pairs}
+
+
+def _read(path: str | Path) -> Nominal:
     try:
         document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -185,20 +206,20 @@ def _load(path: str) -> Nominal:
         raise ConfigError(f"{path}: {', '.join(sorted(unknown))}: unknown; known: {', '.join(SECTIONS)}")
     try:
         return Nominal(
-            widths={name: float(value) for name, value in document["widths"].items()},
-            precise={name: float(value) for name, value in (document.get("precise") or {}).items()},
-            sheets={name: float(value) for name, value in (document.get("sheets") or {}).items()},
-            most={name: float(value) for name, value in (document.get("most") or {}).items()},
-            floor={name: float(value) for name, value in (document.get("floor") or {}).items()},
-            sensors={name: float(value) for name, value in (document.get("sensors") or {}).items()},
-            source=document.get("source") or {},
-            repeats={name: float(value) for name, value in (document.get("repeats") or {}).items()},
+            widths=_finite(document["widths"]),
+            precise=_finite(document.get("precise")),
+            sheets=_finite(document.get("sheets")),
+            most=_finite(document.get("most")),
+            floor=_finite(document.get("floor")),
+            sensors=_finite(document.get("sensors")),
+            source=dict(document.get("source") or {}),
+            repeats=_finite(document.get("repeats")),
             trust={name: _share(f"trust of {name}", value) for name, value in (document.get("trust") or {}).items()},
-            leftover={k: (float(a), float(b)) for k, (a, b) in (document.get("leftover") or {}).items()},
+            leftover=_pairs(document.get("leftover")),
             decision=_decision(document),
             interval_factor=_factors(document),
             with_baseline=_with_baseline(document.get("with_baseline") or {}),
-            parameters={k: (float(a), float(b)) for k, (a, b) in (document.get("parameters") or {}).items()},
+            parameters=_pairs(document.get("parameters")),
             monitor={name: _row(row) for name, row in (document.get("monitor") or {}).items()},
         )
     except (TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -45,6 +45,20 @@ def test_weights_of_an_earlier_version_are_those_of_the_population(tmp_path):
     assert again.interval_factor == population.with_baseline["interval_factor"]
 
 
+def test_weights_that_are_not_whole_are_those_of_the_population(tmp_path):
+    path, population = tmp_path / "mine.yaml", load_nominal()
+    path.write_text(yaml.safe_dump(population.plain() | {"decision": {"alone": {"evidence": 1.0}}}))
+    assert load_nominal(path).decision == population.with_baseline["decision"]
+
+
+def test_a_baseline_that_was_learnt_again_counts_at_once(tmp_path):
+    path, plain = tmp_path / "mine.yaml", load_nominal().plain()
+    for width in (0.001, 0.002):
+        plain["widths"]["mass.spread"] = width
+        path.write_text(yaml.safe_dump(plain))
+        assert load_nominal(path).widths["mass.spread"] == width
+
+
 def test_widths_that_a_file_of_an_earlier_version_lacks_are_those_of_the_population(tmp_path):
     path, plain = tmp_path / "mine.yaml", load_nominal().plain()
     del plain["widths"]["touchdown_impact.impulse.spread"]
@@ -82,6 +96,11 @@ def test_noise_of_sensors_may_be_a_robots_own_and_else_is_that_of_the_population
         ("widths: {a.spread: 1.0}\nwith_baseline: {decision: {alone: {alarm: -1}}}", "alarm: -1"),
         ("widths: {a.spread: 1.0}\ninterval_factor: {payload: .nan}", "interval_factor of payload"),
         ("widths: {a.spread: 1.0}\ntrust: {spring|any: 1.5}", "trust of spring"),
+        ("widths: {a.spread: .nan}", "a.spread: nan"),
+        ("widths: {a.spread: 1.0}\nparameters: {mass@root_joint: [.inf, 0.1]}", "mass@root_joint: inf"),
+        ("widths: {a.spread: 1.0}\nparameters: {mass@root_joint: [0.1]}", "a value of a wrong kind"),
+        ("widths: {a.spread: 1.0}\nleftover: {force/x: [1.0, .nan]}", "force/x: nan"),
+        ("widths: {a.spread: 1.0}\nsource: [1]", "a value of a wrong kind"),
         ("widths: {", "is not YAML"),
     ],
 )
