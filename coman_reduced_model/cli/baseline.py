@@ -49,6 +49,7 @@ def baseline(
         learnt = run(bags, settings, urdf=urdf, names=TopicNames(namespace, remap or ()), progress=report)
     text = f"# What is usual for one robot, by {learnt.bags} recordings of it (coman baseline).\n"
     write_file(out, text + yaml.safe_dump(learnt.nominal.plain(), sort_keys=False, width=120))
+    warn(learnt.not_checked)
     weight = learnt.weight
     if math.isfinite(weight.share):
         share = number(100.0 * (1.0 + weight.share), 100.0 * CONFIDENCE * weight.deviation)

@@ -20,6 +20,7 @@ from .common import (
     print_table,
     progress,
     read_config,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def isolability(
             names=names,
             baseline=baseline or "",
             progress=report,
+            notice=lambda line: warn([line]),
         )
     if json:
         print_json(as_result(found, others))

@@ -52,6 +52,7 @@ class Baseline:
         weight: of the robot by its recordings, whatever becomes usual.
         pulled: by kind of parameter, how far it is from what the description of the robot says [standard deviations].
         not_monitored: why the monitor learnt nothing; empty: it did.
+        not_checked: what these recordings cannot show, and what looks wrong in them.
     """
 
     nominal: Nominal
@@ -59,6 +60,7 @@ class Baseline:
     weight: Weight
     pulled: Mapping[str, float]
     not_monitored: str = ""
+    not_checked: tuple[str, ...] = ()
 
 
 def baseline(
@@ -100,7 +102,8 @@ def baseline(
         report(READ + EXAMINED * i / len(bags), f"learning from {each[0].name}")
         cases.append(examine(each, known, nothing, nominal=population))
     report(READ + EXAMINED, "watching the walks again, as the monitor does")
-    return _with_monitor(of_cases(cases, population), bags, given, urdf, names)
+    learnt = replace(of_cases(cases, population), not_checked=tuple(checked.not_checked))
+    return _with_monitor(learnt, bags, given, urdf, names)
 
 
 def _with_monitor(

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from .inference.another import LENGTH, Another, best_first, examined, length_of,
 from .inference.at_size import at_share
 from .inference.case import Case, evidence_of, prepare
 from .inference.case_cache import CaseCache
-from .inference.check import check_recordings
+from .inference.check import check_recordings, of_another_robot
 from .inference.effects import with_structure
 from .inference.isolability import SIZE, Isolability
 from .inference.isolability import isolability as of_evidence
@@ -38,6 +38,7 @@ def isolability(
     names: TopicNames | None = None,
     baseline: str | Path = "",
     progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> tuple[Isolability, list[Another]]:
     """What recordings of one robot can distinguish, and what further ones would add.
 
@@ -50,6 +51,7 @@ def isolability(
         urdf, names: the robot, if not as configured or recorded; the topics.
         baseline: file of nominal variability (`coman baseline`); default: the shipped population.
         progress: called with the fraction done and the current work.
+        notice: called with each sentence on what the recordings cannot show, and what looks wrong in them.
 
     Returns:
         Of the bags; of each of the others and, if there are any, of more like each of the bags, the best first.
@@ -65,6 +67,9 @@ def isolability(
     readings = read_bags([*bags, *others], config, urdf, names, between(report, 0.0, READ))
     n = len(bags)
     checked = check_recordings(readings[:n], n, config, [], whole=True)
+    for line in (*checked.not_checked, *of_another_robot(nominal, checked.train[0][1].robot)):
+        if notice:
+            notice(line)
     further = [prepare(reading.recording, reading.robot, config) for reading in readings[n:]]
     report(READ, "looking at what each effect would change")
     cache = CaseCache(checked.train, nominal=nominal)

@@ -99,7 +99,7 @@ def isolability(
     for i, option in enumerate(whole):
         mine = [k for k in option.unknowns if not known[k].shape]
         squares[i, mine] = [(size * known[k].reach) ** 2 for k in mine]
-        sizes.append({known[k].key: known[k].value(size * known[k].reach) for k in mine})
+        sizes.append({known[k].key: known[k].value(known[k].usual + size * known[k].reach) for k in mine})
         units.append({known[k].key: known[k].unit for k in mine})
     expectation = Expectation(evidence, more)
     gains = np.array([expectation.of(several, squares) for several in ways.values()]).T

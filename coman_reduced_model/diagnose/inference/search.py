@@ -154,6 +154,8 @@ def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
     fit = evidence_of(finding.train).fit(finding.released)
     before = prior_variance(finding.known, finding.released, fit.precise)
     variance, places = np.diag(fit.covariance), places_of(finding.known)
+    compared = finding.steps[0][0] if finding.steps else ()
+    selected = not np.isnan(compared[0].confirmed) if compared else bool(finding.hold)  # others helped to choose
     out = []
     for i, unknown in enumerate(finding.known):
         if not unknown.effect or not unknown.offered or unknown.shape or i in finding.released:
@@ -165,6 +167,6 @@ def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
         # A deviation d is worth d^2/2 (1/(noise + spread^2) - 1/(noise + reach^2)) less the price of the wider prior.
         worth = 1.0 / (noise + before[i]) - 1.0 / (noise + unknown.reach**2)
         price = 0.5 * np.log((noise + unknown.reach**2) / (noise + before[i]))
-        enough = nats_for_alarm(finding.nominal, places[unknown.effect], bool(finding.hold))
+        enough = nats_for_alarm(finding.nominal, places[unknown.effect], selected)
         out.append((unknown, float(np.sqrt(2.0 * (enough + price) / max(worth, 1e-30)))))
     return out

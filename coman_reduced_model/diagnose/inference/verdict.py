@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from ...core.base.nominal import Nominal
 from ...progress import Progress
 from ..data.recording import Recording, lifts_a_foot
 from ..physics.hypotheses import Candidate
-from .case import Case, examine
+from .case import Case, evidence_of, examine
 from .case_cache import CaseCache
 from .check import Checked
 from .compare import CLOCKS, confirmation
+from .evidence import scores
 from .explanation import APART, standing_out, worst_leftover
 from .finding import Finding
 from .floor import law_of
@@ -24,6 +27,7 @@ from .weight import LOADS, Weight, weight
 
 Verdict = Literal["effect", "none", "unknown", "not_excited"]
 FAR = 3.0  # standard deviations of nominal robots, from which on the report lists a law
+NEEDED = 0.0  # nats of the training recordings, beside the other effects, up to which an effect is needless
 AGAINST = 0.0  # nats of the confirming recording, below which it speaks against an effect
 
 
@@ -53,6 +57,8 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
     progress(0.0, "looking at the residuals")
     cache = CaseCache(checked.train, checked.select, nominal)
     finding = search(cache, assumed or None, progress)
+    if not assumed:
+        drop_needless(finding, cache)
     assert finding.fit is not None
     train, selecting = finding.before
     nominal_cases = [
@@ -64,6 +70,22 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
     weighs = weight(finding.cases, finding.released)
     word = verdict(finding, checked.recordings[: len(checked.train)], bool(assumed), against, weighs.off)
     return Found(finding, leftover, word, probabilities(finding), against, weighs)
+
+
+def drop_needless(finding: Finding, cache: CaseCache) -> None:
+    """Drop effects that the others, found later, explain as well, the most needless first; the rest is fitted again."""
+    while len(finding.chosen) > 1:
+        evidence = evidence_of(finding.train)
+        gains = []
+        for effect in finding.chosen:
+            others = [i for i in finding.released if i not in effect.option.unknowns]
+            gains.append(scores(evidence, [effect.option], others)[0].gain)
+        if min(gains) > NEEDED:
+            return
+        needless = finding.chosen[int(np.argmin(gains))]
+        finding.chosen = [effect for effect in finding.chosen if effect is not needless]
+        finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
+        finding.hold = cache.at(finding.at, "hold")
 
 
 def _confirm(

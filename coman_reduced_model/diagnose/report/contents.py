@@ -22,7 +22,7 @@ from ..inference.compare import pulls
 from ..inference.effects import MEASURED, far_from_nominal
 from ..inference.evidence import ONE_A_STEP, Evidence
 from ..inference.finding import ChosenEffect, Finding
-from ..inference.isolability import isolability, taken_for
+from ..inference.isolability import Expectation, isolability, shows, taken_for
 from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
@@ -140,6 +140,8 @@ def could_be(
     """What an effect of this size could be taken for in recordings like these, by expected log Bayes factor [nats]."""
     assert finding.fit is not None
     evidence = evidence_of(at_values(cases, chosen.option, finding.fit.x))
+    if not shows(Expectation(evidence), chosen.option, finding.fit.x):
+        return []
     rivals = taken_for(evidence, options, chosen.option, finding.fit.x)
     return [{"name": each.effect, "where": each.place, "factor": factor} for each, factor in rivals]
 
@@ -237,15 +239,18 @@ def _means_of_pieces(values: Array, pieces: Integers) -> Array:
 def undetectable(finding: Finding) -> dict[str, dict[str, float]]:
     """By effect (at its best place) and parameter, the deviation from nominal that would just raise an alarm.
 
-    In the units of the configuration: what is fitted in others (the place of a load, by its moment) is left out.
+    In the units of the configuration: what is fitted in others (the place of a load, by its moment) is left out. So is
+    what no parameter can be off by.
     """
     assert finding.fit is not None
     out: dict[str, dict[str, float]] = {}
     for unknown, x in smallest(finding):
-        units = {each.name: each.unit for each in CATALOGUE[unknown.effect].parameters}
-        if unknown.unit == units[unknown.key]:
+        parameter = next(each for each in CATALOGUE[unknown.effect].parameters if each.name == unknown.key)
+        value = abs(unknown.value(unknown.usual + x) - unknown.value(unknown.usual))
+        assert isinstance(parameter.nominal, float)
+        most = max(parameter.high - parameter.nominal, parameter.nominal - parameter.low)
+        if unknown.unit == parameter.unit and value <= most:
             entry = out.setdefault(unknown.effect, {})
-            value = abs(unknown.value(unknown.usual + x) - unknown.value(unknown.usual))
             entry[unknown.key] = min(entry.get(unknown.key, np.inf), value)
     return out
 

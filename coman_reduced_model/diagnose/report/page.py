@@ -330,10 +330,10 @@ def _rivals(diagnosis: Diagnosis, effect: dict[str, Any]) -> list[str]:
     if not mine:
         return []
     found = [
-        f"{spaced(score.option.effect)}" + (f" of {score.option.where}" if score.option.where else "")
+        f"{spaced(score.option.effect)}" + (f" of {score.option.place}" if score.option.place else "")
         for score in first
         if score.physical
         and score.gain > _TIE * mine[0].gain
-        and (score.option.effect, score.option.where) != (effect["name"], mine[0].option.where)
+        and (score.option.effect, score.option.place) != (effect["name"], mine[0].option.place)
     ]
     return list(dict.fromkeys(found))[:4]

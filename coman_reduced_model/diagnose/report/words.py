@@ -50,6 +50,7 @@ _MEANING = {
 }
 FAR_HEAD = ("what varies", "where", "value", "standard deviations")
 EXPLAINED = {"com": "the error of the predicted COM", "residuals": "the residuals that depend on it"}
+ASKEW = 1.5  # times as far as one end of an interval, that a value is from the other, from which both are said
 LIKELY, MOST_LIKELY = 0.1, 3  # probability from which a sentence names what is not sure, and how many
 OUTSIDE = "something outside the catalogue"
 TOGETHER = "masses, zeros, gains and all else that varies would have to be off together as on hardly any nominal robot"
@@ -191,7 +192,7 @@ def _said(effect: Mapping[str, Any]) -> str:
     kind = CATALOGUE.get(name)
     at = place(effect["where"], kind is not None and kind.place == "foot")
     values = {key: figure(parameter) for key, parameter in parameters.items()}
-    sizes = {f"{key}_size": figure({**each, "value": abs(each["value"])}) for key, each in parameters.items()}
+    sizes = {f"{key}_size": figure(_size(each)) for key, each in parameters.items()}
     listed = _listed(values)
     wanted = {"at"} if kind is None else set(re.findall(r"{(\w+)}", kind.sentence))
     if kind is None or not wanted <= {"at", "listed", *values, *sizes}:
@@ -203,15 +204,25 @@ def _said(effect: Mapping[str, Any]) -> str:
     return text + kind.further.format(rest=_listed(rest), **values) if rest else text
 
 
+def _size(parameter: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The same without its sign."""
+    if parameter["value"] >= 0.0:
+        return parameter
+    low, high = parameter["interval"]
+    return {**parameter, "value": -parameter["value"], "interval": [-high, -low]}
+
+
 def _listed(values: Mapping[str, str]) -> str:
     return ", ".join(f"{key} {text}" for key, text in values.items())
 
 
 def figure(parameter: Mapping[str, Any]) -> str:
-    """A value with half its interval, in the units of a reader."""
+    """A value with half its interval, in the units of a reader; with both ends, where it is not in the middle."""
     unit, factor = _SHOWN.get(parameter["unit"], (parameter["unit"], 1.0))
-    low, high = parameter["interval"]
-    return f"{number(factor * parameter['value'], 0.5 * factor * (high - low))} {unit}"
+    value, low, high = (factor * x for x in (parameter["value"], *sorted(parameter["interval"])))
+    if max(high - value, value - low) > ASKEW * min(high - value, value - low):
+        return f"{value:.3g} ({low:.3g} to {high:.3g}) {unit}"
+    return f"{number(value, 0.5 * (high - low))} {unit}"
 
 
 def number(value: float, half: float) -> str:

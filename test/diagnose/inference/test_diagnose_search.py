@@ -16,6 +16,7 @@ from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.unknown import PLAN
 from coman_reduced_model.diagnose.data.masks import masks
+from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.inference import gauss_newton
 from coman_reduced_model.diagnose.inference import verdict as verdicts
 from coman_reduced_model.diagnose.inference.case import examine, prepare
@@ -126,6 +127,28 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
     assert verdicts.verdict(finding, [walk], assumed, against, off_weight=True) == word
     finding.steps = [([], Odds(0.1, 0.0, (), (), alarm=0.05, pulled=True))]
     assert verdicts.verdict(finding, [walk], assumed, against) == word
+
+
+def test_an_effect_that_a_later_one_explains_is_dropped(joint="LKneeSag", factor=0.6):
+    """A softer spring, which was taken for play at first."""
+    world = standing()[1]
+    j = robot().joint_names.index(joint)
+    k, d = factor * world.stiffness[j], world.damping[j]
+    recording = stretched(lambda tau, _: lagged(tau, d / k) / k, joint)
+    noise = 2e-4 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
+    recording = recording.changed(q=recording.q + noise)
+    cache = CaseCache([(recording, world, masks(recording, world))], [], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train = cache.at(finding.at, "train")
+    of_joint = {option.effect: option for option in candidates(cache.known) if option.where == joint}
+    finding.chosen = [ChosenEffect(of_joint[name], 9.0, np.nan) for name in ("backlash", "joint_stiffness")]
+    finding.at, finding.train, finding.fit = gauss_newton.settled(finding, cache, finding.released)
+    verdicts.drop_needless(finding, cache)
+    assert [effect.option.effect for effect in finding.chosen] == ["joint_stiffness"]
+    (i,) = finding.released
+    assert cache.known[i].value(finding.fit.x[i]) == pytest.approx(factor, rel=0.05)
+    verdicts.drop_needless(finding, cache)
+    assert len(finding.chosen) == 1  # what was found alone is judged by its evidence
 
 
 def test_what_is_far_from_nominal_beside_the_effects_is_listed():

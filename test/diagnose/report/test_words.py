@@ -94,6 +94,20 @@ def test_a_sentence_holds_values_intervals_and_signs():
 
 
 @pytest.mark.parametrize(
+    ("value", "interval", "said"),
+    [
+        (0.0122, (0.011, 0.0135), "0.699 ± 0.072 degrees"),
+        (0.0122, (0.0, 0.036), "0.699 (0 to 2.06) degrees"),
+        (-0.0122, (-0.03, -0.01), "0.699 (0.573 to 1.72) degrees"),
+    ],
+)
+def test_an_interval_that_is_not_about_its_value_is_said_with_both_ends(value, interval, said):
+    bias = {"bias": {"value": value, "unit": "rad", "interval": list(interval)}}
+    entry = {"name": "encoder_bias", "class": None, "where": "LAnkSag", "parameters": bias}
+    assert said in effect_sentence(entry)
+
+
+@pytest.mark.parametrize(
     ("of", "said"), [("com", "2 % of the error of the predicted COM"), ("residuals", "2 % of the")]
 )
 def test_what_is_real_but_hardly_matters_is_said_to_be_minor(of, said):
