@@ -149,6 +149,8 @@ def test_each_block_has_a_language_and_a_reason_if_it_is_not_run(page):
         assert block.language in LANGUAGES, f"line {block.line}"
         if block.mark.startswith("not run"):
             assert block.mark.removeprefix("not run: ") in REASONS, f"line {block.line}"
+        else:
+            assert block.runs.strip() or block.language != "bash", f"line {block.line}"
     marks = re.findall(r"<!-- (?:not run|long|run as)", TEXTS[page])
     assert len(marks) == sum(bool(block.mark) for block in BLOCKS[page]), "a mark that no block follows"
 

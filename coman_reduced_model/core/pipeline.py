@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .robot.robot import Robot
 
 _EARLY_PLAN_S = 2.0  # a plan may be published so far ahead (`gait.ahead`)
+_MENDED_NS = 5_000_000_000  # a gap of that length may be one in which a driver was mended
 
 
 def clock_apart(stream: str, lead_s: float, most_s: float) -> InputWarning | None:
@@ -169,7 +170,7 @@ class Pipeline:
         last, self._last_stamp = self._last_stamp, sample.stamp_ns
         if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
             self.restarts += 1
-            self._restart(sample.stamp_ns > last)
+            self._restart(0 < sample.stamp_ns - last <= _MENDED_NS)
             self._last_stamp = sample.stamp_ns
         self.samples += 1
         self.plausibility.update(sample, self.predictor.zeros)
@@ -180,11 +181,11 @@ class Pipeline:
         return prediction
 
     def reset(self) -> None:
-        """Forget the past, as after a gap: odom and levels begin at the next sample. Counters are kept."""
+        """Forget the past, as after a long gap: odom and levels begin at the next sample. Counters are kept."""
         self._restart(False)
 
     def _restart(self, gap: bool) -> None:
-        """After a gap, what looked wrong with the measurements counts on: a bag may have many."""
+        """After a short gap, what looked wrong with the measurements counts on: a bag may have many."""
         self._last_stamp = None
         self.predictor.reset()
         if gap:

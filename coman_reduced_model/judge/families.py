@@ -120,7 +120,7 @@ def draw_effect(
 def _of_world(family: Family, world: World) -> float:
     """Standard deviation over clean robots of this world, for COMAN; 0: the world says nothing of its own."""
     deviation = deviation_of(family.effect, family.parameter, world)
-    of_any_robot = family.effect in ("wrench_bias", "ground_compliance", "foot_slip")
+    of_any_robot = family.effect in ("wrench_bias", "ground_compliance", "foot_slip", "joint_friction")
     return deviation / family.factor(world.table) if of_any_robot else deviation
 
 

@@ -321,9 +321,9 @@ def header() -> str:
 # source: where the figures come from. kinds: by axis, the kinds of worlds that they were learnt on, but for monitor.
 # widths: standard deviations over nominal robots (spread) and where an effect is (reach) of the parameters that
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
-#     data sheets and what is common, where learning begins. most: what they allow at most. Forces and masses are in
-#     weights and masses of the robot, but for sensors' zeros; torques of drives and ground, and the inverse of what
-#     gives way under them, in weights times half the length of a foot.
+#     data sheets and what is common, where learning begins. most: what they allow at most. In weights: pulls and
+#     what sinks; in weights times half the length of a foot: friction, zeros of torques, what turns or yields; in
+#     masses of the robot: loads, blows. All else in SI.
 # precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]. A simulator whose sensors have no

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ..core.base.nominal import load_nominal
+from ..core.effects.unknown import LINKS, PLAN
 from ..output import write_file
 from ..resources import version
 from .by_kind import by_kind, by_what_was_learnt
@@ -74,7 +75,8 @@ def in_group(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> st
     effects = []
     for effect in (verdict or {}).get("effects") or ():
         names = (name.partition("@") for name in effect.get("group") or ())
-        members = [{"name": name, "where": where} for name, _, where in names]
+        places = dict.fromkeys((name, "" if where in (PLAN, LINKS) else where) for name, _, where in names)
+        members = [{"name": name, "where": where} for name, where in places]
         effects.append(next((m for m in members if len(members) == 2 and _class(m) in true), effect))
     return str(outcome(answer, verdict and {**verdict, "effects": effects})["result"])
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..sim.disturbances import imperfections as made
 from ..sim.disturbances.masses import Scatter
-from ..sim.robot_table import COMAN, RobotTable
+from ..sim.robot_table import RobotTable
 from ..sim.worlds import World
 
 SPREADS = {  # effects whose size varies as another figure of `true_deviations`
@@ -50,7 +50,7 @@ def true_deviations(world: World) -> dict[str, float]:
     return noise | {
         "encoder_bias.bias.spread": float(np.hypot(a * made.ENCODER_ZERO, a * made.ECCENTRICITY / 2.0)),
         "backlash.width.spread": a * made.PLAY * 0.65,
-        "joint_friction.coulomb.spread": a * made.FRICTION * 0.65 / edge(COMAN),
+        "joint_friction.coulomb.spread": a * made.FRICTION * made.torque_of(world.table) * 0.65 / edge(world.table),
         "transport_delay.delay.spread": a * (made.DELAY + made.LINK_LATE) * EVEN,
         "motor_lag.time_constant.spread": a * made.LAG * EVEN,
         "wrench_delay.delay.spread": a * made.WRENCH_LATE * EVEN,

@@ -171,11 +171,12 @@ def test_a_group_of_two_that_holds_what_is_hidden_is_counted_apart():
         of_group("backlash@LKneeSag", "com_offset"),
         of_group("com_offset"),
     ]
+    rows += [of_group("payload@plan", "backlash@LKneeSag")]  # two ways, not two effects
     rows += [verdict_of(("backlash", "LKneeSag")), {"verdict": "none", "effects": []}]
     result = score([{"name": str(k), "answer": answer, "verdict": verdict} for k, verdict in enumerate(rows)])
-    assert [row["result"] for row in result["rows"]] == ["wrong"] * 4 + ["right", "none"]
-    assert [row["in_group"] for row in result["rows"]] == ["wrong", "right", "wrong", "wrong", "right", "none"]
-    assert result["in_group"]["right_on_medium_and_strong"]["hits"] == 2
+    assert [row["result"] for row in result["rows"]] == ["wrong"] * 5 + ["right", "none"]
+    assert [row["in_group"] for row in result["rows"]] == ["wrong", "right", "wrong", "wrong", "right", "right", "none"]
+    assert result["in_group"]["right_on_medium_and_strong"]["hits"] == 3
     assert result["in_group"]["wrong_name"]["hits"] == 3
 
 

@@ -111,6 +111,8 @@ def load_nominal(path: str | Path = "") -> Nominal:
     if not path:
         return population
     nominal = _read(path)  # each time: a baseline may be learnt again while a node runs
+    if nominal.widths.get("external_force.reach", 0.0) > 1.0:  # in weights
+        raise ConfigError(f"{path}: of an earlier version, with widths in N and Nm: learn it again (coman baseline)")
     names = ("widths", "floor", "sensors", "trust", "repeats", "leftover", "most")
     both = {name: {**getattr(population, name), **getattr(nominal, name)} for name in names}
     nominal = replace(nominal, **both)

@@ -86,7 +86,7 @@ class Unknown:
         usual: what nominal robots have of it, beyond nominal: deviations count from there.
         nominal: value when there is no such effect.
         step: for the difference quotient; default: a tenth of the reach.
-        low: least physical deviation, of a robot of which nothing is known from nominal.
+        low: least physical deviation from nominal.
         own: each recording has its own value: sensors' zeros change from one day to the next.
         offered: as a candidate; else it is too fine for this recording.
         shape: it does nothing without the other unknowns of its effect.

@@ -68,7 +68,7 @@ def _figure(finding: Finding, fit: Fit, i: int) -> dict[str, Any]:
     """Value, unit and interval of parameter i."""
     known = finding.known[i]
     half = CONFIDENCE * finding.nominal.factor_of(known.effect) * float(np.sqrt(fit.covariance[i, i]))
-    least = min(known.low + max(known.usual, 0.0), known.usual + fit.x[i])  # nothing below is physical
+    least = min(known.low, known.usual + fit.x[i])  # nothing below is physical
     low, value, high = (known.value(max(known.usual + fit.x[i] + k * half, least)) for k in (-1.0, 0.0, 1.0))
     return {"value": value, "unit": known.unit, "interval": [low, high]}
 

@@ -27,7 +27,7 @@ from .weight import LOADS, Weight, weight
 
 Verdict = Literal["effect", "none", "unknown", "not_excited"]
 FAR = 3.0  # standard deviations of nominal robots, from which on the report lists a law
-NEEDED = 0.0  # nats of the training recordings, beside the other effects, up to which an effect is needless
+NEEDED = 0.0  # nats of training and selecting recordings, beside the other effects, up to which an effect is needless
 AGAINST = 0.0  # nats of the confirming recording, below which it speaks against an effect
 
 
@@ -73,9 +73,12 @@ def find_effects(checked: Checked, assumed: Sequence[tuple[str, str]], nominal: 
 
 
 def drop_needless(finding: Finding, cache: CaseCache) -> None:
-    """Drop effects that the others, found later, explain as well, the most needless first; the rest is fitted again."""
+    """Drop effects that the others, found later, explain as well, the most needless first; the rest is fitted again.
+
+    By training and selecting recordings together.
+    """
     while len(finding.chosen) > 1:
-        evidence = evidence_of(finding.train)
+        evidence = evidence_of([*finding.train, *finding.hold])
         gains = []
         for effect in finding.chosen:
             others = [i for i in finding.released if i not in effect.option.unknowns]

@@ -98,8 +98,7 @@ def _of_this_robot(unknown: Unknown, nominal: Nominal) -> Unknown:
     if unknown.name not in nominal.parameters:
         return unknown
     usual, spread = nominal.parameters[unknown.name]
-    low = unknown.low - max(usual - unknown.usual, 0.0)  # it may be mended since
-    return replace(unknown, usual=usual, spread=spread, precise=None, low=low)
+    return replace(unknown, usual=usual, spread=spread, precise=None)
 
 
 def candidates(known: list[Unknown]) -> list[Candidate]:

@@ -221,7 +221,8 @@ def figure(parameter: Mapping[str, Any]) -> str:
     unit, factor = _SHOWN.get(parameter["unit"], (parameter["unit"], 1.0))
     value, low, high = (factor * x for x in (parameter["value"], *sorted(parameter["interval"])))
     if max(high - value, value - low) > ASKEW * min(high - value, value - low):
-        return f"{value:.3g} ({low:.3g} to {high:.3g}) {unit}"
+        shown = (f"{x:.0f}" if 1e3 <= abs(x) < 1e5 else f"{x:.3g}" for x in (value, low, high))
+        return "{} ({} to {}) {}".format(*shown, unit)
     return f"{number(value, 0.5 * (high - low))} {unit}"
 
 

@@ -32,6 +32,11 @@ PER_TURN = (1, 2, 16)  # periods of an encoder's error in a turn
 STIFF = 3000.0  # [Nm/rad] springs of drives with that friction; that of softer drives of the upper body is smaller
 
 
+def torque_of(table: RobotTable) -> float:
+    """What a robot's joints bear, over that of COMAN's: by weight and height."""
+    return float(table.mass * table.gait["com_height_m"] / (COMAN.mass * COMAN.gait["com_height_m"]))
+
+
 @dataclass
 class Imperfections(Disturbance):
     """Small imperfections of every joint, motor, sensor, clock and of the floor, each drawn for itself.
@@ -52,10 +57,9 @@ class Imperfections(Disturbance):
         upper = _joints(np.random.default_rng([42, self.seed]), len(table.upper))
         each = {name: np.concatenate([legs[name], upper[name]]) for name in legs if np.ndim(legs[name])}
         drives = [1.0] * len(table.leg_joints()) + [min(joint.stiffness / STIFF, 1.0) for joint in table.upper]
-        torque = table.mass * table.gait["com_height_m"] / (COMAN.mass * COMAN.gait["com_height_m"])
         return {
             "play": a * PLAY * each["play"],
-            "friction": a * FRICTION * torque * each["friction"] * drives,
+            "friction": a * FRICTION * torque_of(table) * each["friction"] * drives,
             "lag": a * LAG * legs["late"] * each["lag"],
             "delay": a * DELAY * legs["delay"],
             "encoder_zero": a * ENCODER_ZERO * each["encoder_zero"],

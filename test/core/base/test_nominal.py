@@ -59,6 +59,14 @@ def test_a_baseline_that_was_learnt_again_counts_at_once(tmp_path):
         assert load_nominal(path).widths["mass.spread"] == width
 
 
+def test_a_file_with_widths_in_newtons_is_refused(tmp_path):
+    path, plain = tmp_path / "mine.yaml", load_nominal().plain()
+    plain["widths"]["external_force.reach"] = 10.0
+    path.write_text(yaml.safe_dump(plain))
+    with pytest.raises(ConfigError, match="of an earlier version, .* learn it again"):
+        load_nominal(path)
+
+
 def test_widths_that_a_file_of_an_earlier_version_lacks_are_those_of_the_population(tmp_path):
     path, plain = tmp_path / "mine.yaml", load_nominal().plain()
     del plain["widths"]["touchdown_impact.impulse.spread"]

@@ -15,7 +15,8 @@ from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.effects.unknown import LINKS
 from coman_reduced_model.diagnose.data.masks import masks, part_of
 from coman_reduced_model.diagnose.data.signals import lagged
-from coman_reduced_model.diagnose.inference.case import examine
+from coman_reduced_model.diagnose.inference import compare as comparison
+from coman_reduced_model.diagnose.inference.case import Case, examine
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.compare import _settled, compare
 from coman_reduced_model.diagnose.inference.decide import nats_for_alarm, odds
@@ -101,6 +102,29 @@ def test_a_shift_in_time_is_judged_by_derivatives_of_the_shifted_streams():
         again = examine(prepared, cache.known, case.evidence.at)
         np.testing.assert_allclose(case.problem.columns[key], again.problem.columns[key])
         assert np.abs(case.problem.columns[key] - finding.train[0].problem.columns[key]).max() > 1e-3
+
+
+def test_what_fits_better_by_all_else_is_no_evidence(monkeypatch):
+    """Where a rival was settled, a tenth less was left of all laws, whatever its value."""
+    recording, world = standing()
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
+    recording = recording.changed(q=recording.q + noise)
+    prepared = recording, world, masks(recording, world)
+    cache = CaseCache([prepared], [prepared], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
+
+    def better(case: Case) -> Case:
+        return replace(case, problem=replace(case.problem, rows={key: 0.9 * r for key, r in case.problem.rows.items()}))
+
+    def settled(finding: Finding, *_: object) -> tuple[list[Case], list[Case]]:
+        return [better(case) for case in finding.train], [better(case) for case in finding.hold]
+
+    monkeypatch.setattr(comparison, "_settled", settled)
+    rivals = [o for o in candidates(cache.known) if o.effect == "joint_damping" and o.where in ("LHipLat", "RHipSag")]
+    _, *others = compare(finding, cache, rivals)
+    assert len(others) == 2 and max(each.gain for each in others) < 1.0
+    assert not max(each.confirmed for each in others) > 1.0
 
 
 def test_late_drives_are_no_late_joint_states():
