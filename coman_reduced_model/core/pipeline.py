@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .robot.robot import Robot
 
 _EARLY_PLAN_S = 2.0  # a plan may be published so far ahead (`gait.ahead`)
-_MENDED_NS = 5_000_000_000  # a gap of that length may be one in which a driver was mended
 
 
 def clock_apart(stream: str, lead_s: float, most_s: float) -> InputWarning | None:
@@ -170,7 +169,7 @@ class Pipeline:
         last, self._last_stamp = self._last_stamp, sample.stamp_ns
         if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
             self.restarts += 1
-            self._restart(0 < sample.stamp_ns - last <= _MENDED_NS)
+            self.reset()
             self._last_stamp = sample.stamp_ns
         self.samples += 1
         self.plausibility.update(sample, self.predictor.zeros)
@@ -181,17 +180,10 @@ class Pipeline:
         return prediction
 
     def reset(self) -> None:
-        """Forget the past, as after a long gap: odom and levels begin at the next sample. Counters are kept."""
-        self._restart(False)
-
-    def _restart(self, gap: bool) -> None:
-        """After a short gap, what looked wrong with the measurements counts on: a bag may have many."""
+        """Forget the past, as after a gap: odom and levels begin at the next sample. Counters are kept."""
         self._last_stamp = None
         self.predictor.reset()
-        if gap:
-            self.plausibility.interrupt()
-        else:
-            self.plausibility.reset()
+        self.plausibility.reset()
         if self.monitor is not None:
             self.monitor.reset()
 

@@ -40,10 +40,6 @@ class HeldValues:
         self._first: dict[Foot, _First] = {}  # by foot that bears load
         self._counted = dict.fromkeys(WRENCHES, False)  # whether `times` counts that value
 
-    def interrupt(self) -> None:
-        """Samples are missing."""
-        self._first.clear()
-
     def update(self, stamp_ns: int, q: Array, wrenches: Mapping[Foot, Array], loaded: Mapping[Foot, bool]) -> None:
         """Take a look: joints (nj,) [rad], wrenches (6,) as they were read, and which feet bear load for certain."""
         for foot, wrench in wrenches.items():

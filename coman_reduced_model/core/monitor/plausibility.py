@@ -80,11 +80,6 @@ class Plausibility:
         self._other_force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}  # of the other foot meanwhile
         self._swapped = 0
 
-    def interrupt(self) -> None:
-        """Samples are missing: what needs one after the other begins anew."""
-        self._held.interrupt()
-        self._turned_wrenches.interrupt()
-
     def update(self, sample: Sample, zeros: SensorZeros | None = None) -> None:
         """Take one sample as it was measured, and zeros of its foot sensors; stamps must increase between resets."""
         if sample.stamp_ns < self._next:

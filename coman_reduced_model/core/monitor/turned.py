@@ -46,10 +46,6 @@ class Turned:
         self._total, self._samples = 0.0, 0  # of both vertical forces [N] as they are read, in all samples
         self._begin(Foot.NONE)
 
-    def interrupt(self) -> None:
-        """Samples are missing."""
-        self._begin(Foot.NONE)
-
     def _begin(self, foot: Foot) -> None:
         self._foot, self._looks, self._mean = foot, 0, np.zeros(3, dtype=complex)
 
