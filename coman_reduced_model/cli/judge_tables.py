@@ -202,8 +202,6 @@ def _show_shares(result: Mapping[str, Any]) -> None:
     methods = {"workflow": result["workflow"]}
     if "or_suspected" in result:  # earlier versions did not count them
         methods["or suspected"] = result["or_suspected"]
-    if "in_group" in result:
-        methods["or in a group"] = result["in_group"]
     methods |= result["baselines"]
     count = ", ".join(f"{number} {kind}" for kind, number in result["cases"].items())
     seeds, of = result["seeds"], len(result["rows"])
@@ -216,7 +214,8 @@ def _show_shares(result: Mapping[str, Any]) -> None:
     if "or_suspected" in result:
         print("or suspected: if what is suspected without an alarm counted as named")
     if "in_group" in result:
-        print("or in a group: if two effects that cannot be distinguished, one of which is hidden, counted as it")
+        right, wrong = (share(result["in_group"][key]) for key in ("right_on_medium_and_strong", "wrong_name"))
+        print(f"if a group of two that holds what is hidden counted as it: right {right}, wrong {wrong}")
     for entry in seeds["spent"]:
         print(f"spent: {entry['seeds']} {entry['purpose']} ({entry['commit']})")
 
