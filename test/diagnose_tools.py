@@ -58,6 +58,14 @@ def stretched(change, name: str = JOINT) -> Recording:
     return recording.changed(motor_q=motor)
 
 
+def softened(name: str, factor: float) -> Recording:
+    """The same with a spring whose stiffness is `factor` times nominal, by encoders with noise of 0.2 mrad."""
+    world, j = standing()[1], index(name)
+    k, d = factor * world.stiffness[j], world.damping[j]
+    recording = stretched(lambda tau, _: lagged(tau, d / k) / k, name)
+    return recording.changed(q=recording.q + 2e-4 * np.random.default_rng(0).standard_normal(recording.q.shape))
+
+
 def swaying(last: Phase) -> Recording:
     """By its IMU on the edge of a foot, nearly always; on the left foot, on the right one, then `last`."""
     sway = 0.05 * np.sin(2.0 * np.pi * 1.3 * t)

@@ -85,10 +85,14 @@ def drop_needless(finding: Finding, cache: CaseCache) -> None:
             gains.append(scores(evidence, [effect.option], others)[0].gain)
         if min(gains) > NEEDED:
             return
-        needless = finding.chosen[int(np.argmin(gains))]
-        finding.chosen = [effect for effect in finding.chosen if effect is not needless]
-        finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
-        finding.hold = cache.at(finding.at, "hold")
+        _drop(finding, cache, finding.chosen[int(np.argmin(gains))].option.name)
+
+
+def _drop(finding: Finding, cache: CaseCache, name: str) -> None:
+    """Take an effect away, and fit the others again."""
+    finding.chosen = [effect for effect in finding.chosen if effect.option.name != name]
+    finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
+    finding.hold = cache.at(finding.at, "hold")
 
 
 def _confirm(
@@ -121,9 +125,7 @@ def _confirm(
             return (*against, *denied)
         worst = min(denied, key=lambda name: finding.confirmed[name])
         against.append(worst)
-        finding.chosen = [effect for effect in finding.chosen if effect.option.name != worst]
-        finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
-        finding.hold = cache.at(finding.at, "hold")
+        _drop(finding, cache, worst)
 
 
 def _unshifted(

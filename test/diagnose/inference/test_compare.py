@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose_tools import EXACT_TORQUES, index, standing, stretched
+from diagnose_tools import EXACT_TORQUES, index, softened, standing, stretched
 
 from coman_reduced_model.core.base.delays import shifted
 from coman_reduced_model.core.base.nominal import load_nominal
@@ -74,10 +74,7 @@ def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
 def test_a_softer_spring_is_fitted_at_its_true_value(factor):
     """What is linear about nominal explains nearly as much there, and is far off."""
     joint, world = "LKneeSag", standing()[1]
-    k, d = factor * world.stiffness[index(joint)], world.damping[index(joint)]
-    recording = stretched(lambda tau, _: lagged(tau, d / k) / k, joint)
-    noise = 2e-4 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
-    recording = recording.changed(q=recording.q + noise)
+    recording = softened(joint, factor)
     cache = CaseCache([(recording, world, masks(recording, world))], [], EXACT_TORQUES)
     finding = Finding(cache.known, np.zeros(len(cache.known)))
     finding.train = cache.at(finding.at, "train")

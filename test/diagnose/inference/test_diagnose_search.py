@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnose_tools import EXACT_TORQUES, standing, stretched, swaying
+from diagnose_tools import EXACT_TORQUES, softened, standing, stretched, swaying
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import robot
@@ -16,7 +16,6 @@ from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.unknown import PLAN
 from coman_reduced_model.diagnose.data.masks import masks
-from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.inference import gauss_newton
 from coman_reduced_model.diagnose.inference import verdict as verdicts
 from coman_reduced_model.diagnose.inference.case import examine, prepare
@@ -131,12 +130,7 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
 
 def test_an_effect_that_a_later_one_explains_is_dropped(joint="LKneeSag", factor=0.6):
     """A softer spring, which was taken for play at first."""
-    world = standing()[1]
-    j = robot().joint_names.index(joint)
-    k, d = factor * world.stiffness[j], world.damping[j]
-    recording = stretched(lambda tau, _: lagged(tau, d / k) / k, joint)
-    noise = 2e-4 * np.random.default_rng(0).standard_normal(recording.q.shape)  # [rad] of encoders
-    recording = recording.changed(q=recording.q + noise)
+    recording, world = softened(joint, factor), standing()[1]
     cache = CaseCache([(recording, world, masks(recording, world))], [], EXACT_TORQUES)
     finding = Finding(cache.known, np.zeros(len(cache.known)))
     finding.train = cache.at(finding.at, "train")
