@@ -61,7 +61,7 @@ def baseline(
     if learnt.pulled:
         rows = [[name, f"{value:.1f}"] for name, value in learnt.pulled.items()]
         print_table(
-            "Far from the robot's description: check it; no baseline hides more than is plausible",
+            "Far from the robot's description: check it; no baseline hides more than is plausible of masses and gains",
             ["what", "standard deviations"],
             rows,
         )

@@ -183,23 +183,28 @@ def confirmation(
 ) -> float:
     """Log evidence [nats] of other recordings for an effect as trained against none of it, beside the chosen ones.
 
+    With it as without it, the robot may be of any kind. NaN where the recordings do not show the effect.
+
     Args:
         held: their cases around the values that were found.
         without_it: the same with this effect at nominal, if it shifts streams in time.
     """
     evidence = evidence_of(held)
+    if not shown(evidence, option):
+        return float("nan")
     mean, variance = trained(known, fit, chosen)
     mine = [i for i in option.unknowns if not known[i].shape]  # a shape is nothing without the others
     others = [i for i in chosen if i not in mine]
     without_mean = mean.copy()
     without_mean[mine] = 0.0
-    logs = []
-    for kind in kinds_of(known):  # as in the search, the robot without it may be of another kind
-        without = prior_variance(known, precise=kind)
-        without[others] = variance[others]
+    with_logs, logs = [], []
+    for kind in kinds_of(known):
+        having, without = prior_variance(known, precise=kind), prior_variance(known, precise=kind)
+        having[list(chosen)], without[others] = variance[list(chosen)], variance[others]
+        with_logs.append(evidence.posterior(mean, having).log)
         for each in (evidence, evidence_of(without_it)) if without_it else (evidence,):
             logs.append(each.posterior(without_mean, without).log)
-    return evidence.posterior(mean, variance).log - max(logs)
+    return max(with_logs) - max(logs)
 
 
 def pulled_together(cases: Sequence[Case], fit: Fit, released: Sequence[int]) -> float:

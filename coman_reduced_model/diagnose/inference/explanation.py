@@ -65,8 +65,8 @@ def features(
     return {
         "evidence": compressed(float(np.fmin(gain, confirmed))),
         "ways": -float(np.log(ways)),
-        "leftover": worst_leftover(laws, nominal)[0],
-        "apart": worst_leftover(apart, nominal)[0],
+        "leftover": min(worst_leftover(laws, nominal), MOST),
+        "apart": min(worst_leftover(apart, nominal), MOST),
         "pulled": float(np.clip(np.log(max(pulled.values(), default=1.0)), 0.0, MOST)),
     }
 
@@ -104,15 +104,13 @@ def standing_out(leftover: Mapping[str, float]) -> dict[str, float]:
     return out
 
 
-def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> tuple[float, str]:
-    """How far the worst law leaves more than on nominal robots, in their standard deviations; and its group."""
-    worst, where = 0.0, ""
+def worst_leftover(values: Mapping[str, float], nominal: Nominal) -> float:
+    """How far the worst law leaves more than on nominal robots, in their standard deviations; 0 where none does."""
+    worst = 0.0
     for key, value in values.items():
         median, scatter = nominal.leftover.get(law_of(key), (1.0, np.inf))
-        z = float(np.log(max(value, 1e-9) / median) / scatter)
-        if z > worst:
-            worst, where = min(z, MOST), key
-    return worst, where
+        worst = max(worst, float(np.log(max(value, 1e-9) / median) / scatter))
+    return worst
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ class ChosenEffect:
     option: Candidate
     gain: float  # nats on the training bags
     confirmed: float  # nats on the selecting bags; NaN without
-    probability: float = 1.0  # of the group
+    probability: float = np.nan  # of the group; NaN: it was assumed
     group: tuple[str, ...] = ()  # itself and those that these recordings cannot distinguish from it: `Candidate.name`
 
 
@@ -40,7 +40,7 @@ class Finding:
     Attributes:
         known: all parameters; at: (P,) deviations from nominal around which the cases below are linear.
         fit: posterior on the training bags, with the chosen effects released.
-        first: every candidate before anything was chosen; last: what else would help when all was chosen.
+        first: every candidate before anything was chosen.
         train, hold: the recordings with the chosen effects; before: the same without any.
         steps: by choice, the explanations that were compared and their probabilities; the last one chose nothing.
         nominal: how nominal robots vary.
@@ -52,7 +52,6 @@ class Finding:
     chosen: list[ChosenEffect] = field(default_factory=list)
     fit: Fit | None = None
     first: list[Score] = field(default_factory=list)
-    last: list[Score] = field(default_factory=list)
     train: list[Case] = field(default_factory=list)
     hold: list[Case] = field(default_factory=list)
     before: tuple[list[Case], list[Case]] = field(default_factory=lambda: ([], []))

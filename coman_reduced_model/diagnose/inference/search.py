@@ -55,8 +55,7 @@ def search(
     while True:
         evidence = evidence_of(finding.train)
         finding.fit = evidence.fit(finding.released)
-        finding.last = scores(evidence, list(_left(options, finding)), finding.released)
-        finding.first = finding.first or finding.last
+        finding.first = finding.first or scores(evidence, options)
         if not walks or len(finding.chosen) >= MOST:
             return finding
         explanations = compare(finding, cache, rivals_of(finding, options))
@@ -134,7 +133,7 @@ def fit_assumed(
     finding: Finding, cache: CaseCache, options: Sequence[Candidate], assumed: Sequence[tuple[str, str]]
 ) -> Finding:
     """Fit the parameters of the assumed effects, given by name and place."""
-    finding.first = finding.last = scores(evidence_of(finding.train), options)
+    finding.first = scores(evidence_of(finding.train), options)
     for name, where in dict.fromkeys(assumed):
         mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
         if mine:  # in the way in which it shows most: a parameter that these recordings leave open is not fitted

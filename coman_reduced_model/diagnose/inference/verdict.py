@@ -150,7 +150,7 @@ def verdict(
 
     Returns:
         `effect`, `none`, `unknown` (an alarm, and no effect of the catalogue is as likely as all else that may be
-        missing) or `not_excited` (a recording only stands).
+        missing) or `not_excited` (all recordings only stand).
     """
     if assumed:
         return "effect" if finding.chosen else "none"
@@ -161,8 +161,7 @@ def verdict(
         return "effect" if first else "unknown"
     if off_weight:  # which no spring explains
         return "effect" if first and first.effect in LOADS else "unknown"
-    walk = all(lifts_a_foot(recording.phase) for recording in train)
-    return "none" if walk or finding.chosen else "not_excited"
+    return "none"
 
 
 def probabilities(finding: Finding) -> dict[str, float]:
@@ -179,12 +178,12 @@ def probabilities(finding: Finding) -> dict[str, float]:
 
 def too_much(finding: Finding, leftover: dict[str, float]) -> list[str]:
     """Groups of residuals that are larger than on nominal robots by more than FAR standard deviations, worst first."""
-    found = [(worst_leftover({key: value}, finding.nominal)[0], key) for key, value in leftover.items()]
+    found = [(worst_leftover({key: value}, finding.nominal), key) for key, value in leftover.items()]
     return [key for z, key in sorted(found, reverse=True) if z > FAR]
 
 
 def apart(finding: Finding, leftover: dict[str, float]) -> dict[str, float]:
     """Joints that stand out of those of their robot by more than FAR standard deviations: group, and how many times."""
     found = standing_out(leftover)
-    far = {key: worst_leftover({f"{law_of(key)}{APART}": times}, finding.nominal)[0] for key, times in found.items()}
+    far = {key: worst_leftover({f"{law_of(key)}{APART}": times}, finding.nominal) for key, times in found.items()}
     return {key: found[key] for key in sorted(far, key=lambda key: -far[key]) if far[key] > FAR}

@@ -30,7 +30,7 @@ from ..inference.verdict import Found, apart, too_much
 from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
 from .decides import decides
-from .words import doubtful, sentence
+from .words import doubtful, sentence, spaced
 
 STEADY_SHARE = 0.7  # of a residual: where its means over whole phases make up more, it is steady
 STEADY_BAND, MOVING_BAND = [0.0, 1.5], [1.5, 9.0]  # [Hz]
@@ -54,13 +54,14 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         effect["minor"] = effect["explains"]["share"] < MATERIAL
     if not named:
         for effect, chosen in zip(effects, finding.chosen, strict=True):
-            denied = chosen.option.name in found.contradicted
-            unsure = "no alarm" if found.verdict == "none" else "it is less likely than all else that may be missing"
-            effect.update(in_model=False, left_out="the confirming recording speaks against it" if denied else unsure)
+            effect.update(in_model=False, left_out=_why_suspected(found, chosen.option.name))
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
     if not held:
-        last = "what is found is confirmed on the last third of the same recording"
+        only = len(checked.train_paths) == 1
+        last = (
+            f"what is found is confirmed on the last third of {'the same' if only else 'the last training'} recording"
+        )
         not_checked.append(f"no held-out bag: {last if checked.confirm else 'nothing confirms what is found'}")
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
@@ -103,6 +104,18 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     }
     result["sentence"] = sentence(result)
     return Diagnosis(result, predicted.model if named else config, finding, checked.recordings, predicted.shown)
+
+
+def _why_suspected(found: Found, name: str) -> str:
+    """Why an effect that was chosen is not named."""
+    if name in found.contradicted:
+        return "the confirming recording speaks against it"
+    if found.verdict == "none":
+        return "no alarm"
+    first = found.finding.chosen[0].option.name
+    return (
+        f"{spaced(first)} is denied" if first in found.contradicted else "the weight is off, which it does not explain"
+    )
 
 
 def explained(finding: Finding, chosen: ChosenEffect, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -164,7 +177,9 @@ def confirmed_on(checked: Checked) -> str:
     """The recording that confirms."""
     if checked.hold_paths:
         return str(checked.hold_paths[-1])
-    return "the same recording" if checked.confirm else ""
+    if not checked.confirm:
+        return ""
+    return "the same recording" if len(checked.train_paths) == 1 else str(checked.train_paths[-1])
 
 
 def ranking(finding: Finding) -> list[dict[str, Any]]:

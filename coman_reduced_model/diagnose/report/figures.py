@@ -90,7 +90,7 @@ def residuals(pair: Pair, channels: Sequence[str], changed: bool) -> Figure:
     figure, plots = new_figure(len(channels), 1, 0.9 + 1.9 * len(channels), sharex=True)
     recording = pair.before.recording
     time = recording.t[pair.before.where.ticks]
-    span = _span(recording.t)
+    span = _span(time)
     inside = (time >= span[0]) & (time <= span[1])
     for ax, name in zip(plots, channels, strict=True):
         unit, factor = channel_unit(name)

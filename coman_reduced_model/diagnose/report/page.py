@@ -286,7 +286,7 @@ def _open(diagnosis: Diagnosis) -> list[Part]:
         text = f"{effect_sentence(effect)}."
         if rivals:
             text += f" Explaining nearly as much when alone: {', '.join(rivals)}."
-        elif not effect["class"]:
+        elif not (effect["class"] or effect["taken_for"] or len(effect["group"]) > 1):
             text += " No other effect, or place, explains half as much."
         text += taken_for(effect)
         if rivals or effect["class"]:

@@ -21,7 +21,7 @@ def values(effects: Sequence[Mapping[str, Any]]) -> Table:
         [
             spaced(effect["name"]), effect["where"] or "–", " or ".join(alternatives(effect)) or "–", key,
             figure(parameter), f"{effect['evidence']:.0f}", known(effect["select_evidence"]),
-            known(effect["confirm_evidence"]), f"{effect['probability']:.0%}",
+            known(effect["confirm_evidence"]), known(effect["probability"], ".0%"),
         ]
         for effect in effects
         for key, parameter in effect["parameters"].items()

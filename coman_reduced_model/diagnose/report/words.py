@@ -303,6 +303,6 @@ def at(where: str) -> str:
     return "" if where in (PLAN, LINKS) else where
 
 
-def known(value: float | None) -> str:
-    """A whole number, or a dash where it is not known."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.0f}"
+def known(value: float | None, form: str = ".0f") -> str:
+    """A number, whole unless `form` is another format, or a dash where it is not known."""
+    return "–" if value is None or not math.isfinite(value) else format(value, form)
