@@ -254,6 +254,11 @@ def test_swapped_feet(tmp_path, predict):
     assert summary["suspect"]["wrenches/swapped"] > 50
 
 
+def test_a_foot_sensor_that_was_not_zeroed(spoiled):
+    summary = spoiled(where(LEFT, lambda t: True, force=lambda m: m.force + np.array([0.0, 0.0, 80.0])), seconds=6.0)
+    assert [line.split(":")[0] for line in summary["warnings"] if "taken off" in line] == [LEFT]
+
+
 @pytest.mark.parametrize("frame", ["r_sole", "nowhere"])
 def test_wrong_frame_of_a_wrench(unpredictable, frame):
     error = unpredictable(where(LEFT, lambda t: True, frame_id=frame))

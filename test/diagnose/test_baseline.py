@@ -73,6 +73,7 @@ def test_a_baseline_of_a_robot_that_is_too_heavy_does_not_hide_it(tmp_path, caps
     assert run(["diagnose", str(tmp_path / "later"), "--baseline", str(usual), "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     share = result["weight"]["share"]
+    assert result["verdict"] != "none"
     assert abs(share - 0.1) < result["weight"]["deviation"] < 0.03
     said = f"by its forces, the robot weighs {share:.0%} more than by its URDF"
     assert said in result["sentence"] and said in (out / "report.html").read_text()

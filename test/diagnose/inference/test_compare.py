@@ -14,11 +14,12 @@ from coman_reduced_model.core.base.delays import shifted
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.effects.unknown import LINKS
 from coman_reduced_model.diagnose.data.masks import masks, part_of
+from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.inference import compare as comparison
 from coman_reduced_model.diagnose.inference.case import Case, examine
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
-from coman_reduced_model.diagnose.inference.compare import _settled, compare
+from coman_reduced_model.diagnose.inference.compare import _settled, compare, confirmation
 from coman_reduced_model.diagnose.inference.decide import nats_for_alarm, odds
 from coman_reduced_model.diagnose.inference.explanation import (
     Explanation,
@@ -68,6 +69,24 @@ def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
     assert best.option is not None and best.gain > 10.0 < best.confirmed
     (i,) = best.option.unknowns
     assert cache.known[i].value(best.fit.x[i]) == pytest.approx(factor, rel=0.15)
+
+
+def test_another_recording_speaks_for_a_spring_that_is_soft_there_too_and_against_one_that_is_not(joint="LKneeSag"):
+    world = standing()[1]
+    softer, nominal = softened(joint, 0.6), softened(joint, 1.0)
+    cache = CaseCache([(softer, world, masks(softer, world))], [], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train = cache.at(finding.at, "train")
+    (option,) = (o for o in candidates(cache.known) if o.where == joint and o.effect == "joint_stiffness")
+    at, _, fit = settled(finding, cache, list(option.unknowns))
+
+    def nats(recording: Recording) -> float:
+        held = examine((recording, world, masks(recording, world)), cache.known, at)
+        return confirmation(cache.known, fit, [held], option, list(option.unknowns))
+
+    assert nats(softer) > 10.0 and nats(nominal) < -10.0
+    unknown = np.where(np.arange(softer.q.shape[1]) == index(joint), np.nan, softer.motor_q)
+    assert np.isnan(nats(softer.changed(motor_q=unknown)))  # it does not show
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.7])

@@ -216,6 +216,7 @@ def test_springs_and_dampers_of_a_leg_or_of_all_change_together(where):
     for name, field, value in (
         ("spring_nonlinearity@{}.cubic", "cubic", 20.0), ("joint_damping@{}.scale", "damping", 0.2),
         ("hysteresis@{}.width", "lost", 0.01), ("stiffness_drift@{}.change", "drift", -0.1),
+        ("backlash@{}.width", "play", 0.01), ("joint_friction@{}.coulomb", "friction", 1.0),
     ):  # fmt: skip
         moved = unknown(name.format(where)).apply(*standing(), value)[1]
         changed = np.flatnonzero(~np.isclose(getattr(moved, field), getattr(world, field), equal_nan=True))

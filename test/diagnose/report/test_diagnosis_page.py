@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from diagnose_tools import standing
+from diagnose_tools import standing, swaying
 from jsonschema import Draft202012Validator
 from robots import robot_of
+from synthetic import robot
 
 from coman_reduced_model.cli.diagnose import _show
 from coman_reduced_model.core.base.parameter import Parameter
@@ -27,10 +28,11 @@ from coman_reduced_model.core.effects.base import Effect
 from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.core.effects.unknown import About, Unknown, world_plus
 from coman_reduced_model.core.robot.robot import Robot
+from coman_reduced_model.diagnose.data.reading import Reading
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import Smoothed
 from coman_reduced_model.diagnose.inference.case import Case
-from coman_reduced_model.diagnose.inference.check import Checked, limitations
+from coman_reduced_model.diagnose.inference.check import Checked, check_recordings, limitations
 from coman_reduced_model.diagnose.inference.effects import with_structure
 from coman_reduced_model.diagnose.inference.evidence import Problem, scores, weighed
 from coman_reduced_model.diagnose.inference.explanation import Odds
@@ -41,7 +43,7 @@ from coman_reduced_model.diagnose.inference.prediction import predict_com
 from coman_reduced_model.diagnose.inference.verdict import Found, verdict
 from coman_reduced_model.diagnose.inference.weight import Weight
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
-from coman_reduced_model.diagnose.report.contents import build_diagnosis
+from coman_reduced_model.diagnose.report.contents import build_diagnosis, confirmed_on
 from coman_reduced_model.diagnose.report.page import diagnosis_page
 from coman_reduced_model.diagnose.report.words import effect_sentence
 from coman_reduced_model.diagnose.result import Diagnosis
@@ -200,6 +202,14 @@ def test_each_verdict_has_a_page(verdict, told, hold):
     assert told in html
     assert html.count("<svg") >= 3
     assert ("no held-out bag" in html.lower()) == (not hold)
+
+
+@pytest.mark.parametrize(
+    ("train", "hold", "on"), [(["a"], ["b"], "b"), (["a"], [], "the same recording"), (["a", "b"], [], "b")]
+)
+def test_the_result_says_what_confirms(train, hold, on):
+    readings = [Reading(name, swaying(Phase.LEFT).changed(name=name), robot()) for name in [*train, *hold]]
+    assert confirmed_on(check_recordings(readings, len(train), Config(), [])) == on
 
 
 @pytest.mark.parametrize("made_worse", [False, True])
