@@ -326,7 +326,7 @@ def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_pa
     record("stand", tmp_path / "stand", duration_s=4.0, seed=3)
     result, _ = diagnose(tmp_path / "stand", "--holdout", fallen)
     (line,) = [line for line in result["not_checked"] if line.endswith("left out")]
-    assert line.startswith("fallen: steady on its feet for 0.0 s of 3.0 s")
+    assert line.startswith("fallen: steady on its feet for 0.00 s of 3.0 s")
     assert result["gap"]["holdout"] is None and result["bags"]["holdout"] == []
     assert "fallen: steady on its feet" in refused(fallen, out="other")  # to find something in
 

@@ -146,7 +146,8 @@ def load(
         else:
             samples = with_computed_wrenches(samples, computed, pipeline.robot, config)
             warnings = (*warnings, f"foot wrenches are computed from {config.streams.wrench_source}: {NOT_SHOWN}")
-        for sample in measured:
+        begin, end, _ = _longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
+        for sample in measured[begin:end]:  # what is diagnosed
             pipeline.plausibility.update(sample, pipeline.predictor.zeros)
         found = pipeline.status().warnings
         suspect = [each for each in found if each.prevents_diagnosis]

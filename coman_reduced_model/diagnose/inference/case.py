@@ -61,7 +61,7 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
         recording = recording.changed(warnings=(*recording.warnings, warning))
     if (steady := int(where.steady.sum())) < STEADY_S * TICKS:
         raise BagError(
-            f"{recording.name}: steady on its feet for {steady / TICKS:.1f} s of {recording.t[-1]:.1f} s by its "
+            f"{recording.name}: steady on its feet for {steady / TICKS:.2f} s of {recording.t[-1]:.1f} s by its "
             f"wrenches, and {STEADY_S:g} s are needed: has it fallen, or do wrenches and support.* not fit together?"
         )
     return recording, world, where

@@ -92,7 +92,7 @@ def isolability(
     known = evidence.unknowns
     ways: dict[tuple[str, str], list[Candidate]] = {}
     for option in options:
-        ways.setdefault((option.effect, option.where), []).append(option)
+        ways.setdefault((option.effect, option.place), []).append(option)
     whole = [max(several, key=lambda each: len(each.unknowns)) for several in ways.values()]
     squares = np.zeros((len(whole), len(known)))
     sizes, units = [], []
