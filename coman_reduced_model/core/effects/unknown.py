@@ -127,8 +127,11 @@ class Unknown:
         return f"{self.effect}@{self.where}.{self.key}" if self.effect else f"{self.key}@{self.where}"
 
     def value(self, x: float) -> float:
-        """The parameter at a deviation x from nominal."""
-        return self.nominal * float(np.exp(x)) if self.logarithmic else self.nominal + x
+        """The parameter at a deviation x from nominal; infinite where its logarithm is open at the top."""
+        if not self.logarithmic:
+            return self.nominal + x
+        with np.errstate(over="ignore"):
+            return self.nominal * float(np.exp(x))
 
     def deviation(self, value: float) -> float:
         """Of the parameter from nominal: the inverse of `value`."""
