@@ -30,6 +30,7 @@ ROUNDS, POPULATION_ROUNDS = 4, 8
 ANCHOR = 4.0  # robots that the width of the data sheets is worth
 PRECISE = 0.3  # of other widths, where those of what is precise begin; of the data sheets', what they shrink to
 OF_CONTROLLERS = ("sag.spread", "lead.spread")
+HARDLY_SHOWN = ("mass.spread",)  # a width of precise robots would stay near that from which it begins
 
 
 def spread(values: Sequence[Array] | Array, mean: Array | float, population: Array | float) -> Array:
@@ -191,11 +192,15 @@ def means_of(robots: Sequence[Sequence[Evidence]], nominal: Nominal) -> dict[str
 
 
 def _parts_of(known: Sequence[Unknown]) -> dict[str, str]:
-    """By width, the part of the robot whose parameters have it; none for what is of a recording or of a controller."""
+    """By width, the part of the robot whose parameters have it; none for what is of a recording or of a controller.
+
+    Nor for what recordings hardly show: that is as on any robot.
+    """
     return {
         name: known[members[0]].part
         for name, members in widths_of(known).items()
-        if not any(known[i].own or known[i].where == PLAN for i in members) and name not in OF_CONTROLLERS
+        if not any(known[i].own or known[i].where == PLAN for i in members)
+        and name not in (*OF_CONTROLLERS, *HARDLY_SHOWN)
     }
 
 

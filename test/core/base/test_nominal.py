@@ -29,7 +29,7 @@ def test_what_is_written_is_what_is_read(tmp_path):
     path.write_text(yaml.safe_dump(load_nominal().plain()))
     again = load_nominal(path)
     assert again.plain() == load_nominal().plain()
-    assert again.width("mass", "spread", times=2.0)["precise"] == pytest.approx(2.0 * again.precise["mass.spread"])
+    assert again.width("com", "spread", times=2.0)["precise"] == pytest.approx(2.0 * again.precise["com.spread"])
     assert again.width("mass", "spread", times=2.0)["spread"] == pytest.approx(2.0 * again.widths["mass.spread"])
 
 

@@ -7,19 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose_tools import made_up
+from diagnose_tools import made_up, standing
 
 from coman_reduced_model.core.base.nominal import Nominal
 from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
 from coman_reduced_model.diagnose.inference.variability import (
+    _parts_of,
     adapted,
     learn_widths,
     means_of,
     widths_of_robot,
     with_widths,
 )
-from coman_reduced_model.diagnose.physics.hypotheses import Candidate
+from coman_reduced_model.diagnose.physics.hypotheses import Candidate, unknowns
 
 JOINTS = 8
 POPULATION = Nominal({"play.spread": 0.1, "zero_f.spread": 1.0}, most={"play.spread": 0.5})
@@ -51,6 +52,14 @@ def test_a_population_gets_the_widths_that_it_was_drawn_with():
     widths = learn_widths([recordings(rng, 0.3, 2.0) for _ in range(40)], POPULATION).widths
     assert widths["play.spread"] == pytest.approx(0.3, rel=0.2)
     assert widths["zero_f.spread"] == pytest.approx(2.0, rel=0.2)
+
+
+def test_masses_are_as_on_any_robot_on_precise_ones_too():
+    """Walks hardly show them: what is learnt of precise robots stays near where it began."""
+    known = unknowns(*standing())
+    masses = [each for each in known if each.key == "mass" and not each.effect]
+    assert masses and all(each.precise is None for each in masses)
+    assert "mass.spread" not in _parts_of(known) and "com.spread" in _parts_of(known)
 
 
 def test_precise_robots_of_a_population_have_widths_of_their_own():
