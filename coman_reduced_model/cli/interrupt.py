@@ -56,5 +56,5 @@ def _holds(frame: FrameType | None) -> bool:
 
 
 def _on_swallowed(unraisable: Any) -> None:
-    if unraisable.exc_type is not KeyboardInterrupt:
+    if not _came:  # else Ctrl-C itself, or an error of something that it left half made
         sys.__unraisablehook__(unraisable)

@@ -96,6 +96,32 @@ def test_ctrl_c_that_a_destructor_swallows(start, tmp_path):
     assert not process.output
 
 
+HALF_MADE = """
+import os, signal
+
+class HalfMade:
+    def __init__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
+        self.handle = 1
+
+    def __del__(self):
+        self.handle
+
+import coman_reduced_model.output
+coman_reduced_model.output.OutputFolder = lambda *_, **__: HalfMade()
+from coman_reduced_model.cli.entry import main
+main()
+"""
+
+
+def test_ctrl_c_that_leaves_an_object_half_made(start, tmp_path):
+    """Its destructor fails, as those of compilers do."""
+    process = start(sys.executable, "-c", HALF_MADE, "diagnose", bag_path("stand"), "--out", tmp_path / "out")
+    goes_silently(process)
+    assert not process.output
+
+
 TAKING = """
 import os, signal, threading
 
