@@ -114,7 +114,10 @@ def judge(
              "--again": again}  # fmt: skip
     _refuse_ignored(what + (" --cases" if cases else ""), [option for option, value in given.items() if value])
     jobs = jobs or len(os.sched_getaffinity(0))
-    command = shlex.split(workflow)
+    try:
+        command = shlex.split(workflow)
+    except ValueError as error:
+        raise ConfigError(f"--workflow: {error}") from None
     if cases is not None:
         _judge_folder(what, cases, out, config, jobs, command, json)
         return

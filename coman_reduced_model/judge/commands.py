@@ -22,7 +22,7 @@ class CaseCopy:
     """A temporary copy of bags, configuration and baseline, outside the run: all that a diagnosis can see."""
 
     def __init__(self, bags: Sequence[Path], config: Path, usual: Path | None = None) -> None:
-        self._bags, self._config, self._usual = bags, config, usual
+        self._bags, self._config, self._usual = [bag.absolute() for bag in bags], config, usual
 
     def __enter__(self) -> tuple[Path, dict[str, str]]:
         self._folder = Path(tempfile.mkdtemp(prefix="walk_"))

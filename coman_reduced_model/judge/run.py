@@ -97,11 +97,11 @@ def chosen_cases(
         for name in ("bags", "verdicts"):
             (folder.out / name).mkdir(parents=True, exist_ok=True)
         folder.sealed.mkdir(mode=0o700, exist_ok=True)
-        _write_sealed(folder.seeds, list(seeds))
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    _keep_to_worlds(folder, fixed.get("worlds") or {})  # before anything is dropped
     keep_to_one_commit(folder, again)
-    _keep_to_worlds(folder, fixed.get("worlds") or {})
+    _write_sealed(folder.seeds, list(seeds))
     return folder, cases
 
 

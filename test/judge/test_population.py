@@ -75,8 +75,11 @@ def test_a_run_goes_on_with_its_own_commit_only(tmp_path):
 def test_a_run_goes_on_with_its_own_worlds_only(tmp_path):
     chosen_cases(tmp_path / "run", [0], worlds={"engine": "mujoco"})
     chosen_cases(tmp_path / "run", [0, 1], worlds={"engine": "mujoco"})
+    folder, (case, _) = chosen_cases(tmp_path / "run", [0, 1], worlds={"engine": "mujoco"})
+    folder.verdict(case.name).mkdir(parents=True)
     with pytest.raises(OutputError, match="was begun with worlds of mujoco .--world.; take another folder"):
-        chosen_cases(tmp_path / "run", [0])
+        chosen_cases(tmp_path / "run", [2], again=True)
+    assert folder.verdict(case.name).exists() and json.loads(folder.seeds.read_text()) == [0, 1]  # nothing has changed
 
 
 @pytest.fixture(scope="module")
@@ -319,6 +322,7 @@ def test_the_shared_cases_have_the_form_that_is_read():
         (["prediction", "--hours", "1"], "--hours: has no effect with prediction"),
         (["monitor", "--only", "clean"], "--only: has no effect with monitor (allowed: --seeds, --world, --hours)"),
         (["monitor", "--baseline"], "--baseline: has no effect with monitor"),
+        (["--workflow", "tool 'x"], "--workflow: No closing quotation"),
         (["monitor", "--workflow", "true"], "--workflow: has no effect with monitor"),
         (["--hours", "1"], "--hours: has no effect with diagnosis"),
         (["--cases", "x"], "--seeds: has no effect with diagnosis --cases (allowed: --config, --workflow)"),
