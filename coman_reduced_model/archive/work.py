@@ -65,8 +65,7 @@ class Settings:
 
     def digest(self) -> str:
         """The same for the same settings and the same contents of the files that they name."""
-        baseline = self.config.monitor.baseline
-        files = [_text(self.config.urdf), _text(Path(baseline) if baseline else None)]
+        files = [_text(self.config.urdf), _text(self.config.baseline)]
         values = [self.config.flat(), self.urdf, self.namespace, self.remaps, self.predict, files]
         return key_of(values)[:16]
 

@@ -36,7 +36,7 @@ def demo(
     json: JsonOption = False,
 ) -> None:
     """Play a recorded walk to the real nodes, show how well they predict it, write a report page."""
-    from ..core.config.files import load_config
+    from ..core.config.files import load_config, save_config
     from ..errors import ComanError
     from ..offline import CONFIG_FILE, SUMMARY_FILE
     from ..output import OutputFolder, to_json
@@ -59,7 +59,7 @@ def demo(
         with OutputFolder(out, force or out == DEFAULT_OUT) as folder, progress("demo") as report:
             result = run_demo(path, settings, file, folder, rate, lambda done, words: report(0.8 * done, words))
             (folder / SUMMARY_FILE).write_text(to_json(result.summary) + "\n", encoding="utf-8")
-            (folder / CONFIG_FILE).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+            save_config(settings, folder / CONFIG_FILE)
             write_report(folder, lambda done, words: report(0.8 + 0.2 * done, words))
     except (NodeFailed, DemoFailed) as error:
         print(f"coman: demo failed: {error}", file=sys.stderr)

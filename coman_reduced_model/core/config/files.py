@@ -112,7 +112,7 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
 
 
 def save_config(config: Config, path: str | Path, comment: str = "", force: bool = False) -> Path:
-    """Write a configuration as a parameter file, whole or not at all; a URDF that it names is found from there as well.
+    """Write a configuration as a parameter file, whole or not at all; files that it names are found from there as well.
 
     Args:
         config: to be written.
@@ -124,7 +124,8 @@ def save_config(config: Config, path: str | Path, comment: str = "", force: bool
         OutputError: it exists (without `force`), or cannot be written.
     """
     path = check_file(path, force)
-    if config.urdf is not None:
-        config = config.replaced({"robot.urdf": os.path.relpath(config.urdf, path.parent)})
+    for key, file in (("robot.urdf", config.urdf), ("monitor.baseline", config.baseline)):
+        if file is not None:
+            config = config.replaced({key: os.path.relpath(file, path.parent)})
     write_file(path, config_to_yaml(config, comment))
     return path

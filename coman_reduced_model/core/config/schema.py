@@ -69,8 +69,16 @@ class Config:
     @property
     def urdf(self) -> Path | None:
         """The file of `robot.urdf`; None: the configuration names none."""
+        return self._file(self.robot.urdf)
+
+    @property
+    def baseline(self) -> Path | None:
+        """The file of `monitor.baseline`; None: the configuration names none."""
+        return self._file(self.monitor.baseline)
+
+    def _file(self, name: str) -> Path | None:
         # Unlike Path.expanduser, this leaves a home that it does not find, and the file is not found.
-        return self.directory / os.path.expanduser(self.robot.urdf) if self.robot.urdf else None  # noqa: PTH111
+        return self.directory / os.path.expanduser(name) if name else None  # noqa: PTH111
 
     @property
     def active(self) -> tuple[str, ...]:

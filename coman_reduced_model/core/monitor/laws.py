@@ -127,7 +127,7 @@ class Laws:
             "Nm": self.forces.memory.weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
             "Ns": robot.mass,
         }
-        shipped, own = load_nominal().monitor, load_nominal(config.monitor.baseline).monitor
+        shipped, own = load_nominal().monitor, load_nominal(config.baseline or "").monitor
         # Rows of files of earlier versions do not say how noise varies, and are those of an earlier population.
         table = {**shipped, **{name: row for name, row in own.items() if "by_robot" in row}}
         self.rows = tuple(row_of(name, table) for name in self.names)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from conftest import recording
 
-from coman_reduced_model.core.config.files import load_config
+from coman_reduced_model.core.config.files import load_config, save_config
 from coman_reduced_model.core.config.schema import OPTIONS, Config, parameter_table
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.resources import config_path
@@ -56,6 +56,17 @@ def test_coman_yaml_fits_the_virtual_robot() -> None:
     for leg, side in ((config.robot.left, "L"), (config.robot.right, "R")):
         springs = {joint.name: (joint.stiffness, joint.damping) for joint in COMAN.joints() if joint.name[0] == side}
         assert dict(zip(leg.joints, zip(leg.stiffness, leg.damping, strict=True), strict=True)) == springs
+
+
+def test_files_that_a_configuration_names_are_found_from_it(tmp_path) -> None:
+    path = tmp_path / "robots" / "mine.yaml"
+    path.parent.mkdir()
+    path.write_text("/**:\n  ros__parameters: {robot.urdf: mine.urdf, monitor.baseline: usual.yaml}\n")
+    config = load_config(path)
+    again = load_config(save_config(config, tmp_path / "other.yaml"))
+    for each in (config, again):
+        assert each.urdf.resolve() == path.parent / "mine.urdf"
+        assert each.baseline.resolve() == path.parent / "usual.yaml"
 
 
 def test_icub_yaml_fits_the_recorded_robot() -> None:
