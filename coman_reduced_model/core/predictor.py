@@ -141,6 +141,8 @@ class Predictor:
         """Forget the past: the next sample is the first, odom starts again. Judged errors and zeros are kept."""
         self.support.reset()
         self.odometry.reset()
+        if self.computed is not None:
+            self.computed.reset()
         if self.slope is not None:
             self.slope.reset()
         for effect in self.effects:

@@ -68,8 +68,13 @@ class ComputedWrenches:
         self._balance = accuracy**-2
         self._torque = (TORQUE * weight) ** -2
         self._prior = np.concatenate([(weight * _usual(robot.soles[foot])) ** -2 for foot in FEET])
-        self._without = self._with = 0  # samples without and with measured torques
         self._torque_signs = TorqueSigns(robot.joint_names)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget which torques were measured."""
+        self._without = self._with = 0  # samples without and with measured torques
+        self._torque_signs.reset()
 
     def reconfigure(self, config: Config) -> None:
         """Take over the thresholds of the support phase."""
