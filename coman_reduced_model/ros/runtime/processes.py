@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
@@ -47,7 +48,7 @@ class Nodes:
             str(self._config),
         ]
         for key, value in (parameters or {}).items():
-            command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
+            command += ["-p", f"{key}:={json.dumps(value, ensure_ascii=False)}"]  # YAML, in which texts stay texts
         with self._log(name).open("wb") as log:
             # A session of its own, so that Ctrl-C comes to us and we stop the nodes in order.
             self._running[name] = subprocess.Popen(
