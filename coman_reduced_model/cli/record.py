@@ -34,7 +34,7 @@ def record(
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="About how long to walk [s].")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of noise, bias, jitter and drops.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of noise, bias, jitter and drops.")] = 0,
     robot: Annotated[str, typer.Option("--robot", metavar="NAME", help="Which virtual robot.")] = "coman",
     joint: Annotated[str, typer.Option("--joint", metavar="NAME", help="Of --gait decay: the soft joint.")] = "",
     rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Rate of the sensors [Hz].")] = 200.0,

@@ -42,6 +42,7 @@ def validate(
         typer.Option(
             "--seed",
             metavar="N",
+            min=0,
             help="Of the first recording; the others follow. Default: the next on which nothing was chosen or reported "
             "(judge/seeds.yaml).",
         ),

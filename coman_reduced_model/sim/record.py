@@ -7,6 +7,7 @@ The truth is a file of its own next to the bag (`OUT.truth.npz`), which nothing 
 from __future__ import annotations
 
 import heapq
+import math
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -74,6 +75,8 @@ def robot_gait(table: RobotTable, name: str, duration_s: float | None = None, **
     usual, named = GaitParameters(), gait(name)
     figures = {key: value for key, value in table.gait.items() if getattr(named, key) == getattr(usual, key)}
     p = gait(name, **{**figures, **overrides})
+    if duration_s is not None and not 0.0 < duration_s < math.inf:
+        raise ConfigError(f"duration: {duration_s:g} s (allowed: a positive number)")
     if duration_s is None:
         return p
     if p.steps == 0:
