@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+import yaml
 
 from . import complete
 from .common import JsonOption, print_json, print_table
@@ -27,7 +28,11 @@ def worlds(
     from ..sim.worlds import AXES, world_of, world_yaml
 
     if world:
-        print(world_yaml(world_of(world)).rstrip() or "{}")
+        text = world_yaml(world_of(world))
+        if json:
+            print_json(yaml.safe_load(text) or {})
+        else:
+            print(text.rstrip() or "{}")
         return
     if json:
         print_json({axis: {kind.name: kind.sentence for kind in kinds.values()} for axis, kinds in AXES.items()})
