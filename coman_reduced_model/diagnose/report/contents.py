@@ -58,10 +58,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
     if not held:
-        only = len(checked.train_paths) == 1
-        last = (
-            f"what is found is confirmed on the last third of {'the same' if only else 'the last training'} recording"
-        )
+        last = f"what is found is confirmed on the last third of {confirmed_on(checked)}"
         not_checked.append(f"no held-out bag: {last if checked.confirm else 'nothing confirms what is found'}")
     if any(effect["com"]["steps"] < 2 for effect in effects):
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
