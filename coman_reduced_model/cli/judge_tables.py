@@ -59,7 +59,7 @@ def show_diagnosis(result: Mapping[str, Any], out: Path) -> None:
         f"verdicts sealed as {result['verdicts_sha256'][:16]} before the answers were opened; all in {out}/score.json"
     )
     _show_took(result)
-    _show_how_to_record(result["seeds"], result["commit"])
+    _show_how_to_record(result)
 
 
 def show_prediction(result: Mapping[str, Any], out: Path, file: str = "prediction") -> None:
@@ -86,6 +86,7 @@ def show_prediction(result: Mapping[str, Any], out: Path, file: str = "predictio
     ours = f"{_LEARNT}. {_REDRAWN}. " if "learnt" in result else ""
     print(f"{ours}none: nothing could be predicted; all in {out}/{file}.json")
     _show_took(result)
+    _show_how_to_record(result)
 
 
 def show_monitor(result: Mapping[str, Any], out: Path) -> None:
@@ -118,15 +119,21 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
     )
     print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
     _show_took(result)
+    _show_how_to_record(result)
 
 
 def show_folder(result: Mapping[str, Any], out: Path) -> None:
     """Outcomes by kind, and each case."""
     print_table(
         "cases of others",
-        ["axis", "kind", "right", "missed", "wrong", "false alarms"],
+        ["axis", "kind", "right", "missed", "wrong", "false alarms", "none"],
         [
-            [axis, kind, *(share(found[key]) for key in ("right", "miss", "wrong", "false_alarms"))]
+            [
+                axis,
+                kind,
+                *(share(found[key]) for key in ("right", "miss", "wrong", "false_alarms")),
+                str(found.get("failed", {}).get("hits", "-")),  # earlier versions did not count them
+            ]
             for axis, kind, found in _all_and_kinds(result)
         ],
         words=2,
@@ -137,7 +144,7 @@ def show_folder(result: Mapping[str, Any], out: Path) -> None:
         [[row["case"], row["hidden"] or "clean", " + ".join(row["named"]), row["result"]] for row in result["rows"]],
         words=4,
     )
-    print(f"all in {out}/score.json")
+    print(f"none: no verdict; all in {out}/score.json")
 
 
 def show_walks(result: Mapping[str, Any], out: Path) -> None:
@@ -296,13 +303,13 @@ def _show_took(result: Mapping[str, Any]) -> None:
         print(f"took {took['seconds'] / 60.0:.0f} minutes, {took['jobs']} processes at a time, with what it recorded")
 
 
-def _show_how_to_record(seeds: Mapping[str, Any], commit: str) -> None:
-    """The line that records seeds as spent, if some were fresh."""
+def _show_how_to_record(result: Mapping[str, Any]) -> None:
+    """The line that records seeds as spent, if some were fresh; nothing, where they are not known."""
     from ..judge.seeds import FILE, entry_to_add
 
-    if seeds["fresh"]:
+    if (seeds := result.get("seeds")) and seeds["fresh"]:
         print(f"these seeds are spent now; add to {FILE.name} under worlds, with the purpose:")
-        print(entry_to_add((seeds["first"], seeds["last"]), commit))
+        print(entry_to_add((seeds["first"], seeds["last"]), result["commit"]))
 
 
 def _error(found: Mapping[str, Any]) -> float:
@@ -352,7 +359,7 @@ def _redrawn(cases: int, lowered: int) -> str:
 
 
 def _is_false_alarm(row: Mapping[str, Any]) -> bool:
-    return row["kind"] == "clean" and row["result"] not in ("none", "not_excited")
+    return row["kind"] == "clean" and row["result"] not in ("none", "not_excited", "failed")
 
 
 def _truth(row: Mapping[str, Any]) -> str:

@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from ..errors import ConfigError, OutputError
+from ..output import write_file
 
 
 def stored(path: Path) -> Any:
@@ -20,6 +23,22 @@ def stored(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
+
+
+def read_verdict(path: Path) -> Any:
+    """What diagnosis.json says; None: there is none, or it is not of the form that `coman diagnose` writes."""
+    said = stored(path)
+    try:
+        effects = [*(said.get("effects") or ()), *(said.get("suspected") or ())]
+        likely = said.get("probabilities") or {}
+        names = [said["verdict"], *likely, *(effect["name"] for effect in effects)]
+        names += [effect.get("where") or "" for effect in effects]
+        values = [each.get("value") for effect in effects for each in effect.get("parameters", {}).values()]
+        numbers = [value for value in (*likely.values(), *values) if value is not None]
+    except (AttributeError, KeyError, TypeError):
+        return None
+    known = all(isinstance(name, str) for name in names) and all(isinstance(each, int | float) for each in numbers)
+    return said if known else None
 
 
 @dataclass(frozen=True)
@@ -54,9 +73,9 @@ class RunFolder:
         return self.commit.read_text(encoding="utf-8").strip() if self.commit.is_file() else ""
 
     @property
-    def worlds(self) -> Path:
-        """By axis, the kinds of worlds that the run was begun with, where they are not drawn."""
-        return self.out / "worlds.yaml"
+    def options(self) -> Path:
+        """The options that the run was begun with."""
+        return self.out / "options.yaml"
 
     @property
     def rounds(self) -> Path:
@@ -67,6 +86,23 @@ class RunFolder:
     def times(self) -> Path:
         """What was judged, for how long [s] and in how many processes; a line each time that the run went on."""
         return self.out / "time.txt"
+
+    def keep_to_options(self, given: Mapping[str, str], again: bool = False) -> None:
+        """A run goes on with the options that it was begun with; writes OUT/options.yaml.
+
+        Args:
+            given: by option; nothing: its default.
+            again: what is judged may be another: `config` and `workflow`.
+
+        Raises:
+            OutputError: these are others, or it cannot be written.
+        """
+        begun = yaml.safe_load(self.options.read_text(encoding="utf-8")) if self.options.is_file() else {}
+        for name, value in given.items():
+            if begun.get(name, value) != value and not (again and name in ("config", "workflow")):
+                option = f"--{name} {begun[name]}" if begun[name] else f"the default of --{name}"
+                raise OutputError(f"{self.out}: was begun with {option}: go on so, or take another folder")
+        write_file(self.options, yaml.safe_dump({**begun, **given}))
 
     @contextmanager
     def timed(self, what: str, jobs: int) -> Iterator[None]:

@@ -13,6 +13,7 @@ and not a wrong name.
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from ..progress import Progress
 from ..resources import config_path, version
 from .by_kind import by_kind
 from .commands import run_diagnosis
-from .folder import RunFolder, stored
+from .folder import RunFolder, read_verdict, stored
 from .monitor import alarms
 from .prediction import figures_of, predict_walk
 from .prediction import measure as measure_walks
@@ -73,13 +74,14 @@ def judge_folder(
         ConfigError: the folder holds no cases.
         OutputError: `out` cannot be written, or the run was begun at another commit.
     """
-    cases = _cases_in(folder, out, "verdicts")
+    named = "" if tuple(command) == DIAGNOSE else shlex.join(command)
+    cases = _cases_in(folder, out, "verdicts", config, workflow=named)
     tasks = [(case, out / "verdicts" / case.name, _data_sheet(case, config), tuple(command)) for case in cases]
     run_all(_diagnose, tasks, jobs, progress, "cases")
     return score_folder(folder, out, [case.name for case in cases])
 
 
-def _cases_in(folder: Path, out: Path, part: str) -> list[Path]:
+def _cases_in(folder: Path, out: Path, part: str, config: Path | None, **options: str) -> list[Path]:
     """The cases of a folder, and a part of `out` made for them."""
     cases = sorted(path.parent for path in folder.glob("*/train"))
     if not cases:
@@ -88,6 +90,8 @@ def _cases_in(folder: Path, out: Path, part: str) -> list[Path]:
         raise ConfigError(f"{folder / 'answers.json'}: no answer to {', '.join(sorted(missing))}")
     try:
         (out / part).mkdir(parents=True, exist_ok=True)
+        data_sheet = str(config.absolute()) if config else ""
+        RunFolder(out).keep_to_options({"cases": str(folder.absolute()), "config": data_sheet, **options})
         keep_to_one_commit(RunFolder(out))
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
@@ -109,7 +113,7 @@ def watch_folder(
         ConfigError: the folder holds no cases.
         OutputError: `out` cannot be written, or the run was begun at another commit.
     """
-    cases = _cases_in(folder, out, "predictions")
+    cases = _cases_in(folder, out, "predictions", config)
     answers = read_answers(folder)
     bags = [(case, bag) for case in cases for bag in sorted(each for each in case.iterdir() if each.is_dir())]
     tasks = [(bag, _data_sheet(case, config), _target(out, case, bag)) for case, bag in bags]
@@ -159,7 +163,7 @@ def score_folder(folder: Path, out: Path, names: Sequence[str]) -> dict[str, Any
     answers = read_answers(folder)
     rows = []
     for name in names:
-        answer, verdict = answers[name], stored(out / "verdicts" / name / "diagnosis.json")
+        answer, verdict = answers[name], read_verdict(out / "verdicts" / name / "diagnosis.json")
         kinds = _kinds_of(answer)
         rows.append({
             "case": name,
@@ -209,15 +213,17 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None, also_t
 
 
 def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares of right, missed and wrong ones, and false alarms on clean robots."""
+    """Shares of right, missed and wrong ones, false alarms on clean robots that have a verdict, and those without."""
     hidden, clean = ([row for row in rows if (row["hidden"] is None) == is_clean] for is_clean in (False, True))
 
     def share(of: Sequence[Mapping[str, Any]], *results: str) -> dict[str, Any]:
         return rate(sum(row["result"] in results for row in of), len(of))
 
+    said = [row for row in clean if row["result"] != "failed"]
     return {
         "right": share(hidden, "right"),
         "miss": share(hidden, "miss", "failed"),
         "wrong": share(hidden, "wrong"),
-        "false_alarms": share(clean, "miss", "wrong", "failed"),
+        "false_alarms": rate(sum(r["result"] in ("miss", "wrong") for r in said), len(said)),
+        "failed": share(rows, "failed"),
     }

@@ -32,6 +32,7 @@ from .folder import RunFolder, stored
 from .prediction import prediction_rows
 from .run import run_all
 from .score import rate
+from .seeds import commit, summary
 from .sudden import beginning
 
 MEDIUM = LEVELS.index("medium")
@@ -111,7 +112,7 @@ def watch(onset: Onset, bag: Path) -> dict[str, Any]:
     row: dict[str, Any] = {
         "seed": onset.seed,
         "family": onset.family,
-        "worlds": onset.world.kinds,
+        "worlds": {**onset.world.kinds, "length": f"{SECONDS:g} s"},
         "lowered": onset.level < MEDIUM,
         "fell": False,
         "failed": "",
@@ -162,6 +163,8 @@ def score_monitor(
     nominal = load_nominal()
     result = {
         "version": version(),
+        "commit": folder.begun or commit(),
+        "seeds": summary("worlds", seeds),
         "took": folder.took("monitor"),
         "learnt": {
             "alarms": by_what_was_learnt(clean, nominal, alarms, "monitor"),
@@ -196,7 +199,7 @@ def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "alarms_per_hour": len(channels) / hours if hours else None,
         "interval_per_hour": [limit / hours for limit in _poisson_interval(len(channels))] if hours else None,
         "walks_with_alarm": rate(sum(bool(walk["alarms"]) for walk in good), len(good)),
-        "channels": dict(sorted(counts.items(), key=lambda item: -item[1])[:5]),
+        "channels": dict(sorted(counts.items(), key=lambda item: -item[1])),
         "redrawn": sum(walk["attempt"] > 0 for walk in walks),
     }
 

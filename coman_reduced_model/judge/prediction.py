@@ -27,6 +27,7 @@ from .by_kind import by_kind, by_what_was_learnt
 from .cases import BAGS
 from .folder import RunFolder, stored
 from .run import chosen_cases, make_case, run_all
+from .seeds import commit, summary
 
 AXES_XYZ = ("x", "y", "z")
 HORIZONS = ("0.1", "0.2", "0.4")  # [s] of the skills that are reported
@@ -86,6 +87,8 @@ def score_predictions(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
     rows = prediction_rows(folder, names)
     result = {
         "version": version(),
+        "commit": folder.begun or commit(),
+        "seeds": summary("worlds", [row["seed"] for row in rows]),
         "took": folder.took("prediction"),
         "cases": len(names),
         "walks": len(rows),
@@ -99,13 +102,15 @@ def score_predictions(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
 
 
 def prediction_rows(folder: RunFolder, names: Sequence[str]) -> list[dict[str, Any]]:
-    """A row for each walk of the clean cases."""
+    """A row for each walk of the clean cases; held-out ones have a length of their own."""
     rows = []
     for name in names:
         answer = stored(folder.answer(name))
         for bag in BAGS:
             found = stored(folder.out / "predictions" / name / f"{bag}.json")
             worlds = {**answer["worlds"], "gait": answer["gaits"][bag]}
+            if bag != BAGS[0]:
+                del worlds["length"]
             row = {"case": name, "seed": answer["seed"], "bag": bag, "worlds": worlds, "attempt": answer["attempt"]}
             rows.append({**row, **figures_of(found)})
     return rows

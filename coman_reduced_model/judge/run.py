@@ -3,7 +3,7 @@
 
     OUT/commit.txt      the commit that the run was begun at: figures of different versions are not pooled
     OUT/time.txt        how long it took, each time that it went on
-    OUT/worlds.yaml     the kinds of worlds that are not drawn (--world)
+    OUT/options.yaml    the options that it was begun with: --world, --workflow, --cases
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/healthy/CASE/   with --baseline: the same robot without what is hidden
     OUT/verdicts/CASE/  baseline.yaml where it was learnt, diagnosis.json, baselines.json, run.json (exit code, time)
@@ -22,14 +22,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from ..errors import ConfigError, OutputError
 from ..output import write_file
@@ -74,7 +73,12 @@ def choose_seeds(text: str, out: str | Path) -> Sequence[int]:
 
 
 def chosen_cases(
-    out: str | Path, seeds: Sequence[int], kinds: Sequence[str] = (), again: bool = False, **fixed: Any
+    out: str | Path,
+    seeds: Sequence[int],
+    kinds: Sequence[str] = (),
+    again: bool = False,
+    workflow: str | None = None,
+    **fixed: Any,
 ) -> tuple[RunFolder, list[HiddenCase]]:
     """The folder of a run, ready to be written, and its cases.
 
@@ -83,11 +87,12 @@ def chosen_cases(
         seeds: one for each case.
         kinds: only these (clean, single, pair, unknown); none: all.
         again: drop the verdicts of another commit.
+        workflow: the command that is judged; nothing: that of this project; None: no diagnosis is judged.
         fixed: see draw_case.
 
     Raises:
         ConfigError: there is no such case.
-        OutputError: `out` cannot be written, or the run was begun at another commit or with other worlds.
+        OutputError: `out` cannot be written, or the run was begun at another commit or with other options.
     """
     folder = RunFolder(Path(out).absolute())
     cases = [case for case in (draw_case(seed, **fixed) for seed in seeds) if not kinds or case.kind in kinds]
@@ -99,22 +104,12 @@ def chosen_cases(
         folder.sealed.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    _keep_to_worlds(folder, fixed.get("worlds") or {})  # before anything is dropped
-    keep_to_one_commit(folder, again)
+    worlds = " ".join((fixed.get("worlds") or {}).values())
+    options = {"cases": "", "world": worlds, **({} if workflow is None else {"workflow": workflow})}
+    folder.keep_to_options(options, again)
+    keep_to_one_commit(folder, again)  # the last that refuses: it drops verdicts
     _write_sealed(folder.seeds, list(seeds))
     return folder, cases
-
-
-def _keep_to_worlds(folder: RunFolder, worlds: Mapping[str, str]) -> None:
-    """A run goes on with the kinds of worlds that it was begun with; writes OUT/worlds.yaml.
-
-    Raises:
-        OutputError: these are others.
-    """
-    if folder.worlds.is_file() and (begun := yaml.safe_load(folder.worlds.read_text(encoding="utf-8"))) != worlds:
-        words = " ".join(begun.values()) or "all kinds"
-        raise OutputError(f"{folder.out}: was begun with worlds of {words} (--world); take another folder")
-    write_file(folder.worlds, yaml.safe_dump(dict(worlds)))
 
 
 def keep_to_one_commit(folder: RunFolder, again: bool = False) -> None:
@@ -170,9 +165,10 @@ def run(
 
     Raises:
         ConfigError: there is no such case.
-        OutputError: `out` cannot be written, or the run was begun at another commit or with other worlds.
+        OutputError: `out` cannot be written, or the run was begun at another commit or with other options.
     """
-    folder, cases = chosen_cases(out, seeds, kinds, again, **fixed)
+    named = "" if tuple(command) == DIAGNOSE else shlex.join(command)
+    folder, cases = chosen_cases(out, seeds, kinds, again, named, **fixed)
     _keep_to_baselines(folder, baseline)
     names = [case.name for case in cases]
     tasks = [(folder, case.seed, tuple(command), tuple(baselines), fixed, baseline) for case in cases]

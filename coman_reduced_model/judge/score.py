@@ -25,9 +25,9 @@ from ..resources import version
 from .by_kind import by_kind, by_what_was_learnt
 from .calibration import NOMINAL, calibration, compared
 from .families import CLASSES, class_of, of_this_catalogue
-from .folder import RunFolder, stored
+from .folder import RunFolder, read_verdict, stored
 from .run import seal
-from .seeds import commit, spent_among
+from .seeds import commit, summary
 from .sizes import shown
 
 OTHER = ("none", "unknown", "not_excited")
@@ -146,7 +146,7 @@ def score(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     shares = [row["gap_share"] for row in rows if row["gap_share"] is not None and np.isfinite(row["gap_share"])]
     methods = sorted({method for row in rows for method in row["baselines"]})
     return {
-        "seeds": _seeds([row["seed"] for row in rows]),
+        "seeds": summary("worlds", [row["seed"] for row in rows]),
         "cases": dict(Counter(row["kind"] for row in rows)),
         "with_baseline": sum(bool(case.get("with_baseline")) for case in cases),
         "redrawn": {  # because the robot fell: first another robot or place, then one level lower; too large: lower
@@ -239,18 +239,6 @@ def _rankings(rows: Sequence[Any]) -> dict[str, Any]:
     return {**shares, "named": rate(sum(named), len(named)), "limit": limit}
 
 
-def _seeds(seeds: Sequence[int]) -> dict[str, Any]:
-    entries = spent_among("worlds", seeds)
-    return {
-        "first": min(seeds),
-        "last": max(seeds),
-        "fresh": sum(not any(seed in entry.seeds for entry in entries) for seed in seeds),
-        "spent": [
-            {"seeds": f"{e.seeds.start}:{e.seeds.stop}", "purpose": e.purpose, "commit": e.commit} for e in entries
-        ],
-    }
-
-
 def _by_baseline(method: str, row: Any) -> str:
     return str(row["baselines"].get(method, "failed"))
 
@@ -275,16 +263,17 @@ def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple
 
 
 def _shares(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]:
-    """The shares that have a target, for one method."""
+    """The shares that have a target, for one method; a clean robot without a verdict counts as `failed` alone."""
 
     def share(of: Callable[[Any], bool], *hits: str) -> dict[str, Any]:
         chosen = [result(row) for row in rows if of(row)]
         return rate(sum(r in hits for r in chosen), len(chosen))
 
+    clean = [result(row) for row in rows if row["kind"] == "clean" and result(row) != "failed"]
     return {
         "right_on_medium_and_strong": share(_clear, "right"),
         "wrong_name": share(lambda row: row["kind"] in ("single", "pair"), "wrong"),
-        "false_alarms_on_clean": share(lambda row: row["kind"] == "clean", "wrong", "unknown", "partly", "right"),
+        "false_alarms_on_clean": rate(sum(r not in ("none", "not_excited") for r in clean), len(clean)),
         "unknown_recall_on_strong": share(lambda r: r["kind"] == "unknown" and r["levels"][0] == "strong", "unknown"),
         "named_outside_catalogue": share(lambda row: row["kind"] == "unknown", "wrong"),
         "both_of_a_pair": share(lambda row: row["kind"] == "pair", "right"),
@@ -327,11 +316,11 @@ def score_run(out: str | Path, names: Sequence[str]) -> dict[str, Any]:
             {
                 "name": name,
                 "answer": of_this_catalogue(stored(folder.answer(name))),
-                "verdict": stored(folder.verdict(name) / "diagnosis.json"),
+                "verdict": read_verdict(folder.verdict(name) / "diagnosis.json"),
                 "run": stored(folder.verdict(name) / "run.json"),
                 "with_baseline": (folder.verdict(name) / "baseline.yaml").is_file(),
                 "baselines": stored(folder.verdict(name) / "baselines.json"),
-                "oracle": stored(folder.oracle(name) / "diagnosis.json"),
+                "oracle": read_verdict(folder.oracle(name) / "diagnosis.json"),
                 "ranking": stored(folder.ranking(name) / "ranking.json"),
             }
         )

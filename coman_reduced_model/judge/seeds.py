@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -71,6 +72,19 @@ def describe(use: str, seeds: Sequence[int]) -> str:
         return "fresh"
     number = sum(any(seed in entry.seeds for entry in entries) for seed in seeds)
     return f"{number} of {len(seeds)} spent: {'; '.join(map(str, entries))}"
+
+
+def summary(use: str, seeds: Sequence[int]) -> dict[str, Any]:
+    """First and last of the seeds, how many are fresh, and the entries that hold any of the others."""
+    entries = spent_among(use, seeds)
+    return {
+        "first": min(seeds),
+        "last": max(seeds),
+        "fresh": sum(not any(seed in entry.seeds for entry in entries) for seed in seeds),
+        "spent": [
+            {"seeds": f"{e.seeds.start}:{e.seeds.stop}", "purpose": e.purpose, "commit": e.commit} for e in entries
+        ],
+    }
 
 
 def entry_to_add(seeds: Sequence[int], at: str, purpose: str = "reported") -> str:

@@ -24,7 +24,7 @@ from coman_reduced_model.judge.foreign import judge_folder, outcome
 from coman_reduced_model.judge.prediction import measure
 from coman_reduced_model.judge.run import chosen_cases
 from coman_reduced_model.judge.seeds import commit, spent
-from coman_reduced_model.resources import bag_path
+from coman_reduced_model.resources import bag_path, config_path
 from coman_reduced_model.sim.worlds import AXES, draw_world
 from coman_reduced_model.sim.worlds.draw import plain_kinds
 
@@ -77,7 +77,7 @@ def test_a_run_goes_on_with_its_own_worlds_only(tmp_path):
     chosen_cases(tmp_path / "run", [0, 1], worlds={"engine": "mujoco"})
     folder, (case, _) = chosen_cases(tmp_path / "run", [0, 1], worlds={"engine": "mujoco"})
     folder.verdict(case.name).mkdir(parents=True)
-    with pytest.raises(OutputError, match="was begun with worlds of mujoco .--world.; take another folder"):
+    with pytest.raises(OutputError, match="was begun with --world mujoco: go on so, or take another folder"):
         chosen_cases(tmp_path / "run", [2], again=True)
     assert folder.verdict(case.name).exists() and json.loads(folder.seeds.read_text()) == [0, 1]  # nothing has changed
 
@@ -103,6 +103,8 @@ def test_the_prediction_is_judged_on_clean_robots_by_kind(clean_run, capsys):
     result = score_predictions(clean_run, names)
     assert result["walks"] == 3 and result["all"]["failed"] == 0
     assert set(result["by_kind"]["contact"]) == {"creeping"} and len(result["by_kind"]["gait"]) == 3
+    assert [found["walks"] for found in result["by_kind"]["length"].values()] == [1]  # held-out walks: of their own
+    assert result["seeds"]["first"] == seeds[0] and result["commit"] == commit()
     model, rigid = result["all"]["rmse_m"], result["all"]["rigid_m"]
     assert 0.0 < model[2] < rigid[2] < 0.01
     for row in result["rows"]:
@@ -243,6 +245,23 @@ def test_recordings_of_others_are_judged_by_one_commit(tmp_path, foreign, capsys
     assert coman(arguments) == 2 and "was begun at commit 0000000" in capsys.readouterr().err
     (out / "commit.txt").unlink()  # of an earlier version, which did not write it
     assert coman(arguments) == 2 and "(not known)" in capsys.readouterr().err
+
+
+def test_a_run_goes_on_with_its_own_cases_data_sheet_and_workflow_only(tmp_path, foreign, capsys):
+    tool, out = tmp_path / "says.py", tmp_path / "out"
+    tool.write_text(SAYS)
+    workflow = ["--workflow", f"{sys.executable} {tool}"]
+    assert coman(["judge", "--cases", str(foreign), "--out", str(out), "--jobs", "1", *workflow]) == 0
+    others = shutil.copytree(foreign, tmp_path / "others")
+    for cases, options, words in (
+        (foreign, [], f"was begun with --workflow {sys.executable}"),
+        (foreign, [*workflow, "--config", str(config_path())], "was begun with the default of --config"),
+        (others, workflow, f"was begun with --cases {foreign}"),
+    ):
+        assert coman(["judge", "--cases", str(cases), "--out", str(out), *options]) == 2
+        assert words in capsys.readouterr().err.splitlines()[-1]
+    with pytest.raises(OutputError, match="was begun with --cases"):
+        chosen_cases(out, [0])
 
 
 def test_prediction_and_monitor_are_judged_on_recordings_of_others(tmp_path, foreign, capsys):

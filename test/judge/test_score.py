@@ -13,6 +13,8 @@ from coman_reduced_model.cli.judge_tables import show_diagnosis
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.judge.by_kind import by_what_was_learnt
 from coman_reduced_model.judge.families import of_this_catalogue
+from coman_reduced_model.judge.folder import read_verdict
+from coman_reduced_model.judge.foreign import measure
 from coman_reduced_model.judge.score import by_world, confusion, gap_reduction, outcome, score
 from coman_reduced_model.judge.sizes import shown
 
@@ -67,6 +69,29 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
 )
 def test_what_a_verdict_is_worth(answer, verdict, result):
     assert outcome(answer, verdict)["result"] == result
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[]", "{}", '{"verdict": 1}', '{"verdict": "effect", "effects": [{}]}',
+        '{"verdict": "effect", "effects": ["payload"]}', '{"verdict": "none", "probabilities": {"none": "all"}}',
+        '{"verdict": "effect", "effects": [{"name": "payload", "parameters": {"mass": 1.0}}]}',
+    ],
+)  # fmt: skip
+def test_what_another_tool_writes_in_another_form_is_no_verdict(tmp_path, text):
+    (tmp_path / "diagnosis.json").write_text(text)
+    assert read_verdict(tmp_path / "diagnosis.json") is None
+
+
+def test_a_clean_robot_without_a_verdict_is_neither_an_alarm_nor_quiet():
+    rows = [(hidden("clean"), {"verdict": "none"}), (hidden("clean"), {"verdict": "unknown"}), (hidden("clean"), None)]
+    found = score([{"name": str(k), "answer": a, "verdict": v} for k, (a, v) in enumerate(rows)])["workflow"]
+    assert (found["false_alarms_on_clean"]["hits"], found["false_alarms_on_clean"]["of"]) == (1, 2)
+    assert found["failed"]["hits"] == 1
+    others = [{"hidden": None, "result": result} for result in ("right", "wrong", "failed")]
+    found = measure(others)
+    assert (found["false_alarms"]["hits"], found["false_alarms"]["of"], found["failed"]["hits"]) == (1, 2, 1)
 
 
 def test_what_was_outside_the_catalogue_when_a_case_was_drawn_may_be_in_it():
