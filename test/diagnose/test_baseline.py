@@ -12,7 +12,7 @@ from synthetic import walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.nominal import load_nominal
-from coman_reduced_model.diagnose.baseline import PLAUSIBLE, of_cases
+from coman_reduced_model.diagnose.baseline import PLAUSIBLE, _leftover, _repeats, of_cases
 from coman_reduced_model.diagnose.data.masks import masks
 from coman_reduced_model.diagnose.inference.case import examine
 from coman_reduced_model.diagnose.physics.hypotheses import unknowns
@@ -48,6 +48,31 @@ def test_what_no_robot_plausibly_has_is_not_taken_over():
     most = PLAUSIBLE * load_nominal().most["encoder_bias.bias.spread"]
     assert baseline.nominal.parameters[name][0] <= most + 1e-12
     assert baseline.pulled["encoder_bias.bias"] > 3.0
+
+
+def test_what_laws_leave_is_shrunk_towards_the_population_the_more_the_fewer_recordings_there_are():
+    population = load_nominal()
+    law = "force/z|double"
+    own, (_, scatter) = 2.0, population.leftover[law]
+
+    def learnt_of(values):
+        return _leftover([{law: value} for value in values], population)[law]
+
+    few, many = learnt_of([own] * 2), learnt_of([own] * 50)
+    assert few[0] == many[0] == pytest.approx(own)
+    assert scatter / 2 <= many[1] < few[1] < scatter  # robots that repeat exactly have half of the scatter
+    wild = learnt_of([0.2, 2.0, 20.0] * 10)
+    assert wild[1] > 1.5
+    others = _leftover([], population)
+    assert others == population.leftover  # of laws that its recordings lack
+
+
+def test_what_repeats_is_shrunk_likewise():
+    population = load_nominal()
+    law, usual = next(iter(population.repeats.items()))
+    few, many = (_repeats({law: 3.0 * usual}, count, population)[law] for count in (2, 50))
+    assert usual < few < many < 3.0 * usual and many == pytest.approx(3.0 * usual, rel=0.05)
+    assert _repeats({}, 2, population) == population.repeats
 
 
 def test_one_recording_is_too_few(tmp_path, capsys):

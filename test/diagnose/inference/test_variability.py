@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from diagnose_tools import made_up, standing
 
 from coman_reduced_model.core.base.nominal import Nominal
 from coman_reduced_model.core.effects.unknown import Unknown
+from coman_reduced_model.diagnose.inference.case import Case
+from coman_reduced_model.diagnose.inference.compare import pulled_together
 from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
 from coman_reduced_model.diagnose.inference.variability import (
     _parts_of,
@@ -45,6 +49,20 @@ def recordings(rng, play: float, zero: float, count: int = 3) -> list[Evidence]:
         r = A @ x + 0.2 * rng.standard_normal(200)
         out.append(Evidence(known, np.zeros(2 * JOINTS), 25.0 * A.T @ A, 25.0 * A.T @ r, 25.0 * float(r @ r), 200))
     return out
+
+
+@pytest.mark.parametrize("wider", [1.0, 2.0])
+def test_how_far_nominal_robots_are_pulled_together_is_chi_squared(wider):
+    """In standard deviations of chi squared, by as many directions as a recording shows; wider robots are beyond it."""
+    rng, found = np.random.default_rng(0), []
+    for _ in range(400):
+        (evidence,) = recordings(rng, 0.1 * wider, wider, count=1)
+        case = cast(Case, SimpleNamespace(evidence=evidence))
+        found.append(pulled_together([case], evidence.fit(), ()))
+    shown = 2 * JOINTS  # by each recording, all of them
+    beyond = (wider**2 - 1.0) * np.sqrt(shown / 2.0)
+    assert np.mean(found) == pytest.approx(beyond, abs=0.15 * wider**2)
+    assert np.std(found) == pytest.approx(wider**2, rel=0.15)
 
 
 def test_a_population_gets_the_widths_that_it_was_drawn_with():
