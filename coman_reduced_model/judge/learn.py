@@ -236,7 +236,10 @@ def learn(
     )
     nominal = replace(nominal, source=source, **_decisions(examples))
     if baselines:
-        source["with_baseline"] = {"commit": commit(), "cases": len(baselines)}
+        own_seeds = sorted(int(example.answer["seed"]) for example in baselines)
+        source["with_baseline"] = {
+            "commit": commit(), "cases": len(baselines), "seeds": [own_seeds[0], own_seeds[-1]],
+        }  # fmt: skip
         nominal = replace(nominal, source=source, with_baseline=_decisions(baselines))
     return nominal, examples, baselines
 
