@@ -15,6 +15,8 @@ from ...output import check_file, write_file
 from ...resources import config_path
 from .schema import Config, config_from_flat, parameter_table
 
+NODES = ("predictor", "trajectory", "virtual_robot")
+
 
 class _PlainLoader(yaml.SafeLoader):
     """Values alone: no tags that make objects, and no aliases, by which a short file could fill the memory."""
@@ -28,7 +30,9 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def load_config(path: str | Path | None = None, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
-    """Read a ROS 2 parameter file: the sections `/**` and then that of the node, if any.
+    """Read a ROS 2 parameter file: the sections `/**` and that of the node, if any, which goes first.
+
+    Sections of other packages' nodes, which have none of these parameters, are not looked at.
 
     Args:
         path: of the file; default: the shipped coman.yaml.
@@ -62,7 +66,8 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         raise ConfigError(f"{path}: is not YAML{where}: {getattr(error, 'problem', error)}") from None
     if not isinstance(document, dict) or not document:
         raise ConfigError(f"{path}: wanted a ROS 2 parameter file: '/**:' with 'ros__parameters:' below it")
-    values: dict[str, Any] = {}
+    of_all: dict[str, Any] = {}
+    own: dict[str, Any] = {}  # whatever their order
     for section, body in document.items():
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: {section}: wanted 'ros__parameters:' below a node's name or '/**'")
@@ -70,10 +75,11 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         flat = {key: value for key, value in flat.items() if key not in ignored and not _foreign(key)}
         name = str(section).rsplit("/", 1)[-1]
         if name in ("**", "*", node):
-            values.update(flat)
-        else:  # meant for another node: checked all the same, so that a mistake is found now and not there
+            (own if name == node else of_all).update(flat)
+        elif name in NODES or set(flat).intersection(parameter_table()):
+            # Meant for another node: checked all the same, so that a mistake is found now and not there.
             config_from_flat(flat, f"{path}: {section}")
-    return config_from_flat(values, str(path), path.parent)
+    return config_from_flat({**of_all, **own}, str(path), path.parent)
 
 
 def _foreign(key: str) -> bool:

@@ -243,6 +243,28 @@ def test_the_section_of_a_node_overrides_that_of_all(tmp_path):
     assert load_config(path, node="trajectory").model.a1 == 2.0
 
 
+def test_the_order_of_sections_does_not_matter(tmp_path):
+    path = write(
+        tmp_path,
+        "predictor:\n  ros__parameters:\n    model.a1: 3.0\n"
+        "/**:\n  ros__parameters:\n    model.a1: 2.0\n    model.a2: 2.0\n",
+    )
+    assert (load_config(path).model.a1, load_config(path).model.a2) == (3.0, 2.0)
+    assert load_config(path, node="trajectory").model.a1 == 2.0
+
+
+def test_sections_of_other_packages_nodes_are_not_looked_at(tmp_path):
+    path = write(
+        tmp_path,
+        "controller_manager:\n  ros__parameters:\n    update_rate: 200\n    legs: {type: position}\n"
+        "/**:\n  ros__parameters:\n    model.a1: 2.0\n",
+    )
+    assert load_config(path).model.a1 == 2.0
+    path.write_text(path.read_text() + "my_predictor:\n  ros__parameters: {model.a1: 2.0, model.a7: 1.0}\n")
+    with pytest.raises(ConfigError, match="my_predictor: model.a7: unknown key"):
+        load_config(path)
+
+
 def test_a_metre_backwards_is_a_step_that_can_be_asked_for():
     assert Config().gait.changes() == {}
     for length in (-1.0, -0.03, 0.0, 1.0):
