@@ -11,6 +11,7 @@ import numpy as np
 from ...core.base.nominal import Nominal, load_nominal
 from ...core.base.types import Array
 from ...core.config.schema import Config
+from ...core.effects.base import EffectConfig
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import Unknown, applied
 from ...core.robot.robot import Robot
@@ -20,7 +21,7 @@ from ..data.recording import Recording, of_world
 from ..data.signals import without_noise
 from ..data.world import World
 from ..physics.balance import State, evaluate
-from ..physics.hypotheses import unknowns
+from ..physics.hypotheses import SIDES, unknowns
 from ..physics.soles import softness
 from .evidence import Evidence, Fit, Problem, assemble, parts_of, pooled, summed, weigh
 from .floor import floor, law_of, unit_of
@@ -76,7 +77,9 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
         if not of_world(CATALOGUE[effect.name]):
             continue
         known = unknowns(recording, world)
-        mine = [each for each in known if (each.effect, each.where) == (effect.name, effect.where)]
+        mine = [each for each in known if each.effect == effect.name]
+        places = _places(effect, world.robot, {each.where for each in mine})
+        mine = [each for each in mine if each.where in places]
         for unknown in mine:
             more = unknown.deviation(effect.values[unknown.key]) - unknown.usual  # which every robot has anyway
             recording, world = unknown.apply(recording, world, more)
@@ -85,6 +88,18 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
             warning = f"{effect.name}{at} of the configuration is left out: this recording cannot show it"
             recording = recording.changed(warnings=(*recording.warnings, warning))
     return recording, world
+
+
+def _places(effect: EffectConfig, robot: Robot, known: set[str]) -> list[str]:
+    """The place of a configured effect; where a diagnosis has none such, the single feet or joints that it names."""
+    kind = CATALOGUE[effect.name]
+    if effect.where in known or kind.place not in ("joint", "foot"):
+        return [effect.where]
+    named = kind(effect.where, effect.values)
+    named.bind(robot)
+    if kind.place == "foot":
+        return [side for side, foot in SIDES.items() if foot in named.feet]
+    return [robot.joint_names[i] for i in named.joints]
 
 
 @dataclass

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from synthetic import JOINTS, MOTORS, walk, write_bag
 
+from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.reading import refuse_repeated
 from coman_reduced_model.diagnose.data.recording import load
@@ -85,6 +86,22 @@ def test_soft_ground_of_a_configuration_bends_no_joint(tmp_path):
     np.testing.assert_array_equal(recording.q, hard.q)
     _, world, _ = prepare(recording, robot, soft)
     assert world.tilting == pytest.approx(5e-4)
+
+
+def test_an_effect_of_both_feet_or_of_a_leg_is_that_of_each_of_its_places(tmp_path):
+    """Where a diagnosis looks at single feet and joints alone."""
+    known = Config().replaced({
+        "effects.active": ["foot_slip", "joint_friction"], "effects.foot_slip.where": [""],
+        "effects.foot_slip.distance": [0.004], "effects.joint_friction.where": ["right"],
+        "effects.joint_friction.coulomb": [0.5],
+    })  # fmt: skip
+    recording, robot = load(write_bag(tmp_path / "bag", walk(6.0)), known)
+    recording, world, _ = prepare(recording, robot, known)
+    np.testing.assert_allclose(world.slip, [0.004, 0.004])
+    right = [robot.joint_names[i] for i in robot.legs[Foot.RIGHT]]
+    wanted = [0.5 * (name in right) for name in robot.joint_names]
+    np.testing.assert_allclose(world.friction, wanted)
+    assert not [line for line in recording.warnings if "left out" in line]
 
 
 def test_an_effect_of_a_configuration_that_a_recording_cannot_show_is_said(tmp_path):
