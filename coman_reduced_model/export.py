@@ -8,9 +8,11 @@ motor and link.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -54,12 +56,13 @@ class Exported:
     left_out: list[str] = field(default_factory=list)
 
 
-def export_mjcf(config: Config, mjcf: str | Path) -> Exported:
+def export_mjcf(config: Config, mjcf: str | Path, folder: str | Path | None = None) -> Exported:
     """Write the effects that MuJoCo can express into a model.
 
     Args:
         config: joints of the legs named; frames and joints are bodies and joints of the model.
         mjcf: file of the model; nothing is written to it.
+        folder: for the changed model, from which it finds meshes and textures; default: that of the model.
 
     Raises:
         ConfigError: the file is no MJCF, or lacks a joint or the trunk of the configuration.
@@ -69,7 +72,8 @@ def export_mjcf(config: Config, mjcf: str | Path) -> Exported:
         model = spec.compile()
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise ConfigError(f"{mjcf}: is not a model that MuJoCo can read: {error}") from None
-    return _Export(config, spec, model, str(mjcf)).done()
+    there = "." if folder is None else os.path.relpath(Path(mjcf).parent, folder)
+    return _Export(config, spec, model, str(mjcf)).done(there)
 
 
 class _Export:
@@ -80,7 +84,8 @@ class _Export:
         self._out = Exported("")
         self._legs: dict[str, LegConfig] = {side: getattr(config.robot, side) for side in LEGS}
 
-    def done(self) -> Exported:
+    def done(self, there: str) -> Exported:
+        """The changed model, for a folder from which `there` is that of its meshes and textures."""
         for leg in self._legs.values():
             if not leg.joints:
                 raise ConfigError(f"{self._source}: robot.*.joints: not named: --urdf FILE shows the chains")
@@ -99,6 +104,17 @@ class _Export:
         self._out.left_out.append("armature: the model has no inertia of motors; keep that of your file")
         self._spec.compile()
         self._out.xml = self._spec.to_xml()
+        files = {
+            "meshdir": (*self._spec.meshes, *self._spec.hfields, *self._spec.skins),
+            "texturedir": self._spec.textures,
+        }
+        if there != "." and any(each.file for some in files.values() for each in some):
+            root = ElementTree.fromstring(self._out.xml)  # to_xml looks for them where the model was read
+            compiler = root.find("compiler")
+            assert compiler is not None
+            for key in files:
+                compiler.set(key, Path(there, compiler.get(key, "")).as_posix())
+            self._out.xml = ElementTree.tostring(root, encoding="unicode")
         return self._out
 
     def _effects(self, *names: str) -> Iterator[EffectConfig]:

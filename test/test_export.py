@@ -148,6 +148,23 @@ def test_soles_give_way_as_found(tmp_path, mjcf, capsys):
     assert depth == pytest.approx(0.5 * compliance * weight, rel=0.3)
 
 
+@pytest.mark.parametrize("folder", ["assets", ""])
+def test_a_model_that_is_written_elsewhere_finds_its_meshes(tmp_path, mjcf, capsys, folder):
+    spec = mujoco.MjSpec.from_file(str(mjcf))
+    spec.meshdir = folder
+    (tmp_path / folder).mkdir(exist_ok=True)
+    (tmp_path / folder / "head.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+    )
+    spec.add_mesh(name="head", file="head.obj")
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="head", contype=0, conaffinity=0)
+    mjcf.write_text(spec.to_xml(), encoding="utf-8")
+    out, config = tmp_path / "found" / "robot.xml", save_config(Config(), tmp_path / "model.yaml")
+    out.parent.mkdir()
+    assert run(["export", str(config), "--mjcf", str(mjcf), "--out", str(out)]) == 0
+    assert mujoco.MjModel.from_xml_path(str(out)).nmesh == 1
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [("<mujoco/>", "no joint 'LHipSag'"), ("<robot", "not a model"), (None, "no such file")],

@@ -30,7 +30,7 @@ def export(
     if not mjcf.is_file():
         raise ConfigError(f"{mjcf}: no such file")
     robot = open_robot(settings, urdf)
-    found = export_mjcf(settings if robot is None else settings.with_joints_of(robot), mjcf)
+    found = export_mjcf(settings if robot is None else settings.with_joints_of(robot), mjcf, out.absolute().parent)
     write_file(out, found.xml)
     if json:
         print_json({"mjcf": str(out), "written": found.written, "left_out": found.left_out})
