@@ -13,7 +13,7 @@ from .base.stream_names import CONTACTS, IMU, JOINTS, MOTORS, REFERENCE, WRENCHE
 from .base.types import Foot, ImuMessage, JointMessage, Prediction, Reference, Sample, WrenchMessage
 from .config.schema import Config
 from .effects.catalogue import build_effects, stream_delays
-from .monitor.monitor import Mismatch, Monitor
+from .monitor.monitor import STALE_S, Mismatch, Monitor
 from .monitor.plausibility import Plausibility
 from .predictor import Predictor
 from .streams.block_joiner import BlockJoiner
@@ -169,7 +169,7 @@ class Pipeline:
         last, self._last_stamp = self._last_stamp, sample.stamp_ns
         if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
             self.restarts += 1
-            self.reset()
+            self.reset(levels=not 0 < sample.stamp_ns - last <= 1e9 * STALE_S)
             self._last_stamp = sample.stamp_ns
         self.samples += 1
         self.plausibility.update(sample, self.predictor.zeros)
@@ -179,13 +179,17 @@ class Pipeline:
             self.monitor.update(self.predictor.sample, self.predictor.link, prediction)
         return prediction
 
-    def reset(self) -> None:
-        """Forget the past, as after a gap: odom and levels begin at the next sample. Counters are kept."""
+    def reset(self, levels: bool = True) -> None:
+        """Forget the past, as after a gap: odom begins at the next sample. Counters are kept.
+
+        Args:
+            levels: also those of the monitor, and what it reports.
+        """
         self._last_stamp = None
         self.predictor.reset()
         self.plausibility.reset()
         if self.monitor is not None:
-            self.monitor.reset()
+            (self.monitor.reset if levels else self.monitor.interrupt)()
 
     def reconfigure(self, config: Config) -> None:
         """Take over parameters that may change while it runs: those of support phase and monitor.

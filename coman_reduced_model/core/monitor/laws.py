@@ -79,6 +79,8 @@ class Laws:
         by_load: (n,) standard deviation of the value over nominal robots, as a share of the load.
         gait_independent: (n,) whether values of the last phase can be compared with those of another gait.
         by_wrenches: (n,) whether they depend on the foot wrenches.
+        of_springs: (n,) whether they hold for each spring alone.
+        torques_known: whether torques were measured in all of the last phase.
         looks: since `begin`.
         tipping: the last single support was on the edge of the sole: laws of flat soles are skipped until the next.
         forces: balance of forces.
@@ -116,7 +118,8 @@ class Laws:
         self._stiffness = slice(self._late.start - nl, self._late.start)
         self._drag = slice(self._late.start - 2 * nl, self._late.start - nl)
         self._shown, self._flat = shown(names), of_laws(names, FLAT_SOLE_LAWS)
-        self._spring_laws, self._wrench_laws = of_laws(names, SPRING_LAWS), of_laws(names, WRENCH_LAWS)
+        self.of_springs, self._wrench_laws = of_laws(names, SPRING_LAWS), of_laws(names, WRENCH_LAWS)
+        self.torques_known = False
         self.gait_independent = np.zeros(len(names), dtype=bool)
         self.by_wrenches = self._wrench_laws
 
@@ -208,10 +211,10 @@ class Laws:
         n, nl = len(self.names), len(self._joints)
         values = self._mean_residuals()
         # Without torques, the needed ones are no law for any gait; soles rock in each its own way.
-        torques_known = bool(np.isfinite(values[self._torque]).all())
-        self.gait_independent = self._spring_laws & torques_known
+        self.torques_known = torques_known = bool(np.isfinite(values[self._torque]).all())
+        self.gait_independent = self.of_springs & torques_known
         self.gait_independent[self._force] = self.forces.uses_imu
-        self.by_wrenches = self._wrench_laws if torques_known else self._wrench_laws | self._spring_laws
+        self.by_wrenches = self._wrench_laws if torques_known else self._wrench_laws | self.of_springs
         values[~self._shown[kind]] = np.nan
         self._skip_flat_sole_laws(values, kind)
         variance, load = self._variance.copy(), np.zeros(n)

@@ -38,7 +38,7 @@ _STANDING_PIECES = 3  # pieces of standing in a row after which steps are over
 _PIECE_NS = 1_000_000_000  # longer double support is standing, in pieces of this length
 _UNLIKE = 0.05, 0.15, 0.03  # [rad] joints, share and [s] of duration: a larger difference is another gait
 _GAIT_MEMORY = 20.0  # phases over which duration and posture of a gait are averaged
-_STALE = 10.0  # [s] after which a value is dropped: the robot stands, or tips, or has lost a sensor
+STALE_S = 10.0  # [s] after which a value is dropped: the robot stands, or tips, or has lost a sensor
 _RELEASE = 0.75  # of the threshold: below it, a reported change is over
 # Fields of `CHANNEL` with size, sigma and onset of a mismatch.
 _CHANGE_FIELDS = "error", "change_sigma", "change_onset"
@@ -136,6 +136,16 @@ class Monitor:
         self._intermittent.reset()
         self._standing_pieces = 0  # in a row
         self._used_imu = False  # for the force balance of the last phase
+        self._had_torques: bool | None = None  # for the spring laws of the last phase
+        self.laws.forces.reset()
+        self._begin_phase()
+
+    def interrupt(self) -> None:
+        """A short gap: forget the phase under way; levels and what is reported are kept."""
+        self._phase = self._phase_before = Phase.FLIGHT
+        self._next_look_ns = self._last_window_ns = 0
+        self._standing_pieces = 0
+        self._intermittent.reset()
         self.laws.forces.reset()
         self._begin_phase()
 
@@ -204,6 +214,12 @@ class Monitor:
             self._used_imu = self.laws.forces.uses_imu
             self._forget_levels(self._forces)
             self._intermittent.reset()
+        if self.laws.torques_known is not self._had_torques:  # the springs' laws are others without
+            if self._had_torques is not None:
+                mean.values[self.laws.of_springs] = np.nan
+                self._forget_levels(self.laws.of_springs)
+                self._channels["offset_sigma"][:, self.laws.of_springs] = 0.0
+            self._had_torques = self.laws.torques_known
         comparable = self.laws.gait_independent | same_gait
         if self.kept is not None:
             self.kept.append((kind, np.where(comparable, mean.values, np.nan), mean.variance > 0.0, mean.load))
@@ -246,7 +262,7 @@ class Monitor:
     def _report(self, stamp: int) -> None:
         """Update `mismatches` and `first`."""
         self._reported_ns = stamp
-        oldest = self._seconds(stamp) - _STALE
+        oldest = self._seconds(stamp) - STALE_S
         evidence = self._evidence(oldest)
         self._changed = evidence.changed
         found = [self._mismatch(int(i), evidence, stamp) for i in np.flatnonzero(evidence.changed | evidence.off)]

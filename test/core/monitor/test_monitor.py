@@ -268,6 +268,27 @@ def test_offset_from_the_start_is_detected_beyond_the_scatter_of_nominal_robots(
     assert not any(each.changed for each in found)
 
 
+@pytest.mark.parametrize(("gap", "lasts"), [(0.4, True), (11.0, False)])
+def test_what_has_changed_is_reported_after_a_short_gap_too(gap, lasts):
+    def change(stream, t, message):
+        if 12.0 < t < 12.0 + gap:
+            return None
+        return turned(message, KNEE, 0.004) if stream == JOINTS and t > 7.0 else message
+
+    monitor = watched(change, 16.0 + gap)
+    assert ("spring/LKneeSag" in {each.channel for each in monitor.mismatches}) == lasts
+    assert all(each.onset_ns < T0 + 8_000_000_000 for each in monitor.mismatches)
+
+
+def test_torques_that_stop_or_come_back_change_no_spring():
+    """Without them the needed ones take their place, which differ from them."""
+
+    def change(stream, t, message):
+        return replace(message, effort=None) if stream == JOINTS and 7.0 < t < 10.0 else message
+
+    assert not {each for each in watched(change, 14.0).first if each.startswith(("spring", "stiffness"))}
+
+
 def test_mismatch_ends_with_its_cause_and_with_the_stream():
     def change(stream, t, message):
         return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 11.0 else message
