@@ -135,7 +135,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     between_bags = np.where(
         own,
         spread([one.x for one in each], mean, prior),
-        np.maximum(spread([one.x for one in alone], mean, variance) - _mean_variance(alone), 0.0),
+        np.maximum(np.var([one.x for one in alone], axis=0, ddof=1) - _mean_variance(alone), 0.0),
     )
     parameters = {}
     for i, unknown in enumerate(known):

@@ -42,6 +42,14 @@ def test_what_is_the_same_in_all_recordings_is_usual():
     assert spread < load_nominal().widths["encoder_bias.bias.spread"]
 
 
+def test_what_differs_between_recordings_varies_on_this_robot(step=0.0005):
+    """Two recordings show as much of it as many do."""
+    name = "encoder_bias@LKneeSag.bias"
+    same, two, four = (learnt([{name: sign * step} for sign in signs]).nominal.parameters[name][1]
+                       for signs in ((1, 1), (1, -1), (1, -1, 1, -1)))  # fmt: skip
+    assert same < 0.6 * two and same < 0.7 * four
+
+
 def test_what_no_robot_plausibly_has_is_not_taken_over():
     name = "encoder_bias@LKneeSag.bias"
     baseline = learnt([{name: 0.05}] * 2)
