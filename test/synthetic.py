@@ -12,11 +12,11 @@ import numpy as np
 
 from coman_reduced_model.bag.types import bag_types
 from coman_reduced_model.bag.writer import BagWriter
-from coman_reduced_model.core.base.stream_names import JOINTS, MOTORS, REFERENCE, WRENCHES
+from coman_reduced_model.core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE, WRENCHES
 from coman_reduced_model.core.base.types import Foot, JointMessage, Phase, Reference, WrenchMessage
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.robot.robot import Robot
-from coman_reduced_model.messages import INPUT_TYPES, STRING, joint_to, reference_to, wrench_to
+from coman_reduced_model.messages import INPUT_TYPES, STRING, imu_to, joint_to, reference_to, wrench_to
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.robot_table import COMAN
 from coman_reduced_model.topics import DESCRIPTION, INPUT_TOPICS
@@ -110,10 +110,12 @@ def write_bag(
     urdf_text: str | None = None,
     skip: Iterable[str] = (),
     namespace: str = "",
+    imu: bool = False,
 ) -> Path:
     """A bag of messages; `change` may replace, drop (None) or multiply (list) each; `skip` leaves streams out."""
     to = {INPUT_TYPES[JOINTS]: joint_to, INPUT_TYPES[LEFT]: wrench_to, INPUT_TYPES[REFERENCE]: reference_to}
-    streams = [stream for stream in (JOINTS, MOTORS, LEFT, RIGHT, REFERENCE) if stream not in skip]
+    to[INPUT_TYPES[IMU]] = imu_to
+    streams = [each for each in (JOINTS, MOTORS, LEFT, RIGHT, REFERENCE, *([IMU] if imu else [])) if each not in skip]
     text = description() if urdf_text is None else urdf_text
     topics = {f"{namespace}/{INPUT_TOPICS[stream]}": INPUT_TYPES[stream] for stream in streams}
     latched = f"{namespace}/{DESCRIPTION}"

@@ -115,6 +115,7 @@ def load(
         bag, pipeline = session.bag, session.pipeline
         samples: list[Sample] = []
         imu: list[tuple[int, Array]] = []
+        before: list[int] = []  # of each of these, how many samples there were
         imu_frame = ""
         span = max(bag.end_ns - bag.start_ns, 1)
         arrived: dict[str, list[tuple[int, int]]] = {}  # by stream: log times, and stamps
@@ -127,6 +128,7 @@ def load(
                 arrived.setdefault(IMU, []).append((log_time, message.stamp_ns))
                 if message.orientation is not None and np.isfinite(message.orientation).all():
                     imu.append((message.stamp_ns, message.orientation))
+                    before.append(len(samples))
                     imu_frame = message.frame_id.lstrip("/")
             else:
                 samples += pipeline.take(stream, raw, session.decoders[stream])
@@ -147,6 +149,7 @@ def load(
             samples = with_computed_wrenches(samples, computed, pipeline.robot, config)
             warnings = (*warnings, f"foot wrenches are computed from {config.streams.wrench_source}: {NOT_SHOWN}")
         begin, end, _ = _longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
+        imu = [each for count, each in zip(before, imu, strict=True) if begin <= count <= end]  # stamps may repeat
         for sample in measured[begin:end]:  # what is diagnosed
             pipeline.plausibility.update(sample, pipeline.predictor.zeros)
         found = pipeline.status().warnings
@@ -196,8 +199,6 @@ def _grid(
     if back:
         lasts = 1e-9 * (samples[-1].stamp_ns - samples[0].stamp_ns)
         warnings = (*warnings, f"time goes back {back} times: only the longest run, {lasts:.1f} s, is diagnosed")
-        begin, end, _ = _longest_run([stamp for stamp, _ in imu], config.streams.restart_gap)
-        imu = imu[begin:end]
     complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
         why = f" ({warnings[0]})" if warnings else ""

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import JOINTS, MOTORS, walk, write_bag
+from scipy.spatial.transform import Rotation
+from synthetic import JOINTS, MOTORS, T0, walk, write_bag
 
-from coman_reduced_model.core.base.types import Foot
+from coman_reduced_model.core.base.stream_names import IMU
+from coman_reduced_model.core.base.types import Foot, ImuMessage
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.reading import refuse_repeated
 from coman_reduced_model.diagnose.data.recording import load
@@ -24,6 +26,22 @@ def test_of_a_bag_whose_time_goes_back_the_longest_run_is_read(tmp_path):
     assert any("time goes back" in line for line in recording.warnings)
     alone, _ = load(write_bag(tmp_path / "alone", once), Config())
     assert np.abs(recording.q - alone.q[: len(recording.q)]).max() < 1e-9
+
+
+def test_orientations_are_those_of_the_run_that_is_read(tmp_path):
+    """The IMU of the longer run starts late: there are more messages of it in the shorter one."""
+
+    def with_imu(messages, begins, tilt):
+        turned = Rotation.from_euler("x", tilt).as_quat()
+        for stream, message in messages:
+            yield stream, message
+            if stream == JOINTS and (stamp := message.stamp_ns) >= T0 + 1e9 * begins:
+                yield IMU, ImuMessage(stamp, "base_link", turned, np.zeros(3), np.array([0.0, 0.0, 9.81]))
+
+    messages = [*with_imu(walk(5.0), 0.0, 0.1), *with_imu(walk(6.0), 2.0, 0.0)]
+    recording, _ = load(write_bag(tmp_path / "bag", messages, imu=True), Config())
+    assert recording.t[-1] == pytest.approx(6.0, abs=0.05)
+    assert recording.up is None or abs(np.median(recording.up[:, 1])) < 0.02
 
 
 def zeros(stream, message):
