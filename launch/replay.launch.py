@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The predictor on a recorded bag, in the time of the bag (/clock and use_sim_time)."""
 
+from pathlib import Path
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
 from launch.conditions import IfCondition
@@ -16,7 +18,9 @@ SHARED = ("config", "urdf", *TOPICS, "remap", "rviz", "log_level")
 
 
 def robot_state(context):
-    """For RViz: the links of the robot that the bag describes, from its joint states."""
+    """For RViz: the links of the robot that `urdf` or the bag describes, from its joint states."""
+    if given := LaunchConfiguration("urdf").perform(context):
+        return rviz(context, urdf=Path(given).read_text(encoding="utf-8"))
     with Bag(LaunchConfiguration("bag").perform(context)) as bag:
         return rviz(context, urdf=described_urdf(bag, TopicNames())[0])
 

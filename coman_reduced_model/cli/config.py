@@ -25,8 +25,14 @@ def config(
     """Check a parameter file, and its robot; print all parameters as they then are, with units and meanings."""
     settings = read_config(file, changes, node)
     robot = open_robot(settings, urdf)
+    from ..core.base.nominal import load_nominal
+
+    load_nominal(settings.baseline or "")  # says what is wrong with it
     if robot is not None:
+        from ..core.effects.catalogue import build_effects
+
         settings = settings.with_joints_of(robot)
+        build_effects(settings.effects, robot)  # likewise
     if json:
         print_json(settings.flat())
         return

@@ -48,11 +48,11 @@ def live(
     """Virtual robot, trajectory and predictor, running live until Ctrl-C, with a view of the prediction."""
     settings = read_config(config, [f"gait.name={gait}"] if gait else [])
     from ..core.gait.gait import plan_walk
-    from ..errors import ComanError
+    from ..errors import ComanError, ConfigError
     from ..resources import config_path
     from ..ros.runtime.processes import NodeFailed, Nodes, confine, why_not
     from ..ros.runtime.spin import Stop
-    from ..sim.robot_table import COMAN, ROBOTS
+    from ..sim.robot_table import ROBOTS
     from ..sim.worlds import world_for
 
     stop = Stop()
@@ -60,17 +60,22 @@ def live(
     if problem := why_not():
         raise ComanError(f"live: {problem}")
     say_domain()
-    table = ROBOTS.get(settings.robot.name, COMAN)
+    if settings.robot.name not in ROBOTS:
+        raise ConfigError(
+            f"robot.name: {settings.robot.name!r}: there is no such virtual robot (there are: {', '.join(ROBOTS)})"
+        )
+    table = ROBOTS[settings.robot.name]
     if world:
         world_for(settings.robot.name, world)  # says what is wrong with it before anything is started
     # What suits the robot goes for what the configuration leaves open.
     suits = {f"gait.{key.removesuffix('_m')}": value for key, value in table.gait.items()}
-    flat = settings.flat()
+    planned = read_config(config, [f"gait.name={gait}"] if gait else [], "trajectory")
+    flat = planned.flat()
     walk: dict[str, Any] = {key: value for key, value in suits.items() if flat.get(key) == -1}
-    walk["gait.name"] = settings.gait.name
+    walk["gait.name"] = planned.gait.name
     from ..core.gait.walk import gait_of
 
-    plan_walk(gait_of(settings.replaced(walk)))  # says what is wrong with it before anything is started
+    plan_walk(gait_of(planned.replaced(walk)))  # says what is wrong with it before anything is started
     try:
         with Nodes(config or config_path()) as nodes:
             paced = {"use_sim_time": True}

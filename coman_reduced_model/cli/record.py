@@ -69,15 +69,20 @@ def record(
 ) -> None:
     """Walk the virtual robot and record a bag of what its sensors publish.
 
-    What is hidden changes physics or sensors, never the robot_description in the bag.
+    What is hidden changes physics or sensors, never the robot_description in the bag. Of a
+    configuration gait.* counts.
     """
     if world:
         given = {"--robot": robot != "coman", "--rate": rate != 200.0, "--scatter": scatter is not None,
-                 "--motor-states": motor_states != "measured", "--exact": exact, "--joint": joint}  # fmt: skip
+                 "--motor-states": motor_states != "measured", "--exact": exact, "--joint": joint,
+                 "--config": config is not None, "--set": bool(changes)}  # fmt: skip
         _record_world(world, out, gait, duration, hide or (), seed, given, force, json)
         return
     settings = read_config(config, changes, "trajectory").gait
     from ..errors import ConfigError
+
+    if ignored := [change for change in changes or () if not change.startswith("gait.")]:
+        raise ConfigError(f"--set {ignored[0]}: only gait.* counts here; --hide, --scatter, --world change the robot")
     from ..sim.disturbances import Scatter
     from ..sim.experiments import EXPERIMENTS, record_experiment
     from ..sim.record import ROBOTS, SensorOptions

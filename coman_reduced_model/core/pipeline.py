@@ -256,6 +256,8 @@ class Pipeline:
         if given and self.predictor.model.turning:
             text = f"model.{', model.'.join(given)}: of the paper's model, which trunk_rotation replaces"
             found.append(InputWarning(WarningKind.NO_USE, "", text))
+        if self.config.prediction.adapt and self.predictor.adaptation is None:
+            found.append(InputWarning(WarningKind.NO_USE, "", "prediction.adapt: it is not for the point mass"))
         zeros = self.predictor.zeros
         refused = self.joiner.possible.beyond
         beyond = {name: each for name, each in refused.items() if each.count > streams[name].accepted}

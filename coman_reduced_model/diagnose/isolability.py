@@ -19,7 +19,7 @@ from .inference.another import LENGTH, Another, best_first, examined, length_of,
 from .inference.at_size import at_share
 from .inference.case import Case, evidence_of, prepare
 from .inference.case_cache import CaseCache
-from .inference.check import check_recordings, of_another_robot
+from .inference.check import check_recordings, limitations, of_another_robot
 from .inference.effects import with_structure
 from .inference.isolability import SIZE, Isolability
 from .inference.isolability import isolability as of_evidence
@@ -71,6 +71,10 @@ def isolability(
         if notice:
             notice(line)
     further = [prepare(reading.recording, reading.robot, config) for reading in readings[n:]]
+    for path, each in zip(others, further, strict=True):
+        for line in limitations([each]):
+            if notice:
+                notice(line if line.startswith(each[0].name) else f"{Path(path).name}: {line}")
     report(READ, "looking at what each effect would change")
     cache = CaseCache(checked.train, nominal=nominal)
     known, cases = cache.known, at_share(cache.at(np.zeros(len(cache.known)), "train"), size)

@@ -211,7 +211,9 @@ def _poisson_interval(count: int) -> tuple[float, float]:
 
 
 def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Share of effects that are detected within 5 s, and the median delay of those; walks with an earlier alarm.
+    """Share of effects that are detected within 5 s, and the median delay; walks with an earlier alarm.
+
+    The delay of an effect that is not detected is infinite; the median is null where most are not.
 
     A walk with an alarm before its effect begins, or whose robot fell, says nothing about the delay.
     """
@@ -219,6 +221,7 @@ def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     quiet = [row for row in watched if not any(each["after_s"] < 0.0 for each in row["detections"])]
     first = [min((each["after_s"] for each in row["detections"]), default=np.inf) for row in quiet]
     within = [delay for delay in first if delay < WITHIN]
+    median = float(np.median(first)) if first else np.inf
     return {
         "walks": len(rows),
         "fell": sum(row["fell"] for row in rows),
@@ -226,5 +229,5 @@ def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "lowered": sum(row.get("lowered", False) for row in rows),  # not in rows of earlier versions
         "alarm_before": len(watched) - len(quiet),
         "detected": rate(len(within), len(quiet)),
-        "median_s": float(np.median(within)) if within else None,
+        "median_s": median if np.isfinite(median) else None,
     }

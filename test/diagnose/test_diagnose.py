@@ -286,7 +286,7 @@ def test_an_effect_that_spoils_the_predicted_com_is_not_in_the_model(tmp_path, d
     assert effect["name"] == "payload" and effect["parameters"]
     assert load_config(out / result["model"]).active == ()
     assert not effect["in_model"] and effect["com"]["after"]["x"] > effect["com"]["before"]["x"]
-    assert "makes the predicted COM of held-out walks worse" in result["sentence"]
+    assert "makes the predicted COM of held-out walks worse" in result["sentence"] and "assumed: " in result["sentence"]
     com_is_shown(result)
 
 

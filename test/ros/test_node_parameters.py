@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from coman_reduced_model_msgs.msg import ComPrediction, ComReference, SupportState
@@ -65,6 +67,19 @@ def test_each_node_declares_its_own(start, peer):
     assert "did you mean 'gait.steps'?" in Parameters(peer, "trajectory").set("gait.stepps", 3)
     for node in nodes:
         assert node.stop() == 0
+
+
+def test_a_baseline_is_found_from_the_file_that_names_it(tmp_path, monkeypatch):
+    """Also where the URDF is that of the topic, and where a launch file adds a file of its own."""
+    from coman_reduced_model.ros.interface.parameters import _directory
+
+    (tmp_path / "usual.yaml").write_text("")
+    (tmp_path / "launch").mkdir()
+    files = [tmp_path / "robot.yaml", tmp_path / "launch" / "parameters.yaml"]
+    monkeypatch.setattr("sys.argv", ["predictor", *(word for each in files for word in ("--params-file", str(each)))])
+    for urdf in ("", "/somewhere/robot.urdf"):
+        assert _directory(urdf, "usual.yaml") == tmp_path
+    assert _directory("", "") == _directory("", "other.yaml") == Path()
 
 
 def test_predictor(start, peer):

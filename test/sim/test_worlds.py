@@ -262,5 +262,10 @@ def test_a_world_is_recorded_by_the_command_and_can_be_recorded_again(tmp_path, 
     assert coman(again) == 0
     bags = [(tmp_path / name / "walk" / "walk.mcap").read_bytes() for name in "ab"]
     assert bags[0] == bags[1]
-    assert coman([*again, "--exact"]) == 2
-    assert "--exact: not with --world" in capsys.readouterr().err
+    for option in (["--exact"], ["--config", "x.yaml"], ["--set", "gait.steps=3"]):
+        assert coman([*again, *option]) == 2
+        assert f"{option[0]}: not with --world" in capsys.readouterr().err
+    assert coman(["record", "--out", str(tmp_path / "c"), "--set", "robot.gravity=3.7"]) == 2
+    assert (
+        "--set robot.gravity=3.7: only gait.* counts here" in capsys.readouterr().err and not (tmp_path / "c").exists()
+    )

@@ -126,6 +126,8 @@ def _row(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of `monitor`: a unit, and numbers that are above 0 if they are noise."""
     if "unit" not in row:
         raise ValueError("a row of 'monitor' without 'unit'")
+    if "by_robot" in row and not {"single", "double"} <= set(row):  # of earlier versions: not looked at
+        raise ValueError("a row of 'monitor' without its noise ('single', 'double')")
     numbers = {key: float(value) for key, value in row.items() if key != "unit"}
     for key, value in numbers.items():
         if not (isfinite(value) and (value > 0.0 or key not in ("single", "double"))):

@@ -62,7 +62,7 @@ def sentence(result: Mapping[str, Any]) -> str:
     if apart := result["clocks_apart"]:
         more = f" (and {len(apart) - 1} more)" if len(apart) > 1 else ""
         text = f"check the clocks first: {apart[0]}{more}; beside that, {text}"
-    named = {each["name"] for each in (*result["effects"], *result["suspected"])}
+    named = {each["name"] for each in result["effects"]}
     off = "" if named & LOADS else off_weight(result["weight"])
     return f"{text}; {off}" if off else text
 
@@ -99,6 +99,8 @@ def _verdict(result: Mapping[str, Any]) -> str:
             return "something is missing, but it is not clear what" + (f": {likely}" if likely else "")
         return "something is missing that no effect of the catalogue explains" + (f": {most}" if most else "")
     text = "; ".join(effect_sentence(effect, result["only_minor"]) for effect in result["effects"])
+    if not result["probabilities"]:  # nothing was compared
+        text = f"assumed: {text}" + (f"; the confirming recording speaks against {denied}" if denied else "")
     return f"no effect that matters to the prediction was found; minor: {text}" if result["only_minor"] else text
 
 

@@ -96,7 +96,7 @@ def declare(node: ConfiguredNode, own: Own, on_change: Callable[[Config], None])
     all_given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))  # to parameters, whatever its annotation says
     given = {name: parameter.value for name, parameter in all_given.items() if not is_ros_own(name)}
     description = str(given.pop(DESCRIPTION, ""))
-    config = config_from_flat(given, "parameters", _directory(given.get("robot.urdf")))
+    config = config_from_flat(given, "parameters", _directory(given.get("robot.urdf"), given.get("monitor.baseline")))
     for note in config.notes:
         node.get_logger().warning(note)
     for name in (*given, DESCRIPTION):
@@ -127,10 +127,11 @@ def is_ros_own(name: str) -> bool:
     return name in ("use_sim_time", "start_type_description_service") or name.startswith("qos_overrides.")
 
 
-def _directory(urdf: Any) -> Path:
-    """Where a relative robot.urdf starts: at the file that says it, otherwise where the node was started."""
+def _directory(*names: Any) -> Path:
+    """Where relative names of files start: at the file that says them, otherwise where the node was started."""
+    relative = [Path(str(name)) for name in names if name and not Path(str(name)).is_absolute()]
     for path in reversed(_files(sys.argv)):
-        if urdf and (path.parent / str(urdf)).is_file():
+        if any((path.parent / name).is_file() for name in relative):
             return path.parent
     return Path()
 

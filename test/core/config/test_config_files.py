@@ -9,6 +9,7 @@ import pytest
 import yaml
 from conftest import recording
 
+from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.config.files import load_config, save_config
 from coman_reduced_model.core.config.schema import OPTIONS, Config, parameter_table
 from coman_reduced_model.core.robot.robot import Robot
@@ -67,6 +68,19 @@ def test_files_that_a_configuration_names_are_found_from_it(tmp_path) -> None:
     for each in (config, again):
         assert each.urdf.resolve() == path.parent / "mine.urdf"
         assert each.baseline.resolve() == path.parent / "usual.yaml"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("effects.active=[backlash] effects.backlash.where=[Nope]", "no leg joint 'Nope'"),
+        ("monitor.baseline=/nowhere.yaml", "/nowhere.yaml"),
+    ],
+)
+def test_coman_config_refuses_places_and_files_that_do_not_exist(capsys, change, words) -> None:
+    changes = [part for each in change.split() for part in ("--set", each)]
+    assert run(["config", "--urdf", str(ROOT / "config" / "coman.urdf"), *changes]) == 2
+    assert words in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_icub_yaml_fits_the_recorded_robot() -> None:
