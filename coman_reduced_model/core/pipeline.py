@@ -258,6 +258,8 @@ class Pipeline:
             found.append(InputWarning(WarningKind.NO_USE, "", text))
         if self.config.prediction.adapt and self.predictor.adaptation is None:
             found.append(InputWarning(WarningKind.NO_USE, "", "prediction.adapt: it is not for the point mass"))
+        notes = [] if self.monitor is None else self.monitor.laws.notes
+        found += [InputWarning(WarningKind.BASELINE, "", f"monitor.baseline: {note}") for note in notes]
         zeros = self.predictor.zeros
         refused = self.joiner.possible.beyond
         beyond = {name: each for name, each in refused.items() if each.count > streams[name].accepted}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.base.nominal import load_nominal
+from ..core.base.nominal import load_nominal, of_another_robot
 from ..core.config.schema import Config
 from ..core.effects.catalogue import CATALOGUE
 from ..progress import Progress, between
@@ -19,7 +19,7 @@ from .inference.another import LENGTH, Another, best_first, examined, length_of,
 from .inference.at_size import at_share
 from .inference.case import Case, evidence_of, prepare
 from .inference.case_cache import CaseCache
-from .inference.check import check_recordings, limitations, of_another_robot
+from .inference.check import check_recordings, limitations
 from .inference.effects import with_structure
 from .inference.isolability import SIZE, Isolability
 from .inference.isolability import isolability as of_evidence
@@ -67,7 +67,7 @@ def isolability(
     readings = read_bags([*bags, *others], config, urdf, names, between(report, 0.0, READ))
     n = len(bags)
     checked = check_recordings(readings[:n], n, config, [], whole=True)
-    for line in (*checked.not_checked, *of_another_robot(nominal, checked.train[0][1].robot)):
+    for line in (*checked.not_checked, *of_another_robot(nominal, checked.train[0][1].robot.mass)):
         if notice:
             notice(line)
     further = [prepare(reading.recording, reading.robot, config) for reading in readings[n:]]

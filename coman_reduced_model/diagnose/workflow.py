@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..core.base.nominal import load_nominal
+from ..core.base.nominal import load_nominal, of_another_robot
 from ..core.config.schema import Config
 from ..progress import Progress, between
 from ..topics import TopicNames
 from .data.reading import read_bags, refuse_repeated
-from .inference.check import check_recordings, of_another_robot, parse_assumed
+from .inference.check import check_recordings, parse_assumed
 from .inference.effects import with_structure
 from .inference.predicted_com import free_runs_here, free_runs_in_helper
 from .inference.prediction import predict_com
@@ -70,7 +70,7 @@ def diagnose(
             if notice:
                 notice(line)
         robot = checked.train[0][1].robot
-        checked.not_checked.extend(of_another_robot(nominal, robot))
+        checked.not_checked.extend(of_another_robot(nominal, robot.mass))
         found = find_effects(checked, assumed, nominal, between(report, READ, SEARCHED))
         report(SEARCHED, "predicting the COM")
         predicted = predict_com(found.finding, checked, config, free_runs)

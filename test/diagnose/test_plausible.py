@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from synthetic import LEFT, RIGHT, T0, robot, walk, write_bag
 
-from coman_reduced_model.core.base.nominal import load_nominal
+from coman_reduced_model.core.base.nominal import load_nominal, of_another_robot
 from coman_reduced_model.core.base.stream_names import IMU, JOINTS, MOTORS, REFERENCE
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.recording import load
 from coman_reduced_model.diagnose.data.streams import clocks_apart
-from coman_reduced_model.diagnose.inference.check import of_another_robot
 from coman_reduced_model.diagnose.workflow import diagnose
 from coman_reduced_model.errors import BagError
 
@@ -102,7 +101,7 @@ def test_a_baseline_of_another_robot_is_said(mass, said):
     source = {"robot": "anna"} if mass is None else {"robot": "anna", "mass_kg": mass}
     if isinstance(mass, float):
         source["mass_kg"] = mass * robot().mass
-    lines = of_another_robot(replace(load_nominal(), source=source), robot())
+    lines = of_another_robot(replace(load_nominal(), source=source), robot().mass)
     assert len(lines) == said and all("anna" in line for line in lines)
 
 

@@ -14,6 +14,7 @@ class WarningKind(Enum):
     STOPPED = "a stream has stopped while the joint states go on"
     CLOCK = "the clock of a stream differs from that of the joint states"
     NO_USE = "a parameter has no effect with the chosen model"
+    BASELINE = "the baseline of the monitor is of another robot"
     SIGN = "forces, torques, positions or accelerations of the wrong sign"
     SWAPPED = "left and right wrench swapped"
     TURNED = "wrenches turned about the vertical"

@@ -18,6 +18,7 @@ import yaml
 from ...errors import ConfigError
 from ...resources import config_path
 
+OTHER_ROBOT = 0.01  # of its mass, by which the robot of a baseline may differ
 SECTIONS = (
     "source", "widths", "precise", "sheets", "most", "floor", "sensors", "repeats", "trust", "leftover", "decision",
     "interval_factor", "with_baseline", "parameters", "monitor",
@@ -89,6 +90,15 @@ class Nominal:
     def plain(self) -> dict[str, Any]:
         """As a file has it."""
         return {name: _plain(getattr(self, name)) for name in SECTIONS if getattr(self, name)}
+
+
+def of_another_robot(nominal: Nominal, mass: float) -> list[str]:
+    """That a baseline was learnt from a robot of another mass than this one's [kg], by its description."""
+    learnt = nominal.source.get("mass_kg")
+    if not isinstance(learnt, float) or abs(learnt - mass) <= OTHER_ROBOT * mass:
+        return []
+    name = nominal.source.get("robot", "a robot")
+    return [f"the baseline is of {name} of {learnt:.4g} kg, this robot has {mass:.4g} kg: is it of another one?"]
 
 
 def _plain(value: Any) -> Any:

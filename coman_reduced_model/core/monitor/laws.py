@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.compiled import Records, hold
-from ..base.nominal import load_nominal
+from ..base.nominal import load_nominal, of_another_robot
 from ..base.types import Array, Foot, Prediction, Sample
 from ..config.schema import Config
 from ..effects.catalogue import CATALOGUE, Effect
@@ -84,6 +84,7 @@ class Laws:
         looks: since `begin`.
         tipping: the last single support was on the edge of the sole: laws of flat soles are skipped until the next.
         forces: balance of forces.
+        notes: what looks wrong with the baseline.
     """
 
     def __init__(self, robot: Robot, config: Config) -> None:
@@ -130,7 +131,9 @@ class Laws:
             "Nm": self.forces.memory.weight * float(robot.posture().com_in_sole(Foot.LEFT)[0][2]),
             "Ns": robot.mass,
         }
-        shipped, own = load_nominal().monitor, load_nominal(config.baseline or "").monitor
+        learnt = load_nominal(config.baseline or "")
+        self.notes = of_another_robot(learnt, robot.mass)
+        shipped, own = load_nominal().monitor, learnt.monitor
         # Rows of files of earlier versions do not say how noise varies, and are those of an earlier population.
         table = {**shipped, **{name: row for name, row in own.items() if "by_robot" in row}}
         self.rows = tuple(row_of(name, table) for name in self.names)

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.base.nominal import Nominal
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
-from ...core.robot.robot import Robot
 from ...errors import BagError, ConfigError
 from ..data.masks import TICKS, part_of, with_taken_up
 from ..data.reading import Reading
@@ -20,7 +18,6 @@ from ..data.recording import Recording, moving
 from ..physics.hypotheses import candidates, unknowns
 from .case import STEADY_S, Prepared, prepare
 
-OTHER_ROBOT = 0.01  # of its mass, by which the robot of a baseline may differ
 # Shares of a training recording that confirm where there is no other, and of what is left that help to choose.
 CONFIRMING, SELECTING = 1.0 / 3.0, 0.4
 
@@ -154,15 +151,6 @@ def with_common_streams(prepared: Sequence[Prepared]) -> list[Prepared]:
         (recording, world, with_taken_up(where, before, recording, world))
         for recording, (before, world, where) in zip(less, prepared, strict=True)
     ]
-
-
-def of_another_robot(nominal: Nominal, robot: Robot) -> list[str]:
-    """That a baseline was learnt from a robot of another mass, by its description."""
-    mass = nominal.source.get("mass_kg")
-    if not isinstance(mass, float) or abs(mass - robot.mass) <= OTHER_ROBOT * robot.mass:
-        return []
-    name = nominal.source.get("robot", "a robot")
-    return [f"the baseline is of {name} of {mass:.4g} kg, this robot has {robot.mass:.4g} kg: is it of another one?"]
 
 
 def limitations(prepared: Sequence[Prepared]) -> list[str]:

@@ -24,10 +24,12 @@ from monitor_tools import (
 from scipy.spatial.transform import Rotation
 from synthetic import JOINTS, MOTORS, RIGHT, T0, names, robot, walk, write_bag
 
+from coman_reduced_model.core.base.input_warning import WarningKind
 from coman_reduced_model.core.base.nominal import load_nominal
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.monitor.laws import LANDED_S, Laws
+from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.record import record
 
@@ -354,6 +356,16 @@ def test_a_baseline_of_an_earlier_version_says_nothing_of_the_monitor(tmp_path):
     path.write_text(yaml.safe_dump({**shipped.plain(), "monitor": old}))
     laws = Laws(robot(), Config().replaced({"monitor.baseline": str(path)}))
     assert laws.nominal == Laws(robot(), Config()).nominal
+
+
+def test_a_baseline_of_another_robot_is_a_warning(tmp_path):
+    path = tmp_path / "usual.yaml"
+    for mass, said in ((robot().mass, False), (1.5 * robot().mass, True)):
+        source = {"robot": "anna", "mass_kg": mass}
+        path.write_text(yaml.safe_dump({**load_nominal().plain(), "source": source}))
+        pipeline = Pipeline(robot(), Config().replaced({"monitor.baseline": str(path)}))
+        found = [each for each in pipeline.status().warnings if each.kind is WarningKind.BASELINE]
+        assert [("anna" in str(each)) for each in found] == [True] * said
 
 
 def test_a_baseline_has_rows_for_single_channels(tmp_path):
