@@ -108,12 +108,14 @@ def diagnoses(run: Run, bags: Sequence[StoredBag], rows: Sequence[Row]) -> list[
     for robot in sorted({rows[i]["robot"] for i in usable}):
         mine = [i for i in usable if rows[i]["robot"] == robot]
         mine.sort(key=lambda i: (rows[i]["date"], rows[i]["start_ns"], i))
+        first: dict[str, int] = {}
+        for i in mine:
+            first.setdefault(rows[i]["hash"], i)
+        mine = list(first.values())  # a copy confirms nothing
         changed = _first_after_change([rows[i] for i in mine])
         for number, index in enumerate(mine):
             key = robot, period_of(rows[index]["date"], run.every), number >= changed
-            same = members.setdefault(key, [])
-            if rows[index]["hash"] not in (rows[other]["hash"] for other in same):  # a copy confirms nothing
-                same.append(index)
+            members.setdefault(key, []).append(index)
     tasks = []
     for (robot, period, _), ordered in sorted(members.items()):
         count = min(len(ordered), TRAIN + HELD_OUT)

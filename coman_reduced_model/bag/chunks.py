@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 from zlib import crc32
@@ -39,7 +39,12 @@ def indexed_blocks(path: Path, topics: Collection[str]) -> Iterator[RawBlock] | 
     if summary is None or not summary.chunk_indexes:
         return None
     channels = {key: each.topic for key, each in summary.channels.items() if each.topic in topics}
-    chunks = [each for each in summary.chunk_indexes if not channels.keys().isdisjoint(each.message_index_offsets)]
+    # A chunk without an index of its messages may hold any.
+    chunks = [
+        each
+        for each in summary.chunk_indexes
+        if not each.message_index_offsets or not channels.keys().isdisjoint(each.message_index_offsets)
+    ]
     _refuse_large(chunks)
     return _in_order(path, sorted(chunks, key=lambda each: each.message_start_time), channels)
 
@@ -120,6 +125,22 @@ def decompressed(method: bytes, data: bytes) -> bytes:
     if len(out) > LARGEST:
         raise ValueError(_TOO_LARGE)
     return out
+
+
+def plain(blocks: Iterable[RawBlock]) -> Iterator[RawBlock]:
+    """The same blocks with messages as they were before each was compressed, if they were; no plain one begins so."""
+    for block in blocks:
+        if len(block) and block.data[int(block.start[0]) : int(block.start[0]) + len(_ZSTD)] == _ZSTD:
+            block = block_of([(topic, log_time, _opened(raw)) for topic, log_time, raw in block])
+        yield block
+
+
+def _opened(message: bytes) -> bytes:
+    """What was compressed; of a damaged message what there is, which is then counted as none."""
+    try:
+        return decompressed(b"zstd", message)
+    except Exception:
+        return message
 
 
 def _zstd(data: bytes) -> Iterator[bytes]:

@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 from ..errors import BagError
 from ..messages import OWN
 from .blocks import Raw, RawBlock, grouped
-from .chunks import GROWTH, LARGEST, decompressed, grows_unchecked, indexed_blocks
+from .chunks import GROWTH, LARGEST, grows_unchecked, indexed_blocks, plain
 from .truncated import MAGIC, TruncatedMcap
 from .types import typestore
 
@@ -106,7 +106,7 @@ class Bag:
 
     def blocks(self, topics: Collection[str]) -> Iterator[RawBlock]:
         """The same messages, some thousand at a time."""
-        parts = [part.blocks(topics) for part in self._parts if any(topic in part.topics for topic in topics)]
+        parts = [plain(part.blocks(topics)) for part in self._parts if any(topic in part.topics for topic in topics)]
         ends = [(part.start_ns, part.end_ns) for part in self._parts]
         apart = all(before[1] <= after[0] for before, after in zip(ends, ends[1:], strict=False))
         if apart:
@@ -297,20 +297,21 @@ class _Whole:
 
     def _blocks(self, topics: Collection[str]) -> Iterator[RawBlock]:
         files = getattr(self._reader.storage, "storages", [self._reader.storage])  # of a folder; or it is a file itself
-        each_compressed = self._reader.compression_mode == "message"
         direct = [indexed_blocks(Path(str(file.path)), topics) for file in files if isinstance(file, McapReader)]
-        if len(direct) == len(files) and None not in direct and not each_compressed:
+        if len(direct) == len(files) and None not in direct:
             for blocks in direct:
                 yield from blocks or ()
             return
-        yield from grouped(self._messages(files, topics, each_compressed))
+        yield from grouped(self._messages(files, topics))
 
-    def _messages(self, files: Collection[Any], topics: Collection[str], each_compressed: bool) -> Iterator[Raw]:
+    def _messages(self, files: Collection[Any], topics: Collection[str]) -> Iterator[Raw]:
         """One by one, as rosbags reads them."""
         for file in files:
             connections = [each for each in file.connections if each.topic in topics]
-            for connection, log_time, raw in file.messages(connections) if connections else ():
-                yield connection.topic, log_time, decompressed(b"zstd", raw) if each_compressed else bytes(raw)
+            # Without chunks messages lie as they were written, which need not be in order.
+            read = file.messages_scan if isinstance(file, McapReader) and not file.chunks else file.messages
+            for connection, log_time, raw in read(connections) if connections else ():
+                yield connection.topic, log_time, bytes(raw)
 
 
 class _Cut:

@@ -199,6 +199,7 @@ class Pipeline:
         Raises:
             ConfigError: `monitor.baseline` cannot be read; nothing has changed.
         """
+        config = config.with_joints_of(self.unloaded)
         old, new = self.config.monitor, config.monitor
         if (new.enabled, new.baseline) != (old.enabled, old.baseline):
             self.monitor = Monitor(self.robot, config, self.predictor.zeros) if new.enabled else None

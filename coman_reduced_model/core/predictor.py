@@ -201,6 +201,7 @@ class Predictor:
         if support.phase == Phase.FLIGHT or not possible:
             self.dynamics.stop()
             self.observer.reset()
+            self.deflections.restart()
             flags |= Flags.NOT_INITIALISED | (Flags.NO_SUPPORT if possible else Flags.REJECTED_STATE)
             measured = (com, com_vel) if possible else (_NAN3, _NAN3)
             return self._finish(sample, support, T_odom_sole, flags, *measured)
@@ -294,6 +295,7 @@ class Predictor:
         """Of COM and joints, now and at the horizons; none, if the model has no input."""
         sample, dynamics = now.sample, self.dynamics
         if not ready:
+            self.deflections.restart()
             return []
         motors = self._no_motors if sample.motor_q is None else sample.motor_q
         values, known = dynamics.deflections(now, len(self._horizons)), dynamics.repeating or dynamics.stepping

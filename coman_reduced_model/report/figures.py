@@ -7,6 +7,7 @@ Where the data for a figure do not exist, it raises NoData with the sentence tha
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,7 @@ from .draw import FAINT, INK, SERIES, STYLES, legend, line, log_ticks, new_figur
 
 DIRECTIONS = {"x": "x, forward", "y": "y, left", "z": "z, up"}
 MEASURED, PREDICTED, REFERENCE = "measured", "predicted", "reference (rigid robot)"
+_PAUSE_S = 0.25  # in which nothing was measured
 _LABELS = {
     "published": "published",
     "model": "model alone",
@@ -215,21 +217,25 @@ def by_cycle(run: Run) -> Figure:
 
 def spectrum(run: Run) -> Figure:
     """Amplitude spectral density of what the model and the rigid robot leave unexplained, per axis."""
-    dt = float(np.median(np.diff(run.time))) if len(run) > 1 else 0.0
-    if dt <= 0.0 or run.time[-1] < 4.0:
-        raise NoData("Too short for a spectrum (4 s are needed).")
+    steps = np.diff(run.time)
+    ends = [0, *(np.flatnonzero((steps <= 0.0) | (steps > _PAUSE_S)) + 1).tolist(), len(run)]
+    whole = slice(*max(pairwise(ends), key=lambda run: run[1] - run[0]))  # the longest stretch without a pause
+    time = run.time[whole]
+    dt = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if dt <= 0.0 or time[-1] - time[0] < 4.0:
+        raise NoData("Too short for a spectrum (4 s without a pause are needed).")
     figure, plots = new_figure(1, 3, 3.1, sharex=True)
-    grid = np.arange(0.0, run.time[-1], dt)
+    grid = np.arange(time[0], time[-1], dt)
     drawn = False
     for values, label, colour, dashes in (
-        (run.deflection, "rigid robot", SERIES[1], (0, (1.2, 1.2))),
-        (run.residual, "this model", SERIES[0], "-"),
+        (run.deflection[whole], "rigid robot", SERIES[1], (0, (1.2, 1.2))),
+        (run.residual[whole], "this model", SERIES[0], "-"),
     ):
         known = np.isfinite(values).all(axis=1)
         if known.mean() < 0.9:  # filling longer gaps would invent a spectrum
             continue
         for column, ax in enumerate(plots):
-            filled = np.interp(grid, run.time[known], values[known, column]) * 1e3
+            filled = np.interp(grid, time[known], values[known, column]) * 1e3
             window = min(len(filled), round(4.0 / dt))
             power, frequency = map(np.asarray, psd(filled, window, 1.0 / dt, detrend_mean, noverlap=window // 2))
             use = (frequency > 0) & (frequency <= 25.0) & (power > 0)

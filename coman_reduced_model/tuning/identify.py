@@ -30,7 +30,9 @@ _BLOCK = 0.1  # [s] means over it: quantisation and noise average out, quasi-sta
 _LATE = 0.0005  # [s] by which torques and encoders may be apart in time: it looks like k times as much damping
 _LOOSE = 0.2  # an interval wider than this share of its value to either side says: not excited
 _COUNTS = 20  # a link encoder that passes fewer counts shows its steps, not the spring
+_SHOWN = "damping from"
 _QUIET = 0.15
+_PAUSE = 1.0  # [s] from which on the time between samples is none in which springs are watched
 _STANDING = 0.9  # of the time on one foot makes a bag a decay bag
 
 
@@ -78,9 +80,15 @@ def identify(recordings: Sequence[JoinedBag], config: Config) -> list[Joint]:
     joints = {name: Joint(name, note="no load bag") for name in legs}
     if loads:
         joints = {name: _stiffness(name, loads) for name in legs}
+    shown: dict[str, Estimate] = {}
     for recording, foot in decays:
         joint = _damping(recording, foot, joints)
+        found, best = joint.damping if joint.note.startswith(_SHOWN) else None, shown.get(joint.name)
+        if best is not None and (found is None or best.high - best.low <= found.high - found.low):
+            continue  # another bag shows it better
         joints[joint.name] = joint
+        if found is not None:
+            shown[joint.name] = found
     return list(joints.values())
 
 
@@ -112,7 +120,10 @@ def _standing_on(recording: JoinedBag) -> Foot:
 def _spring(recording: JoinedBag, index: int) -> tuple[Array, Array, Array, Array]:
     """Time [s], link position, deflection [rad] and torque [Nm] of a joint, where all are known; torque may be NaN."""
     samples = [s for s in recording.samples if s.motor_q is not None]
-    t = np.array([s.stamp_ns - samples[0].stamp_ns for s in samples]) * 1e-9
+    steps = np.diff([s.stamp_ns for s in samples]) * 1e-9
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    # A pause, or a clock that is set, takes as long as any other step.
+    t = np.concatenate(([0.0], np.cumsum(np.where((steps > 0.0) & (steps < _PAUSE), steps, usual))))
     q = np.array([s.q[index] for s in samples])
     motor = np.array([s.motor_q[index] for s in samples])  # type: ignore[index]
     tau = np.array([np.nan if s.tau is None else s.tau[index] for s in samples])
@@ -126,13 +137,14 @@ def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
     deflection, would be taken for deflection. The rate of the deflection is fitted beside it, for no load is quite
     static. Every bag has its own offset.
     """
-    columns, deflections, groups = [], [], []
+    columns, deflections, groups, without = [], [], [], []
     counts = 0.0
     for number, recording in enumerate(loads):
         t, q, deflection, tau = _spring(recording, recording.robot.joint_names.index(name))
         known = np.isfinite(tau)
         if known.sum() < 50:
-            return Joint(name, note=f"no torque in {recording.bag.name}")
+            without.append(recording.bag.name)
+            continue
         t, q, deflection, tau = t[known], q[known], deflection[known], tau[known]
         steps = np.abs(np.diff(q))
         counts = max(counts, np.ptp(q) / max(steps[steps > 1e-9].min(initial=np.inf), 1e-9))
@@ -148,6 +160,8 @@ def _stiffness(name: str, loads: Sequence[JoinedBag]) -> Joint:
         columns.append(np.column_stack([_centred(mean[1]), _centred(rate)]))
         deflections.append(_centred(mean[0]))
         groups.append(np.full(len(rate), number))
+    if not groups:
+        return Joint(name, note=f"no torque in {', '.join(without)}")
     if counts < _COUNTS:
         return Joint(name, note=f"not excited: its link encoder passed {counts:.0f} counts, {_COUNTS} needed")
     A, y = np.concatenate(columns), np.concatenate(deflections)
@@ -198,7 +212,7 @@ def _damping(recording: JoinedBag, foot: Foot, joints: dict[str, Joint]) -> Join
     half = scale * quantile(len(damping) - 1) * float(np.std(damping, ddof=1)) / np.sqrt(len(damping))
     half += abs(np.sqrt(correction) - 1.0) * value
     estimate = Estimate(value, value - half, value + half)
-    note = f"damping from {len(decays)} oscillations, "
+    note = f"{_SHOWN} {len(decays)} oscillations, "
     note += f"{100.0 * (scale - 1.0):+.1f} % for floor and other joints" if known else "inertia of the URDF"
     if estimate.loose:
         return replace(joints[name], note=f"damping not excited: {estimate.low:.2f} to {estimate.high:.2f} Nms/rad")

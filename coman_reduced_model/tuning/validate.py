@@ -171,7 +171,9 @@ def tuned_variants(recording: JoinedBag, config: Config, variants: Sequence[str]
         own = JoinedBag(recording.bag, recording.robot, recording.samples, recording.predict(bare), ())
         # One process: the cases are already spread over all.
         made = tune_parameters([own], bare, names, processes=1) if names else tune_coefficients([own], bare)
-        found[f"{variant}, tuned"] = made.config.replaced({"prediction.horizons": config.prediction.horizons})
+        found[f"{variant}, tuned"] = made.config.replaced(
+            {"prediction.horizons": config.prediction.horizons, "prediction.adapt": config.prediction.adapt}
+        )
     return found
 
 
@@ -289,7 +291,7 @@ def summarise(scores: Sequence[Score]) -> dict[str, dict[str, Any]]:
         table[variant] = {
             "bags": len(own),
             "rmse_m": {a: _rms([s.rmse_m[a] for s in own]) for a in "xyz"},
-            "worst_m": {a: max(s.rmse_m[a] for s in own) for a in "xyz"},
+            "worst_m": {a: float(np.max([s.rmse_m[a] for s in own])) for a in "xyz"},
             "rigid_m": {a: _rms([s.rigid_m[a] for s in own]) for a in "xyz"},
             "skill": {h: {a: float(np.mean([s.skill[h][a] for s in own])) for a in "xyz"} for h in own[0].skill},
             "pitch_deg": _rms([s.pitch_deg for s in own]),

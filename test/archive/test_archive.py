@@ -351,6 +351,12 @@ def test_what_files_of_the_configuration_say_belongs_to_the_settings(tmp_path):
     assert settings.digest() != before
 
 
+def test_results_in_a_folder_with_brackets_are_read(tmp_path):
+    store = Store(str(tmp_path / "res[1]*"))
+    store.write("parts/a.json", b"{}")
+    assert store.read_all(["parts/a.json", "parts/b.json"]) == {"parts/a.json": b"{}"}
+
+
 def test_a_store_of_another_kind_is_read_and_written():
     """Objects in memory stand for an object store: no folders, no renaming."""
     store = Store("memory://walks/results")

@@ -14,6 +14,8 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from synthetic import T0, description, walk, write_bag
@@ -105,6 +107,32 @@ def test_the_file_alone_will_do_and_so_will_a_folder_without_metadata(tmp_path, 
     shutil.copy(mcap_of(bag), tmp_path / "renamed.bag")
     assert read(tmp_path / "renamed.bag") == whole
     assert read(bag / "metadata.yaml") == whole
+
+
+def test_messages_that_are_compressed_one_by_one_are_read_from_the_file_alone(tmp_path, whole):
+    packed = written(tmp_path / "bag", whole, mode=CompressionMode.MESSAGE)
+    assert read(mcap_of(packed)) == whole
+
+
+@pytest.mark.parametrize("options", [{"use_chunking": False}, {"index_types": IndexType.CHUNK, "chunk_size": 20000}])
+def test_files_without_chunks_or_an_index_of_messages_are_read(tmp_path, bag, whole, options):
+    """Of two messages the later one lies first, as when a recorder has several threads."""
+    path = tmp_path / "other.mcap"
+    with mcap_of(bag).open("rb") as source, path.open("wb") as target:
+        summary = make_reader(source).get_summary()
+        writer = McapWriter(target, **options)
+        writer.start(profile="ros2", library="")
+        channels = {}
+        for channel in summary.channels.values():
+            schema = summary.schemas[channel.schema_id]
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
+        swapped = [*whole[:400], whole[401], whole[400], *whole[402:]]
+        for topic, log_time, raw in swapped:
+            writer.add_message(channels[topic], log_time, raw, log_time)
+        writer.finish()
+    found = read(path)
+    assert sorted(found) == sorted(whole) and len(found) == len(whole)
 
 
 def test_compressed_files(tmp_path, bag, whole):

@@ -24,6 +24,16 @@ def test_what_is_no_truth_is_none(tmp_path, content):
     assert true_motion(tmp_path / "walk") is None
 
 
+def test_a_damaged_file_is_read_or_none(tmp_path):
+    stamps, pose = np.arange(5) * 10_000_000, np.tile(np.eye(4), (5, 1, 1))
+    path = tmp_path / "walk.truth.npz"
+    np.savez_compressed(path, stamp_ns=stamps, com=np.full((5, 3), 0.1), T_left=pose, T_right=pose)
+    good = path.read_bytes()
+    for k in range(0, len(good), 3):
+        path.write_bytes(good[:k] + bytes([good[k] ^ 0xFF]) + good[k + 1 :])
+        true_motion(tmp_path / "walk")  # and no traceback
+
+
 def test_a_file_of_other_shapes_is_none(tmp_path):
     np.savez(tmp_path / "walk.truth.npz", stamp_ns=np.arange(5), com=np.zeros((4, 3)), T_left=0, T_right=0)
     assert true_motion(tmp_path / "walk") is None

@@ -22,7 +22,7 @@ from coman_reduced_model.errors import BagError
 from coman_reduced_model.messages import COM_PREDICTION, prediction_to
 from coman_reduced_model.output import to_json
 from coman_reduced_model.report.draw import draw, thin
-from coman_reduced_model.report.figures import NoData, heat_map, overlay, three_steps
+from coman_reduced_model.report.figures import NoData, heat_map, overlay, spectrum, three_steps
 from coman_reduced_model.report.prediction import prediction_page, write_report
 from coman_reduced_model.report.verdict import millimetres, sentence
 
@@ -284,6 +284,16 @@ def test_folder_without_results_is_refused_in_one_line(tmp_path):
     refused("no predictions/")
     (tmp_path / "out" / "predictions").mkdir()
     refused("not a bag")
+
+
+def test_a_spectrum_is_that_of_the_longest_stretch_without_a_pause():
+    """A clock that is set forward by half a century fills no memory."""
+    run = run_of(walk(17))
+    later = replace(run, time=run.time + np.where(np.arange(len(run)) < 1000, 0.0, 1.7e9))
+    assert spectrum(later) is not None
+    broken = replace(run, time=run.time + 10.0 * (np.arange(len(run)) // 200))
+    with pytest.raises(NoData, match="4 s without a pause"):
+        spectrum(broken)
 
 
 def test_three_steps_are_in_the_middle_and_follow_each_other():

@@ -137,6 +137,25 @@ def test_without_torques_or_motors_it_says_so(robot):
         identify([load], CONFIG)
 
 
+def test_a_bag_without_torques_takes_none_from_the_others(robot):
+    stiffness, damping = by_leg(robot)
+    load, other = (slow_load(robot, stiffness, damping, seed=seed) for seed in range(2))
+    for sample in other.samples:
+        sample.tau = None
+    alone, both = (identify(bags, CONFIG) for bags in ([load], [load, other]))
+    assert [joint.stiffness for joint in both] == [joint.stiffness for joint in alone]
+
+
+@pytest.mark.parametrize("jump", [1.7e9, 300.0, -10.0])
+def test_a_clock_that_is_set_while_it_records_does_no_harm(robot, jump):
+    stiffness, damping = by_leg(robot)
+    load = slow_load(robot, stiffness, damping)
+    for sample in load.samples[4000:]:
+        sample.stamp_ns += round(1e9 * jump)
+    for joint in identify([load], CONFIG):
+        assert joint.stiffness is not None and not joint.stiffness.loose
+
+
 def swinging(robot, damping, stiffness=200.0, joint="LAnkSag", stiffer=1.0, seed=0):
     """A pendulum about the ankle of the left leg, pushed every 4 s, and its true sigma and omega."""
     index = robot.joint_names.index(joint)

@@ -27,7 +27,9 @@ FROM bags GROUP BY robot ORDER BY robot
 """
 _SERIES = """
 SELECT robot, archive, bag, date, rmse_x_m, rmse_y_m, rmse_z_m FROM bags
-WHERE date IS NOT NULL AND rmse_x_m > 0 AND rmse_y_m > 0 AND rmse_z_m > 0 ORDER BY robot, date, start_ns, bag
+WHERE date IS NOT NULL AND rmse_x_m > 0 AND rmse_y_m > 0 AND rmse_z_m > 0
+QUALIFY row_number() OVER (PARTITION BY robot, coalesce(hash, archive || '/' || bag) ORDER BY date, start_ns, bag) = 1
+ORDER BY robot, date, start_ns, bag
 """
 _FINDINGS = """
 SELECT robot, period, date, status, reason, verdict, effect, place, parameters, evidence, sentence, bags

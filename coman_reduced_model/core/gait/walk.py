@@ -58,7 +58,10 @@ class Walk:
             if value != now:
                 raise ConfigError(f"gait: {key}: {value:g} for {now:g} would move a COM that stands: restart the node")
         plan_walk(wanted)
+        repeated = self._repeat
         self._take_over(config)
+        if self._repeat != repeated:
+            self._again = self._repeat
 
     def reset(self) -> None:
         """Back to standing at the beginning, at once."""

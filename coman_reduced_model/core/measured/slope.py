@@ -65,7 +65,7 @@ class Slope:
     def reset(self) -> None:
         """Forget the past."""
         self._up, self._force, self._seconds = np.zeros(3), np.zeros(3), 0.0
-        self._last_ns = self._next_ns = 0
+        self._last_ns = self._next_ns = self._imu_ns = 0
         self._source = "none"
         self.down, self.tilted, self.doubtful = LEVEL, False, False
 
@@ -79,6 +79,11 @@ class Slope:
         if up is None:
             up, source = _by_plan(sample, foot), "plan"
         source = source if up is not None else "none"
+        if source == "imu":
+            self._imu_ns = stamp
+        elif self._source == "imu" and stamp - self._imu_ns < MEMORY * 1e9:
+            self._next_ns = stamp + EVERY_NS  # a gap of the IMU, not its end
+            return
         if source != self._source:
             self._source, self._up, self._force, self._seconds = source, np.zeros(3), np.zeros(3), 0.0
         dt = min((stamp - self._last_ns) * 1e-9, GAP) if self._last_ns else GAP

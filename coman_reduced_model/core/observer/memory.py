@@ -91,7 +91,7 @@ def take(
         _begin(memory, lasting, com, com_vel)
     else:
         if what == CHANGES:
-            _change(memory, lasting, R, R_other, com)
+            _change(memory, lasting, R, R_other, com, dt)
         _follow(memory, noise, (dt, alone), (white, lasting), force, com)
     memory.force[:] = force
     _write(memory, white, lasting, out)
@@ -105,17 +105,21 @@ def _begin(memory: Memory, lasting: Array, com: Array, com_vel: Array) -> None:
     P[C:V, C:V], P[N:, N:] = memory.rounding, lasting
     for i in range(3):
         P[V + i, V + i], P[F + i, F + i] = 0.05**2, memory.constant[i]
+    memory.past[3] = com  # with which the other sole's is compared, if it is next
 
 
 @compiled
-def _change(memory: Memory, lasting: Array, R: Array, R_other: Array, com: Array) -> None:
-    """The other sole is the support: what the encoders were believed to be off by stays as sure as it was."""
+def _change(memory: Memory, lasting: Array, R: Array, R_other: Array, com: Array, dt: float) -> None:
+    """The other sole is the support: what the encoders were believed to be off by stays as sure as it was.
+
+    The state becomes that of the last sample, `dt` ago [s], in the new sole.
+    """
     turn = mul(R.T.copy(), R_other.copy())
     x, P = memory.x, memory.P
     off = apply(turn, x[C:V] - memory.past[3])
     x[:], P[:] = turned(x, P, turn)
     if all_finite(off):
-        x[C:V] = com + off
+        x[C:V] = com + off - dt * x[V:F]
     x[N:] = 0.0
     P[N:, :] = 0.0
     P[:, N:] = 0.0

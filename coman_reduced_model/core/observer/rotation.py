@@ -29,6 +29,7 @@ FIRST_RATE, FIRST_ZERO = 1.0, 0.05  # [rad/s] by which angular velocity and zero
 DRIFT = 5e-4  # [rad/s] by which that zero wanders in the root of a second
 FIRST_WHITE = (0.005, 0.05)  # [rad], [rad/s] noise of orientation and gyro before it is known
 LEAST = (1e-5, 1e-4)  # [rad], [rad/s] of it at least
+GAP = 0.1  # [s] that a message of the IMU counts for at most
 SOLES = 10.0  # [s] over which soles that roll leave no mean tilt
 FAR = 3.0  # standard deviations: what IMU and encoders differ by counts up to there, as a robot that falls is no mount
 BY_ENCODERS, BY_IMU = 0, 1  # what measures roll and pitch
@@ -45,7 +46,7 @@ class Turned(NamedTuple):
     turns: Array  # (2, 3) how it had changed before, newest last [rad]
     rates: Array  # (3, 3) measured rates, newest last [rad/s]
     white: Array  # (2, 3) variances of the noise [rad^2], [rad^2/s^2], times the share of the memory that is known
-    known: Array  # (3,) these shares [1], and nothing
+    known: Array  # (3,) these shares [1], and since when the IMU has said nothing [s]
     quiet: Array  # (3,) least variance of the noise of rates so far [rad^2/s^2]
     walks: Array  # (2, 3) how the angular velocity wanders, on both feet and on one [rad^2 / s^3]
     wandered: Array  # (3,) sum of its corrections, fading [rad/s]
@@ -94,7 +95,8 @@ def follow(
     at, (what, dt, alone), (source, oriented, turning, late) = turned_of(block), step, sensors
     turning = turning and all_finite(gyro) and bool(gyro.any())  # drivers without a gyro send zeros
     R_imu, R_trunk, _ = posture
-    measured = _measured(at, source, oriented, posture, up, orientation, dt if what != BEGINS else 0.0)
+    age = min(at.known[2] + dt, GAP) if what != BEGINS else 0.0  # since the IMU's last message
+    measured = _measured(at, source, oriented, posture, up, orientation, age)
     if what == BEGINS:
         _begin(at, measured)
     else:
@@ -107,7 +109,8 @@ def follow(
         if new or i == 2:  # yaw by the encoders is always new
             delay = late if source == BY_IMU and i < 2 else 0.0
             white = _white(at, 0, i)
-            _correct(at, 0, i, (1.0, delay, 0.0), off[i] - delay * at.w[i], white, correction, dt)
+            since = age if source == BY_IMU and i < 2 else dt
+            _correct(at, 0, i, (1.0, delay, 0.0), off[i] - delay * at.w[i], white, correction, since)
     if turning:
         for i in range(3):
             rate = 0.0
@@ -117,13 +120,14 @@ def follow(
             at.rates[0, i], at.rates[1, i], at.rates[2, i] = at.rates[1, i], at.rates[2, i], rate
             gap = rate - at.w[i] - correction[1, i] - at.b[i] - correction[2, i]
             white = _white(at, 1, i) + at.walks[alone, i] * abs(late)
-            _correct(at, 1, i, (0.0, 1.0, 1.0), gap, white, correction, dt)
+            _correct(at, 1, i, (0.0, 1.0, 1.0), gap, white, correction, age)
     at.w[:] += correction[1]
     at.b[:] += correction[2]
     at.R[:] = mul(at.R, turn_by(correction[0]))
     if what != BEGINS:
         learn_walk(at.wandered, at.walks[alone], correction[1], natural, dt)
-        _learn_white(at, measured, new, turning, dt)
+        _learn_white(at, measured, new, turning, (age if source == BY_IMU else dt, age))
+    at.known[2] = 0.0 if oriented or turning else age
     if new:
         at.before[:] = measured
     _write(at, out)
@@ -156,7 +160,7 @@ def _measured(
 
 @compiled
 def _learn_mount(at: Turned, off: Array, dt: float) -> None:
-    """By how the IMU and the encoders differ, (3,) [rad], at a sample `dt` after the last one [s]."""
+    """By how the IMU and the encoders differ, (3,) [rad], `dt` after the last time [s]."""
     at.shares[0] = min(at.shares[0] + dt, SOLES)
     share = min(dt / at.shares[0], 1.0) if at.shares[0] > 0.0 else 1.0
     if all_finite(off):
@@ -250,20 +254,20 @@ def _white(at: Turned, kind: int, i: int) -> float:
 
 
 @compiled
-def _learn_white(at: Turned, measured: Array, new: bool, turning: bool, dt: float) -> None:
+def _learn_white(at: Turned, measured: Array, new: bool, turning: bool, since: tuple[float, float]) -> None:
     """By third differences of the measured rotation, and second ones of the rates.
 
     A trunk that shakes has large differences of rates as well. The noise of a gyro is always the same: that of the
-    calmest third of a second counts.
+    calmest third of a second counts. `since` the last orientation, and the last rates [s].
     """
-    share = 1.0 - np.exp(-dt / FASTEST)
+    share = 1.0 - np.exp(-since[0] / FASTEST)
     if new:
         turn, turns = rotation_vector(at.before, measured), at.turns
         third = turn - 2.0 * turns[1] + turns[0]
         turns[0], turns[1] = turns[1].copy(), turn
         _add_difference(at, 0, third, 20.0, share)
     if turning:
-        _add_difference(at, 1, at.rates[2] - 2.0 * at.rates[1] + at.rates[0], 6.0, 1.0 - np.exp(-dt / LEARNT))
+        _add_difference(at, 1, at.rates[2] - 2.0 * at.rates[1] + at.rates[0], 6.0, 1.0 - np.exp(-since[1] / LEARNT))
         for i in range(3):
             if at.known[1] > 0.5:
                 at.quiet[i] = min(at.quiet[i], at.white[1, i] / at.known[1])

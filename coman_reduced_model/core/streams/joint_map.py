@@ -104,6 +104,7 @@ class JointMap:
         order = self._orders.get(names) or self._learn(names)
         if order.refused is not None:
             raise order.refused
+        self.unlisted = order.unlisted
         size = len(self._names)
         position, good = order.taken(message.position)
         if not good:
@@ -135,6 +136,7 @@ class JointMap:
         order = self._orders.get(names) or self._learn(names)
         if order.refused is not None:
             return None
+        self.unlisted = order.unlisted
         taken = [np.empty((len(each), len(order.take))) for each in rows]
         good = [take_rows(each, order.take, out) for each, out in zip(rows, taken, strict=True)]
         if effort is not None:  # NaN: that joint measures none
@@ -152,7 +154,6 @@ class JointMap:
         order = self._orders[names] = _Order(names, self._names, self._needed)
         if order.refused is None:
             self.extra.update(order.extra)
-            self.unlisted = order.unlisted
         return order
 
     def _refuse(self, label: str, values: Array, order: _Order) -> NoReturn:

@@ -164,6 +164,9 @@ class VirtualRobotNode(ConfiguredNode):
         lag = self._now() - DELAY_NS - self._stamp()
         if lag > _HOPELESS_NS:
             self._skip(lag)
+        elif lag < -_HOPELESS_NS:  # the clock was set back
+            self._place(self.motion.last)
+            self._following = False
         for _ in range(20):  # then other callbacks have their turn
             if self._stamp() > target:
                 break

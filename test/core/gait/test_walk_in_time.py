@@ -9,6 +9,14 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.gait.walk import Walk
 
 
+@pytest.mark.parametrize("repeats", [True, False])
+def test_whether_a_walk_repeats_may_change_while_it_lasts(repeats):
+    walk = Walk(Config().replaced({"gait.repeat": not repeats}))
+    walk.start(10**9)
+    walk.change(Config().replaced({"gait.repeat": repeats}))
+    assert walk.go_on(10**9 + round(1e9 * walk.plan.duration_s)) == repeats
+
+
 @pytest.mark.parametrize(("single", "double", "steps"), [(0.5, 0.3, 14), (0.8, 0.3, 8), (0.7, 0.2, 6)])
 def test_a_walk_repeats_whatever_its_length(single, double, steps):
     """The end in whole nanoseconds may come before the end in seconds."""

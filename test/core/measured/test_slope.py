@@ -68,6 +68,21 @@ def test_an_imu_that_is_a_degree_off_makes_no_slope():
     assert slope.down is LEVEL and slope.known().pitch == 0.0
 
 
+def test_a_short_gap_of_the_imu_forgets_no_slope():
+    """The plan is level: `odom` of a plan that knows nothing of the slope."""
+    zero, level = np.zeros(3), np.eye(4)
+    plan = Reference(10**9, zero, zero, zero, zero, level, level, Phase.DOUBLE, 0)
+
+    def seen(seconds: float, gap: float) -> Slope:
+        slope = Slope(robot())
+        begin, end = 10**9 + round(1e9 * (seconds - gap)), 10**9 + round(1e9 * seconds)
+        return looked(slope, seconds, imu=lambda at: None if begin <= at < end else imu(at, PITCH), reference=plan)
+
+    for gap in (0.1, 1.0):
+        np.testing.assert_allclose(seen(4.0, gap).down, DOWN, atol=1e-6)
+    assert seen(6.0, 3.0).known().source == "plan" and seen(6.0, 3.0).down is LEVEL
+
+
 def test_without_an_imu_the_plan_knows_it():
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("y", PITCH).as_matrix()

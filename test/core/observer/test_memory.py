@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from coman_reduced_model.core.observer.memory import BEGINS, GOES_ON, ROWS, SIZES, Noise, memory_of, take
+from coman_reduced_model.core.observer.memory import BEGINS, CHANGES, GOES_ON, ROWS, SIZES, Noise, memory_of, take
 
 DT, MASS, GRAVITY = 0.005, 30.0, 9.81  # [s], [kg], [m/s^2]
 STEP = 5e-4  # [m] of the measured position
@@ -49,6 +49,25 @@ def run(chatter: float, n: int = 4000) -> Run:
         P = out[9:].reshape(6, 6)[3:, 3:].copy()
         found.append((out[1] - velocity[k], np.sqrt(np.diag(P)), P, out[3:6].copy()))
     return Run(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.01])
+@pytest.mark.parametrize("change", [1, 200])  # at once, and after a while
+def test_a_change_of_feet_goes_unnoticed(dt, change):
+    """The same mass, that moves steadily, seen from one sole and then from another."""
+    block, out = np.zeros(sum(SIZES)), np.empty((ROWS, 3))
+    memory, noise = memory_of(block), Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0, np.zeros(3))
+    memory.walks[:], memory.constant[:], memory.rounding[:] = (0.1 * WEIGHT) ** 2, 1.0, 1e-8 * np.eye(3)
+    memory.scalars[1], memory.squares[:] = 3.0, 1.0
+    velocity, apart = np.array([0.25, -0.1, 0.0]), np.array([0.1, 0.2, 0.0])
+    rng, wrench = np.random.default_rng(0), np.array([0.0, 0.0, WEIGHT, 0.0, 0.0, 0.0])
+    for k in range(change + 1):
+        what = BEGINS if k == 0 else CHANGES if k == change else GOES_ON
+        com = velocity * dt * k + (apart if what == CHANGES else 0.0)
+        measured = com + 1e-4 * rng.uniform(-0.5, 0.5, 3)
+        take(block, noise, (what, dt, 1), wrench, WRENCH, LEVEL, LEVEL, measured, velocity, out)
+    assert np.abs(out[0] - com).max() < 1.5e-4
+    assert np.abs(out[1] - velocity).max() < 0.02
 
 
 @pytest.fixture(scope="module")

@@ -254,6 +254,16 @@ def test_velocities_that_a_joint_outside_the_legs_does_not_have_are_differentiat
             velocities(which, value)
 
 
+def test_joints_that_the_last_message_did_not_list_are_those_that_are_held():
+    """Two publishers of one stream, one of the legs alone."""
+    joints, whole = JointMap((*names(), "ArmSag"), names(), np.nan), (*names(), "ArmSag")
+    for listed in (names(), whole, names(), whole):
+        n = len(listed)
+        state = joints.sort(JointMessage(T0, listed, np.full(n, 0.1), np.zeros(n), None))
+        assert joints.unlisted == (() if listed is whole else ("ArmSag",))
+        assert np.isnan(state.q[12]) == (listed is not whole)
+
+
 # --- anything at all ---
 
 anything = st.floats(allow_nan=True, allow_infinity=True)

@@ -15,6 +15,7 @@ from math import exp
 import numpy as np
 
 from ...base.compiled import Held, compiled, hold, mul
+from ...base.pose import LEVEL
 from ...base.types import Array, Foot, Integers, Phase, PlannedDeflection, PlannedSteps, Reference
 from ...config.schema import Config
 from ...effects.foot_slip import FootSlip
@@ -132,6 +133,9 @@ class PlannedWalk:
             if self._last_ns:
                 self.reset()
             return
+        if down is not LEVEL:  # from the odom of the feet into that of the plan, by the support sole
+            assert plan is not None
+            down = plan.sole_pose(now.support.support_foot)[:3, :3] @ (now.T_odom_sole[:3, :3].T @ down)
         dt = round(1e9 * steps.dt)
         if not 0 <= self._last_ns - steps.stamp_ns <= (len(steps.com) + 1) * dt:  # it began again, or was away
             self.reset()
