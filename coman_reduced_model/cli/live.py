@@ -47,6 +47,7 @@ def live(
 ) -> None:
     """Virtual robot, trajectory and predictor, running live until Ctrl-C, with a view of the prediction."""
     settings = read_config(config, [f"gait.name={gait}"] if gait else [])
+    from ..core.config.files import load_config
     from ..core.gait.gait import plan_walk
     from ..errors import ComanError, ConfigError
     from ..resources import config_path
@@ -69,7 +70,7 @@ def live(
         world_for(settings.robot.name, world)  # says what is wrong with it before anything is started
     # What suits the robot goes for what the configuration leaves open.
     suits = {f"gait.{key.removesuffix('_m')}": value for key, value in table.gait.items()}
-    planned = read_config(config, [f"gait.name={gait}"] if gait else [], "trajectory")
+    planned = load_config(config, "trajectory").replaced({"gait.name": settings.gait.name} if gait else {})
     flat = planned.flat()
     walk: dict[str, Any] = {key: value for key, value in suits.items() if flat.get(key) == -1}
     walk["gait.name"] = planned.gait.name

@@ -13,7 +13,6 @@ and not a wrong name.
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from .folder import RunFolder, read_verdict, stored
 from .monitor import alarms
 from .prediction import figures_of, predict_walk
 from .prediction import measure as measure_walks
-from .run import DIAGNOSE, keep_to_one_commit, run_all
+from .run import DIAGNOSE, keep_to_one_commit, run_all, workflow_of
 from .score import OTHER, rate
 
 NOT_KINDS = ("hidden", "right", "parameters")
@@ -74,8 +73,7 @@ def judge_folder(
         ConfigError: the folder holds no cases.
         OutputError: `out` cannot be written, or the run was begun at another commit.
     """
-    named = "" if tuple(command) == DIAGNOSE else shlex.join(command)
-    cases = _cases_in(folder, out, "verdicts", config, workflow=named)
+    cases = _cases_in(folder, out, "verdicts", config, workflow=workflow_of(command))
     tasks = [(case, out / "verdicts" / case.name, _data_sheet(case, config), tuple(command)) for case in cases]
     run_all(_diagnose, tasks, jobs, progress, "cases")
     return score_folder(folder, out, [case.name for case in cases])

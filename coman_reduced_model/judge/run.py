@@ -167,8 +167,7 @@ def run(
         ConfigError: there is no such case.
         OutputError: `out` cannot be written, or the run was begun at another commit or with other options.
     """
-    named = "" if tuple(command) == DIAGNOSE else shlex.join(command)
-    folder, cases = chosen_cases(out, seeds, kinds, again, named, **fixed)
+    folder, cases = chosen_cases(out, seeds, kinds, again, workflow_of(command), **fixed)
     _keep_to_baselines(folder, baseline)
     names = [case.name for case in cases]
     tasks = [(folder, case.seed, tuple(command), tuple(baselines), fixed, baseline) for case in cases]
@@ -178,6 +177,11 @@ def run(
         asked = [(folder, name, tuple(command)) for name in names]
         run_all(_run_oracles, asked, jobs, _part(progress, 0.85, 1.0), "oracles")
     return names
+
+
+def workflow_of(command: Sequence[str]) -> str:
+    """A command as `--workflow` gives it; nothing: that of this project."""
+    return "" if tuple(command) == DIAGNOSE else shlex.join(command)
 
 
 def _keep_to_baselines(folder: RunFolder, baseline: bool) -> None:

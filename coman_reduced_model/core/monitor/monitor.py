@@ -204,9 +204,7 @@ class Monitor:
             self._intermittent.reset()
         mean = self.laws.mean(kind)
         if self.laws.wrenches_moved(self._zeros.both - self._zeros_before):
-            mean.values[self.laws.by_wrenches] = np.nan
-            self._forget_levels(self.laws.by_wrenches)
-            self._channels["offset_sigma"][:, self.laws.by_wrenches] = 0.0
+            self._forget(mean, self.laws.by_wrenches)
             self._intermittent.reset()
         same_gait = self._same_gait(kind, np.append((stamp - self._phase_start_ns) * 1e-9, mean.posture))
         self.phases += same_gait
@@ -216,9 +214,7 @@ class Monitor:
             self._intermittent.reset()
         if self.laws.torques_known is not self._had_torques:  # the springs' laws are others without
             if self._had_torques is not None:
-                mean.values[self.laws.of_springs] = np.nan
-                self._forget_levels(self.laws.of_springs)
-                self._channels["offset_sigma"][:, self.laws.of_springs] = 0.0
+                self._forget(mean, self.laws.of_springs)
             self._had_torques = self.laws.torques_known
         comparable = self.laws.gait_independent | same_gait
         if self.kept is not None:
@@ -252,6 +248,12 @@ class Monitor:
         self._last_unlike[kind], self._gait_phases[kind] = False, count + 1
         self._gait[kind] = mean + (features - mean) / min(count + 1.0, _GAIT_MEMORY)
         return True
+
+    def _forget(self, mean: PhaseMean, which: NDArray[np.bool_]) -> None:
+        """Channels (n,) become others in this phase: its mean and all before say nothing of them."""
+        mean.values[which] = np.nan
+        self._forget_levels(which)
+        self._channels["offset_sigma"][:, which] = 0.0
 
     def _forget_levels(self, which: NDArray[np.bool_], kind: int | slice = slice(None)) -> None:
         """Forget the levels of channels (n,); their noise stays."""

@@ -324,9 +324,11 @@ class BlockJoiner(Joiner):
         self, at: Integers, states: list[JointState], lane: _Lane, found: _Found
     ) -> tuple[list[Array | None], ...]:
         motor_q, motor_qd = _mixed(lane, at, found)
-        for state, q, qd in zip(states, motor_q, motor_qd, strict=True):
-            if q is not None and (rigid := np.isnan(q)).any():
-                q[rigid], qd[rigid] = state.q[rigid], state.qd[rigid]  # type: ignore[index]
+        if self._maps[MOTORS].partial:
+            for state, q, qd in zip(states, motor_q, motor_qd, strict=True):
+                if q is not None:
+                    rigid = np.isnan(q)
+                    q[rigid], qd[rigid] = state.q[rigid], state.qd[rigid]  # type: ignore[index]
         return motor_q, motor_qd
 
 

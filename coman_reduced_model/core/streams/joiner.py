@@ -385,7 +385,8 @@ class Joiner:
             sample.motor_qd = old.qd + weight * (new.qd - old.qd)
         elif (found := before or after) is not None:
             sample.motor_q, sample.motor_qd = found[1].q.copy(), found[1].qd.copy()
-        if sample.motor_q is not None and (rigid := np.isnan(sample.motor_q)).any():
+        if sample.motor_q is not None and self._maps[MOTORS].partial:
+            rigid = np.isnan(sample.motor_q)
             sample.motor_q[rigid] = sample.q[rigid]
             sample.motor_qd[rigid] = sample.qd[rigid]  # type: ignore[index]
 

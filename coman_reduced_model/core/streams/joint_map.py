@@ -77,6 +77,7 @@ class JointMap:
     Attributes:
         extra: joints in messages that the URDF lacks, each once.
         unlisted: joints of the URDF that the last usable message did not list.
+        partial: whether some message left out joints of the URDF.
     """
 
     def __init__(self, joint_names: Sequence[str], needed: Sequence[str], fill: float = 0.0) -> None:
@@ -86,6 +87,7 @@ class JointMap:
         self._orders: dict[tuple[str, ...], _Order] = {}
         self.extra: set[str] = set()
         self.unlisted: tuple[str, ...] = ()
+        self.partial = False
 
     def sort(self, message: JointMessage) -> JointState:
         """The message in the order of the robot.
@@ -154,6 +156,7 @@ class JointMap:
         order = self._orders[names] = _Order(names, self._names, self._needed)
         if order.refused is None:
             self.extra.update(order.extra)
+            self.partial |= bool(order.unlisted)
         return order
 
     def _refuse(self, label: str, values: Array, order: _Order) -> NoReturn:
