@@ -75,7 +75,7 @@ class FedBack:
         """Motor positions and velocities, each (n, nj), at times (n,) [s]."""
         theta, rate = self._motion(t)
         step = (self._next - self._lead) / len(t)
-        return theta + self._lead + np.arange(len(t))[:, None] * step, rate + step / max(t[-1] - t[0], 1e-3) * len(t)
+        return theta + self._lead + np.arange(len(t))[:, None] * step, rate + step / (t[1] - t[0])
 
     def take(self, truth: Truth) -> None:
         """The measured deflection."""

@@ -181,7 +181,7 @@ def recorded(name: str, made: Path) -> tuple[str, Path, Config] | None:
     if robot:
         world = replace(world, robot=robot)
     bag = made / name.replace(":", "_")
-    if not bag.is_dir() and record_world(world, bag, seed=world.seed).fallen_s is not None:
+    if not bag.is_dir() and record_world(world, bag, seed=world.seed, force=True).fallen_s is not None:
         shutil.rmtree(bag)
         return None
     sheet = made / f"{bag.name}.sheet.yaml"

@@ -68,7 +68,7 @@ class Session:
             BagError: the bag cannot be read, lacks a topic that is needed, or describes no robot.
             ConfigError, RobotError: the configuration or the URDF cannot be used.
         """
-        self.config = config or Config()
+        self.config = (config or Config()).with_urdf(urdf)
         self.names = names or TopicNames()
         self.bag = Bag(path)
         try:

@@ -40,7 +40,7 @@ def identify(
     json: JsonOption = False,
 ) -> None:
     """Find the stiffness of the joint springs from slow loads, and their damping from free oscillations."""
-    settings = read_config(config, changes)
+    settings = read_config(config, changes).with_urdf(urdf)
     from ..core.config.files import save_config
     from ..output import check_file
     from ..topics import TopicNames

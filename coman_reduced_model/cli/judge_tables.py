@@ -118,6 +118,11 @@ def show_monitor(result: Mapping[str, Any], out: Path) -> None:
         "have"
     )
     print(f"channels of the false alarms, each once a walk: {channels or 'none'}; all in {out}/monitor.json")
+    failed = [found.get("failed", 0) for found in (result["alarms"], result["delays"])]
+    if any(failed):
+        print(
+            f"not watched, as they cannot be used: clean walks {failed[0]}, walks in which an effect begins {failed[1]}"
+        )
     _show_took(result)
     _show_how_to_record(result)
 
@@ -261,9 +266,11 @@ def _kind(found: Mapping[str, Any]) -> list[str]:
 
 def _show_cases(confusion: Mapping[str, Mapping[str, int]], rows: Sequence[Mapping[str, Any]]) -> None:
     """Confusion table, and the cases with a wrong name, a false alarm or no verdict."""
+    from ..judge.score import false_alarm
+
     counts = [[truth, ", ".join(f"{named} {n}" for named, n in row.items())] for truth, row in confusion.items()]
     print_table("hidden effects and verdicts", ["hidden", "verdicts"], counts, words=2)
-    bad = [row for row in rows if row["result"] in ("wrong", "failed") or _is_false_alarm(row)]
+    bad = [row for row in rows if row["result"] in ("wrong", "failed") or false_alarm(row["kind"], row["result"])]
     listed = [[str(row["seed"]), row["robot"], _truth(row), " + ".join(row["named"])] for row in bad]
     if listed:
         print_table("wrong names, false alarms, no verdict", ["seed", "robot", "hidden", "verdict"], listed, words=4)
@@ -356,10 +363,6 @@ def _per_hour(found: Mapping[str, Any]) -> str:
 
 def _redrawn(cases: int, lowered: int) -> str:
     return f"cases drawn again because the robot fell: {cases}; at a lower level than wanted: {lowered}"
-
-
-def _is_false_alarm(row: Mapping[str, Any]) -> bool:
-    return row["kind"] == "clean" and row["result"] not in ("none", "not_excited", "failed")
 
 
 def _truth(row: Mapping[str, Any]) -> str:

@@ -137,7 +137,7 @@ def _record_world(
         )
     chosen = world_of(text)
     if gait:
-        chosen = replace(chosen, gait=gait, gait_changes={})
+        chosen = replace(chosen, gait=gait, gait_changes={}, kinds={**chosen.kinds, "gait": gait})
     if duration is not None:
         chosen = replace(chosen, duration_s=duration)
     hidden = _hidden(hide)

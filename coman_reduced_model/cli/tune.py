@@ -59,7 +59,7 @@ def tune(
     json: JsonOption = False,
 ) -> None:
     """Tune the model on recorded walks: double-support shares, then the paper's coefficients or named parameters."""
-    settings = read_config(config, changes)
+    settings = read_config(config, changes).with_urdf(urdf)
     from ..core.config.files import save_config
     from ..output import check_file
     from ..topics import TopicNames

@@ -75,7 +75,5 @@ def diagnose(
         report(SEARCHED, "predicting the COM")
         predicted = predict_com(found.finding, checked, config, free_runs)
     diagnosis = build_diagnosis(checked, found, predicted, config, began)
-    of_user = {"prediction.adapt": given.prediction.adapt}
-    of_user |= {} if urdf is None else {"robot.urdf": str(Path(urdf).absolute())}  # type: ignore[dict-item]
-    diagnosis.model = diagnosis.model.replaced(of_user)
+    diagnosis.model = diagnosis.model.replaced({"prediction.adapt": given.prediction.adapt}).with_urdf(urdf)
     return diagnosis

@@ -30,6 +30,14 @@ def compared(effect: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in effect["parameters"].items() if name not in others}
 
 
+def as_fitted(effect: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a hidden effect as the unknowns have them: of a load, its moment about the trunk [kg m]."""
+    found = compared(effect)
+    if effect["name"] == "payload":
+        found |= {key: found[key] * found["mass"] for key in "xyz" if key in found}
+    return found
+
+
 def calibration(cases: Sequence[Case]) -> dict[str, Any]:
     """Figures of a run that need no verdict, only what stands beside it.
 

@@ -23,7 +23,7 @@ import yaml
 
 from ..errors import ConfigError, EngineError
 from ..output import OutputFolder
-from ..sim.disturbances import DISTURBANCES, Disturbance, make
+from ..sim.disturbances import DISTURBANCES, Disturbance, TooHeavyError, make
 from ..sim.worlds import World, draw_world, record_world, world_yaml
 from ..sim.worlds.kinds import GAITS
 from ..sim.worlds.run import with_gait
@@ -41,7 +41,7 @@ SHARES = {kind: _KINDS_OF_BLOCK.count(kind) / BLOCK for kind in KINDS}  # of all
 PAIRS = [
     pair
     for pair in combinations(CATALOGUED, 2)
-    if class_of(FAMILIES[pair[0]].effect) != class_of(FAMILIES[pair[1]].effect)
+    if class_of(FAMILIES[pair[0]].effect, "") != class_of(FAMILIES[pair[1]].effect, "")
 ]
 
 
@@ -158,18 +158,21 @@ def write_case(case: HiddenCase, folder: str | Path, force: bool = False) -> dic
     Returns:
         The answer; None: the robot fell or its engine could not go on, and nothing was written.
     """
-    with OutputFolder(folder, force) as temporary:
-        for bag, seed in zip(BAGS, _seeds(case), strict=True):
-            duration = case.world.duration_s if bag == BAGS[0] else min(case.world.duration_s, HELD_OUT_S)
-            walk = with_gait(case.world, case.gaits[bag], duration)
-            if not _walks(walk, temporary / bag, hidden_effects(case), seed):
-                shutil.rmtree(temporary)
-                temporary.mkdir()
-                break
-        else:
+    try:
+        with OutputFolder(folder, force) as temporary:
+            for bag, seed in zip(BAGS, _seeds(case), strict=True):
+                duration = case.world.duration_s if bag == BAGS[0] else min(case.world.duration_s, HELD_OUT_S)
+                walk = with_gait(case.world, case.gaits[bag], duration)
+                if not _walks(walk, temporary / bag, hidden_effects(case), seed):
+                    raise _NoWalkError
             (temporary / "robot.yaml").write_text(data_sheet(case.world), encoding="utf-8")
-            return answer(case)
-    return None
+    except _NoWalkError:
+        return None
+    return answer(case)
+
+
+class _NoWalkError(Exception):
+    """The robot fell, its engine could not go on, or its load is too heavy."""
 
 
 def _seeds(case: HiddenCase) -> list[int]:
@@ -202,10 +205,10 @@ def write_healthy(world: World, seed: int, folder: str | Path, force: bool = Fal
 
 
 def _walks(world: World, bag: Path, hidden: Sequence[Disturbance], seed: int) -> bool:
-    """Record a bag without its truth; False: the robot fell, its engine could not go on, or it has no such effect."""
+    """Record a bag without its truth; False: it fell, its engine could not go on, or its load is too heavy."""
     try:
         result = record_world(world, bag, hidden, seed, store=False)
-    except (EngineError, ConfigError):  # a load that is larger than the body that bears it
+    except (EngineError, TooHeavyError):
         return False
     result.truth.unlink()
     return result.fallen_s is None

@@ -41,6 +41,12 @@ def read_verdict(path: Path) -> Any:
     return said if known else None
 
 
+def _with_option(name: str, value: str | bool) -> str:
+    if isinstance(value, bool):
+        return f"{'with' if value else 'without'} --{name}"
+    return f"with --{name} {value}" if value else f"with the default of --{name}"
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """The files of a run."""
@@ -87,21 +93,22 @@ class RunFolder:
         """What was judged, for how long [s] and in how many processes; a line each time that the run went on."""
         return self.out / "time.txt"
 
-    def keep_to_options(self, given: Mapping[str, str], again: bool = False) -> None:
+    def keep_to_options(self, given: Mapping[str, str | bool], again: bool = False) -> None:
         """A run goes on with the options that it was begun with; writes OUT/options.yaml.
 
         Args:
             given: by option; nothing: its default.
-            again: what is judged may be another: `config` and `workflow`.
+            again: what is judged may be another: `config`, `workflow` and `baseline`.
 
         Raises:
             OutputError: these are others, or it cannot be written.
         """
         begun = yaml.safe_load(self.options.read_text(encoding="utf-8")) if self.options.is_file() else {}
         for name, value in given.items():
-            if begun.get(name, value) != value and not (again and name in ("config", "workflow")):
-                option = f"--{name} {begun[name]}" if begun[name] else f"the default of --{name}"
-                raise OutputError(f"{self.out}: was begun with {option}: go on so, or take another folder")
+            if begun.get(name, value) != value and not (again and name in ("config", "workflow", "baseline")):
+                raise OutputError(
+                    f"{self.out}: was begun {_with_option(name, begun[name])}: go on so, or take another folder"
+                )
         write_file(self.options, yaml.safe_dump({**begun, **given}))
 
     @contextmanager

@@ -210,6 +210,10 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None, also_t
     return {"result": result, "named": named}
 
 
+def _lacks_something(row: Mapping[str, Any]) -> bool:
+    return row["result"] in ("miss", "wrong") and row["named"] != ["not_excited"]
+
+
 def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Shares of right, missed and wrong ones, false alarms on clean robots that have a verdict, and those without."""
     hidden, clean = ([row for row in rows if (row["hidden"] is None) == is_clean] for is_clean in (False, True))
@@ -222,6 +226,6 @@ def measure(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "right": share(hidden, "right"),
         "miss": share(hidden, "miss", "failed"),
         "wrong": share(hidden, "wrong"),
-        "false_alarms": rate(sum(r["result"] in ("miss", "wrong") for r in said), len(said)),
+        "false_alarms": rate(sum(_lacks_something(r) for r in said), len(said)),
         "failed": share(rows, "failed"),
     }

@@ -47,7 +47,7 @@ from ..errors import ComanError
 from ..output import to_json, write_file
 from ..processes import workers
 from .by_kind import kinds_of
-from .calibration import compared
+from .calibration import as_fitted
 from .families import of_this_catalogue
 from .learn_variability import checked_case, learn_variability
 from .score import rate
@@ -134,19 +134,11 @@ def parameter_errors(examples: Sequence[Example]) -> dict[str, list[float]]:
             ways = [row for row in example.rows[1:] if (row["name"], row["where"]) == place]
             for row in sorted(ways, key=lambda way: -way["gain"])[:1]:
                 for key, (nominal, x, deviation, logarithmic) in row["parameters"].items():
-                    truth = _as_fitted(effect).get(key)
+                    truth = as_fitted(effect).get(key)
                     if isinstance(truth, float) and (not logarithmic or truth > 0.0):
                         true = np.log(truth / nominal) if logarithmic else truth - nominal
                         errors.setdefault(effect["name"], []).append(abs(x - true) / deviation)
     return errors
-
-
-def _as_fitted(effect: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a hidden effect as the unknowns have them: of a load, its moment about the trunk [kg m]."""
-    found = compared(effect)
-    if effect["name"] == "payload":
-        found |= {key: found[key] * found["mass"] for key in "xyz" if key in found}
-    return found
 
 
 def interval_factors(examples: Sequence[Example]) -> dict[str, float]:
@@ -170,7 +162,7 @@ def interval_factors(examples: Sequence[Example]) -> dict[str, float]:
 def coverage(examples: Sequence[Example]) -> dict[str, Any]:
     """Share of true values within intervals whose factors were learnt from nine tenths of the cases, without theirs."""
     inside: list[bool] = []
-    tenth = [int(np.random.default_rng([41, int(each.answer["seed"])]).integers(TENTHS)) for each in examples]
+    tenth = [int(np.random.default_rng([43, int(each.answer["seed"])]).integers(TENTHS)) for each in examples]
     for k in range(TENTHS):
         factors = interval_factors([each for each, i in zip(examples, tenth, strict=True) if i != k])
         for name, errors in parameter_errors([e for e, i in zip(examples, tenth, strict=True) if i == k]).items():
@@ -199,8 +191,9 @@ def learn(
     with workers(jobs) as pool:
         others = [nominal] * FOLDS
         if not keep_widths:
+            begun = _made_with(nominal, nominal.most, nominal.floor, nominal.sensors)
             clean = [
-                (fold, (run / "bags" / name, run / "learn" / f"{name}.{COMPARISON}.laws.pkl"))
+                (fold, (run / "bags" / name, run / "learn" / f"{name}.{begun}.laws.pkl"))
                 for fold, (run, name, answer) in zip(folds, cases, strict=True)
                 if answer["kind"] == "clean"
             ]

@@ -199,6 +199,7 @@ def alarms(walks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "alarms_per_hour": len(channels) / hours if hours else None,
         "interval_per_hour": [limit / hours for limit in _poisson_interval(len(channels))] if hours else None,
         "walks_with_alarm": rate(sum(bool(walk["alarms"]) for walk in good), len(good)),
+        "failed": len(walks) - len(good),
         "channels": dict(sorted(counts.items(), key=lambda item: -item[1])),
         "redrawn": sum(walk["attempt"] > 0 for walk in walks),
     }
@@ -225,6 +226,7 @@ def delays(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "walks": len(rows),
         "fell": sum(row["fell"] for row in rows),
+        "failed": sum(bool(row["failed"]) for row in rows),
         "redrawn": sum(row["attempt"] > 0 for row in rows),
         "lowered": sum(row.get("lowered", False) for row in rows),  # not in rows of earlier versions
         "alarm_before": len(watched) - len(quiet),

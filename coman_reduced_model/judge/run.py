@@ -3,7 +3,7 @@
 
     OUT/commit.txt      the commit that the run was begun at: figures of different versions are not pooled
     OUT/time.txt        how long it took, each time that it went on
-    OUT/options.yaml    the options that it was begun with: --world, --workflow, --cases
+    OUT/options.yaml    the options that it was begun with: --world, --workflow, --cases, --baseline
     OUT/bags/CASE/      train, hold1, hold2, robot.yaml: all that a diagnosis gets, as a copy in another folder
     OUT/healthy/CASE/   with --baseline: the same robot without what is hidden
     OUT/verdicts/CASE/  baseline.yaml where it was learnt, diagnosis.json, baselines.json, run.json (exit code, time)
@@ -25,7 +25,7 @@ import json
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,6 @@ DIAGNOSE = (sys.executable, "-m", "coman_reduced_model.cli.main", "diagnose")
 LEARN_BASELINE = (sys.executable, "-m", "coman_reduced_model.cli.main", "baseline")
 BASELINES = (sys.executable, "-m", "coman_reduced_model.judge.baselines")
 RANK = (sys.executable, "-m", "coman_reduced_model.judge.rank")
-WITH_BASELINE = ".with_baseline"  # among the verdicts, so that --again may choose otherwise
 FRESH = 200  # cases of a run by default
 
 
@@ -77,7 +76,7 @@ def chosen_cases(
     seeds: Sequence[int],
     kinds: Sequence[str] = (),
     again: bool = False,
-    workflow: str | None = None,
+    judged: Mapping[str, str | bool] | None = None,
     **fixed: Any,
 ) -> tuple[RunFolder, list[HiddenCase]]:
     """The folder of a run, ready to be written, and its cases.
@@ -87,7 +86,7 @@ def chosen_cases(
         seeds: one for each case.
         kinds: only these (clean, single, pair, unknown); none: all.
         again: drop the verdicts of another commit.
-        workflow: the command that is judged; nothing: that of this project; None: no diagnosis is judged.
+        judged: options of what diagnoses, `workflow` and `baseline`; None: no diagnosis is judged.
         fixed: see draw_case.
 
     Raises:
@@ -105,7 +104,7 @@ def chosen_cases(
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from None
     worlds = " ".join((fixed.get("worlds") or {}).values())
-    options = {"cases": "", "world": worlds, **({} if workflow is None else {"workflow": workflow})}
+    options = {"cases": "", "world": worlds, **(judged or {})}
     folder.keep_to_options(options, again)
     keep_to_one_commit(folder, again)  # the last that refuses: it drops verdicts
     _write_sealed(folder.seeds, list(seeds))
@@ -167,8 +166,10 @@ def run(
         ConfigError: there is no such case.
         OutputError: `out` cannot be written, or the run was begun at another commit or with other options.
     """
-    folder, cases = chosen_cases(out, seeds, kinds, again, workflow_of(command), **fixed)
-    _keep_to_baselines(folder, baseline)
+    judged: dict[str, str | bool] = {"workflow": workflow_of(command), "baseline": baseline}
+    folder, cases = chosen_cases(out, seeds, kinds, again, judged, **fixed)
+    if baseline:
+        (folder.out / "healthy").mkdir(exist_ok=True)
     names = [case.name for case in cases]
     tasks = [(folder, case.seed, tuple(command), tuple(baselines), fixed, baseline) for case in cases]
     run_all(_judge_case, tasks, jobs, _part(progress, 0.0, 0.85 if oracle else 1.0), "cases")
@@ -182,23 +183,6 @@ def run(
 def workflow_of(command: Sequence[str]) -> str:
     """A command as `--workflow` gives it; nothing: that of this project."""
     return "" if tuple(command) == DIAGNOSE else shlex.join(command)
-
-
-def _keep_to_baselines(folder: RunFolder, baseline: bool) -> None:
-    """All diagnoses of a run have baselines, or none.
-
-    Raises:
-        OutputError: it was begun otherwise.
-    """
-    verdicts = folder.out / "verdicts"
-    begun = (verdicts / WITH_BASELINE).is_file()
-    if any(verdicts.iterdir()) and begun != baseline:
-        raise OutputError(
-            f"{folder.out}: was begun {'with' if begun else 'without'} --baseline: go on so, or take another folder"
-        )
-    if baseline:
-        (folder.out / "healthy").mkdir(exist_ok=True)
-        (verdicts / WITH_BASELINE).touch()
 
 
 def _drop_verdicts(folder: RunFolder) -> None:

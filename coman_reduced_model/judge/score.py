@@ -186,7 +186,8 @@ def _row(case: Mapping[str, Any]) -> dict[str, Any]:
     best = gap_reduction(case.get("oracle"))
     verdict = case["verdict"] or {}
     suspected = verdict.get("suspected")
-    gained = 0.0 if suspected else gap_reduction(case["verdict"])  # what is suspected is in the gap, not in the model
+    # What is suspected is in the gap, not in the model.
+    gained = 0.0 if suspected or case["verdict"] is None else gap_reduction(case["verdict"])
     found = outcome(answer, case["verdict"])
     taken = {"verdict": "effect", "effects": suspected} if suspected and verdict["verdict"] == "none" else None
     return {
@@ -262,6 +263,11 @@ def _count(rows: Sequence[Any], of: Callable[[Any], bool], result: str) -> tuple
     return sum(row["result"] == result for row in chosen), len(chosen)
 
 
+def false_alarm(kind: str, result: str) -> bool:
+    """A clean robot is said to lack something."""
+    return kind == "clean" and result not in ("none", "not_excited", "failed")
+
+
 def _shares(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]:
     """The shares that have a target, for one method; a clean robot without a verdict counts as `failed` alone."""
 
@@ -273,7 +279,7 @@ def _shares(rows: Sequence[Any], result: Callable[[Any], str]) -> dict[str, Any]
     return {
         "right_on_medium_and_strong": share(_clear, "right"),
         "wrong_name": share(lambda row: row["kind"] in ("single", "pair"), "wrong"),
-        "false_alarms_on_clean": rate(sum(r not in ("none", "not_excited") for r in clean), len(clean)),
+        "false_alarms_on_clean": rate(sum(false_alarm("clean", r) for r in clean), len(clean)),
         "unknown_recall_on_strong": share(lambda r: r["kind"] == "unknown" and r["levels"][0] == "strong", "unknown"),
         "named_outside_catalogue": share(lambda row: row["kind"] == "unknown", "wrong"),
         "both_of_a_pair": share(lambda row: row["kind"] == "pair", "right"),

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import ComanError
 from ..sim.worlds import World
+from .calibration import as_fitted
 from .families import LEVELS, MULTIPLES
 from .rank import evidence_with, ranking
 from .variability import true_deviations
@@ -32,7 +33,7 @@ def shown(effect: Mapping[str, Any], ranked: Any) -> float | None:
     """
     if not isinstance(ranked, list):
         return None
-    values, sizes = dict(effect["parameters"]), []
+    values, sizes = as_fitted(effect), []
     if "angle" in values:
         values[_TURNED[values["axis"]]] = values["angle"]
     for row in ranked:

@@ -64,6 +64,17 @@ class Contact:
         }
 
 
+def raised(model: mujoco.MjModel) -> tuple[float, list[tuple[Any, Any]]]:
+    """How high tiles stand out of the floor at most [m]; lowest and highest corner (3,) [m] of kerb and platforms."""
+    corners = {
+        model.geom(i).name: (model.geom_pos[i] - model.geom_size[i], model.geom_pos[i] + model.geom_size[i])
+        for i in range(model.ngeom)
+        if model.geom_bodyid[i] == 0 and model.geom_type[i] == mujoco.mjtGeom.mjGEOM_BOX
+    }
+    tiles = [high[2] for name, (_, high) in corners.items() if name.startswith("tile_")]
+    return max(tiles, default=0.0), [each for name, each in corners.items() if not name.startswith("tile_")]
+
+
 @dataclass(frozen=True)
 class Floor:
     """Shape of the floor. Slope, kerb and platform are known to those who plan the walk; hidden ones are disturbances.

@@ -297,10 +297,10 @@ class _Stream:
 
 def _references(plan: WalkPlan, robot: VirtualRobot) -> Iterator[Reference | None]:
     """The plan at each sensor period, or None where none is due; without end."""
-    every = max(1, round(1.0 / (robot.period * REFERENCE_RATE)))
+    every = max(1, math.ceil(1.0 / (robot.period * REFERENCE_RATE) - 1e-9))
     step = robot.model.opt.timestep * robot.sensors.steps
     for first in count(0, BLOCK):
-        t = step * np.arange(first, first + BLOCK)[first % -every :: every]
+        t = step * np.arange(first, first + BLOCK)[-first % every :: every]
         stamps = [robot.start_ns + round(1e9 * each) for each in t]
         due = iter(plan.references(t, stamps, PREVIEW_DT, PREVIEW_N))
         for k in range(first, first + BLOCK):

@@ -72,9 +72,10 @@ class SpringLaws:
 def add_torques(
     torque: Array, law: Integers, since: Array, values: Array, t: float, deflection: Array, rate: Array
 ) -> None:
-    """Add the torques of all laws that hold at t; see SpringLaws.
+    """Add the torques of all laws that hold at t; see SpringLaws. Drift counts from when its law begins.
 
-    Slips that friction holds, play and the spring are in series: the spring's laws act on what the others leave.
+    Slips that friction holds, play and the spring are in series: the spring's laws act on what the others leave. Of
+    several slips the one that gives way first is listed first.
     """
     for j in range(len(torque)):
         stretch, speed = deflection[j], rate[j]
@@ -85,9 +86,11 @@ def add_torques(
                 stiffness, damping = values[m, j, 1], values[m, j, 2]
         for m in range(len(law)):
             if law[m] == Law.HYSTERESIS and t >= since[m]:
-                slip = _slip(values[m, j], stretch, free)
-                torque[j] -= values[m, j, 2] * slip
-                stretch -= slip
+                stretch -= values[m, j, 3]
+        for m in range(len(law)):
+            if law[m] == Law.HYSTERESIS and t >= since[m]:
+                stretch -= _slip(values[m, j], stretch, free)
+                torque[j] -= values[m, j, 2] * values[m, j, 3]
         if free > 0.0:
             torque[j] -= stiffness * _within(stretch, free)
             if abs(stretch) < free:
@@ -96,15 +99,21 @@ def add_torques(
             stretch -= _within(stretch, free)
         for m in range(len(law)):
             if law[m] != Law.HYSTERESIS and law[m] != Law.PLAY and t >= since[m]:
-                torque[j] += _torque(law[m], values[m, j], t, stretch, speed)
+                torque[j] += _torque(law[m], values[m, j], t - max(since[m], 0.0), stretch, speed)
 
 
 @compiled
-def _slip(v: Array, deflection: float, free: float) -> float:
-    """How far a lost motion has slipped, remembered in its values v; free: half width of the play behind it."""
-    stretch, reach = deflection - v[3], v[1] + free
-    v[3] = _within(v[3] + stretch - _within(stretch, reach), v[0])
-    return v[3]
+def _slip(v: Array, stretch: float, free: float) -> float:
+    """How far a lost motion slips now; its values v remember how far in all.
+
+    Args:
+        v: of the law.
+        stretch: what all slips before have left.
+        free: half width of the play behind it.
+    """
+    before, reach = v[3], v[1] + free
+    v[3] = _within(before + stretch - _within(stretch, reach), v[0])
+    return v[3] - before
 
 
 @compiled

@@ -213,6 +213,8 @@ def test_the_robot_may_come_from_a_file(tmp_path, capsys):
     assert code == 2 and "/robot_description" in err and "--urdf" in err
     (tmp_path / "robot.urdf").write_text(description())
     assert predict(capsys, bag, "--out", tmp_path / "o", "--urdf", tmp_path / "robot.urdf")[0] == 0
+    written = tmp_path / "o" / "config.yaml"  # the same robot, without being told of it again
+    assert predict(capsys, bag, "--out", tmp_path / "again", "--config", written)[0] == 0
     text = config_to_yaml(Config().replaced({"robot.urdf": "robot.urdf"}))
     (tmp_path / "c.yaml").write_text(text)
     assert predict(capsys, bag, "--out", tmp_path / "o2", "--config", tmp_path / "c.yaml")[0] == 0

@@ -115,6 +115,16 @@ def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_
     assert times_to_show(tmp_path, World(), [late], ["medium"]) == (1.0,)
 
 
+def test_a_load_shows_by_its_moment_and_drift_by_its_size():
+    """What hidden forms do not share with the diagnosis counts neither."""
+    load = {"name": "payload", "where": "", "parameters": {"mass": 0.3, "x": 0.05, "y": 0.0, "z": 0.0}}
+    open_of = {key: {"value": 0.0, "deviation": size} for key, size in (("mass", 0.2), ("x", 0.005), ("y", 1.0))}
+    assert sizes.shown(load, [{"name": "payload", "where": None, "parameters": open_of}]) == pytest.approx(3.0)
+    drift = {"name": "stiffness_drift", "where": "LKneeSag", "parameters": {"change": -0.1, "time": 8.0}}
+    open_of = {key: {"value": 0.0, "deviation": size} for key, size in (("change", 0.2), ("time", 0.8))}
+    assert sizes.shown(drift, [{**drift, "parameters": open_of}]) == pytest.approx(0.5)
+
+
 def test_a_precise_robot_has_no_delays_for_the_oracle():
     name, known = "encoder_delay.delay.spread", unknowns(*standing())
     late = next(each for each in known if each.effect == "encoder_delay")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,9 +14,12 @@ from scipy.interpolate import CubicSpline
 from sim_runs import WEIGHT, D, G, K, Run
 
 from coman_reduced_model.cli.main import run as coman
-from coman_reduced_model.sim.describe import urdf
+from coman_reduced_model.sim.contact import Floor
+from coman_reduced_model.sim.describe import mujoco_spec, urdf
 from coman_reduced_model.sim.disturbances import DISTURBANCES, make, parse
+from coman_reduced_model.sim.disturbances.floor import _Landings
 from coman_reduced_model.sim.robot_table import COMAN, ROBOTS
+from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
 
 
@@ -242,6 +246,37 @@ def test_an_effect_can_begin_in_mid_walk(walking, walked, hide):
     changed = np.abs(run.positions() - walked.positions()).max(axis=1)
     assert changed[t < 1.5].max() == 0.0
     assert changed[(t > 1.55) & (t < 2.0)].max() > 1e-3
+
+
+@pytest.mark.parametrize("form", ["", ",form=ramp"])
+def test_what_drifts_from_mid_walk_on_begins_with_nothing(form):
+    effect = parse(f"stiffness_drift:where=LKneeSag,change=-0.3,time=4{form},after=10")
+    effect.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
+    springs, bent = SpringLaws.of(effect.spring_laws(), 12), np.full(12, 0.02)
+    plain = parse(f"stiffness_drift:where=LKneeSag,change=-0.3,time=4{form}")
+    plain.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
+    always = SpringLaws.of(plain.spring_laws(), 12)
+    for t in (0.0, 1.0, 6.0):
+        assert springs.torque(10.0 + t, bent, 0.0 * bent) == pytest.approx(always.torque(t, bent, 0.0 * bent))
+    assert not springs.torque(9.9, bent, 0.0 * bent).any()
+
+
+def test_a_zero_that_drifts_from_mid_walk_on_begins_with_nothing(walking, walked):
+    run = Run(walking, 2.6, "thermal_drift:where=LKneeSag,rate=0.02,after=1.5")
+    t, moved = run.truth("t"), np.abs(run.positions() - walked.positions()).max(axis=1)
+    assert moved[t >= 1.5] == pytest.approx(0.02 * (t[t >= 1.5] - 1.5), abs=1e-4)
+
+
+@pytest.mark.parametrize(("floor", "top"), [(Floor(kerb=0.03), 0.03), (Floor(platform=0.03), 0.03), (Floor(), 0.0),
+                                            (Floor(tile_height=0.004), 0.0)])  # fmt: skip
+def test_a_foot_lands_on_the_floor_below_it(floor, top):
+    model = mujoco_spec(COMAN, floor=floor).compile()
+    data, landings = mujoco.MjData(model), _Landings(model, "left")
+    sole = model.site("l_sole").id
+    for t, height in enumerate((0.0, 0.03, 0.0005, 0.0005)):
+        data.site_xpos[sole] = [0.5, 0.1, top + height]
+        ((_, since),) = landings(float(t), data)
+    assert since == 1.0
 
 
 def test_two_effects_of_the_floor_share_one_plate(walking):

@@ -10,7 +10,7 @@ from sim_runs import Run
 from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.sim.describe import mujoco_spec
 from coman_reduced_model.sim.disturbances import parse
-from coman_reduced_model.sim.robot_table import COMAN
+from coman_reduced_model.sim.robot_table import COMAN, with_upper_body
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.spring_laws import SpringLaws
 from coman_reduced_model.sim.virtual_robot import VirtualRobot
@@ -135,11 +135,22 @@ def test_several_places_slip_one_after_the_other_and_as_far_in_all(standing):
     assert steps == pytest.approx(0.005 / 3.0 * np.array([1.0, 2.0, 3.0]), rel=0.02)
 
 
-@pytest.mark.parametrize(("where", "body"), [("LKneeSag", "l_shank"), ("", "base_link")])
+def test_several_places_slip_back_as_they_slipped(standing):
+    """The same places give way at the same torques in both directions: all the way back is the way there, turned."""
+    d = np.linspace(-0.06, 0.06, 4001)
+    springs = together(standing, "hysteresis:width=0.01,friction=1,form=several")
+    there, back = (law(springs, each) for each in (d, d[::-1]))  # begins unloaded, all the way to one side
+    assert back[-1] == pytest.approx(-there[-1])
+    there = law(springs, d)  # from slipped to one side to slipped to the other
+    assert back == pytest.approx(-there, abs=1e-9)
+
+
+@pytest.mark.parametrize(("where", "body"), [("LKneeSag", "l_shank"), ("LElbow", "l_forearm"), ("", "base_link")])
 def test_a_heavier_link_weighs_more_and_only_that_link(where, body):
     effect = parse(f"body_mass:where={where},scale=1.5" if where else "body_mass:scale=1.5")
-    plain, spec = mujoco_spec(COMAN).compile(), mujoco_spec(COMAN)
-    effect.edit_model(spec, COMAN)
+    robot = with_upper_body(COMAN)
+    plain, spec = mujoco_spec(robot).compile(), mujoco_spec(robot)
+    effect.edit_model(spec, robot)
     heavier = spec.compile()
     ratio = heavier.body_mass[1:] / plain.body_mass[1:]
     changed = [plain.body(i + 1).name for i in np.flatnonzero(np.abs(ratio - 1.0) > 1e-9)]

@@ -92,6 +92,10 @@ class Config:
             return bool(choice == "with")
         return can_turn(self) if option == "trunk_rotation" else self.turning
 
+    def with_urdf(self, path: str | Path | None) -> Config:
+        """The same of the robot of a file, wherever it is used from; None: as it is."""
+        return self if path is None else self.replaced({"robot.urdf": str(Path(path).absolute())})
+
     def with_joints_of(self, robot: Robot) -> Config:
         """The same with the joints of legs for which it names none, as the robot's chains have them."""
         legs = {

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from ...errors import ConfigError
-from .base import Disturbance, Later, feet, joint_indices, overrides
+from .base import Disturbance, Later, TooHeavyError, feet, joint_indices, overrides
 from .floor import ExternalForce, FootSlip, GroundCompliance, GroundSlope, TouchdownImpact
 from .imperfections import Imperfections
 from .masses import BodyMass, ComOffset, Payload, Scatter
@@ -58,8 +58,8 @@ _ALL: tuple[type[Disturbance], ...] = (
 )
 DISTURBANCES: dict[str, type[Disturbance]] = {kind.name: kind for kind in _ALL}
 
-__all__ = [*(kind.__name__ for kind in _ALL), "DISTURBANCES", "Disturbance", "Later", "feet", "joint_indices", "make",
-           "overrides", "parse"]  # fmt: skip
+__all__ = [*(kind.__name__ for kind in _ALL), "DISTURBANCES", "Disturbance", "Later", "TooHeavyError", "feet",
+           "joint_indices", "make", "overrides", "parse"]  # fmt: skip
 
 
 def make(name: str, values: dict[str, Any]) -> Disturbance:

@@ -79,7 +79,7 @@ class Disturbance:
 
 
 class Later(Disturbance):
-    """A disturbance that begins in mid-walk, such as a cable that comes loose."""
+    """A disturbance that begins in mid-walk, such as a cable that comes loose; its own time begins then."""
 
     def __init__(self, effect: Disturbance, after: float) -> None:
         """Args: what begins; after how long [s].
@@ -108,14 +108,14 @@ class Later(Disturbance):
 
     def apply(self, t: float, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         if t >= self.after:
-            self.effect.apply(t, model, data)
+            self.effect.apply(t - self.after, model, data)
 
     def bear(self, foot: int, data: mujoco.MjData) -> Array:
         return self.effect.bear(foot, data)
 
     def sense(self, t: float, signals: Signals) -> None:
         if t >= self.after:
-            self.effect.sense(t, signals)
+            self.effect.sense(t - self.after, signals)
 
 
 def overrides(disturbances: Sequence[Disturbance], hook: str) -> list[Disturbance]:
@@ -155,13 +155,17 @@ def foot_body(foot: int) -> str:
     return f"{SIDES[foot][1]}foot"
 
 
+class TooHeavyError(ConfigError):
+    """A load is as heavy as the body that it is taken from."""
+
+
 def take_mass(body: mujoco.MjsBody, mass: float, position: ArrayLike) -> None:
     """Takes a point mass [kg] at a position [m] out of a body, so that a new body there changes no static figure.
 
     Raises:
-        ConfigError: the body has not that much.
+        TooHeavyError: the body has not that much.
     """
     if mass >= 0.9 * body.mass:
-        raise ConfigError(f"{body.name}: {mass:g} kg of its {body.mass:g} kg: allowed: below {0.9 * body.mass:g} kg")
+        raise TooHeavyError(f"{body.name}: {mass:g} kg of its {body.mass:g} kg: allowed: below {0.9 * body.mass:g} kg")
     body.ipos = (body.mass * body.ipos - mass * np.asarray(position)) / (body.mass - mass)
     body.mass -= mass

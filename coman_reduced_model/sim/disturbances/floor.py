@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ...core.base.parameter import par
 from ...core.base.types import Array
+from ..contact import raised
 from ..describe import foot_box
 from ..robot_table import SIDES, RobotTable
 from ..sensors import Signals, cross
@@ -131,13 +132,14 @@ class ExternalForce(Disturbance):
 
 
 class _Landings:
-    """Where a foot is in its step, by the height of its sole."""
+    """Where a foot is in its step, by the height of its sole above the floor."""
 
     HIGH = 0.012  # [m] higher: surely swinging
 
     def __init__(self, model: mujoco.MjModel, where: str, low: float = 0.002) -> None:
         """Args: model; the feet; below which height the sole has come down [m]."""
-        self._low = low
+        tiles, self._raised = raised(model)
+        self._low = low + tiles
         self._soles = {foot: model.site(f"{SIDES[foot][1]}sole").id for foot in feet(where)}
         self.since = dict.fromkeys(self._soles, np.inf)  # [s] time of the last landing; inf: swings, or never swung
         self._high = dict.fromkeys(self._soles, False)
@@ -145,7 +147,10 @@ class _Landings:
     def __call__(self, t: float, data: mujoco.MjData) -> Iterator[tuple[int, float]]:
         """Each foot, and how long ago it came down [s]; negative while it has not."""
         for foot, sole in self._soles.items():
-            height = data.site_xpos[sole, 2]
+            x, y, height = data.site_xpos[sole]
+            for low, high in self._raised:
+                if low[0] < x < high[0] and low[1] < y < high[1]:
+                    height -= high[2]
             if height > self.HIGH:
                 self._high[foot], self.since[foot] = True, np.inf
             elif self._high[foot] and height < self._low:

@@ -60,8 +60,9 @@ class BodyMass(Disturbance):
     def edit_model(self, spec: mujoco.MjSpec, table: RobotTable) -> None:
         """See Disturbance."""
         joints = table.joints()
-        bodies = [joints[i].child for i in joint_indices(table, self.where)] if self.where else ["base_link"]
-        for name in bodies:
+        upper = [joint.child for joint in table.upper if joint.name == self.where]
+        legs = [] if upper or not self.where else [joints[i].child for i in joint_indices(table, self.where)]
+        for name in upper or legs or ["base_link"]:
             body = spec.body(name)
             body.mass, body.inertia = self.scale * body.mass, self.scale * body.inertia
 

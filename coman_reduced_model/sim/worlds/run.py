@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ...core.gait.gait import WalkPlan
 from ...core.gait.parameters import GaitParameters
+from ...output import check_file
 from ...progress import Progress
 from ..contact import Floor
 from ..disturbances import Disturbance, GroundSlope, Imperfections, Scatter
@@ -89,6 +90,9 @@ def record_world(
         ConfigError: the world is not possible.
         OutputError: `out` exists, or cannot be written.
     """
+    drawn = Path(f"{out}.world.yaml")
+    if store:
+        check_file(drawn, force)
     result = record(
         _walk(world),
         out,
@@ -106,7 +110,7 @@ def record_world(
         progress=progress,
     )
     if store:
-        Path(f"{out}.world.yaml").write_text(world_yaml(world), encoding="utf-8")
+        drawn.write_text(world_yaml(world), encoding="utf-8")
     return result
 
 
