@@ -27,6 +27,7 @@ def test_importing_the_package_loads_nothing_heavy():
     assert run_python(code).strip() == "[]"
 
 
+@pytest.mark.slow
 def test_predicting_needs_neither_ros_nor_what_diagnoses_and_draws():
     code = "import sys, coman_reduced_model as c; next(c.predict(c.bag_path('test1')))\n"
     code += "print([m for m in ('rclpy', 'scipy.optimize', 'matplotlib', 'mujoco') if m in sys.modules])"

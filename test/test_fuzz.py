@@ -100,6 +100,7 @@ def predicted(path: Path) -> None:
         assert str(error) and len(str(error)) < 2000
 
 
+@pytest.mark.slow
 @examples(60)
 @given(rng=seeds)
 def test_files_of_other_bytes(bag, tmp_path_factory, sent, rng):

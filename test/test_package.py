@@ -28,6 +28,7 @@ def run_python(code: str) -> str:
     ).stdout
 
 
+@pytest.mark.slow
 def test_offline_code_never_imports_rclpy():
     """An offline machine has no ROS: everything outside ros/ imports without it."""
     modules = [

@@ -107,6 +107,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_processes_end_when_the_command_is_killed(tmp_path: Path):
     started = [tmp_path / "one", tmp_path / "two"]
     command = subprocess.Popen([sys.executable, "-c", KILLED, *map(str, started)])

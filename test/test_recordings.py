@@ -26,6 +26,7 @@ def test_without_a_recording():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("present", "processes", "line"),
     [([], ["-n", "2"], "2 tests"), (["real/walk"], [], "1 test"), (["real/walk", "other_robot/walk"], [], "")],

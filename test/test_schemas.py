@@ -35,6 +35,7 @@ def test_a_summary_is_as_its_schema_says_and_all_of_it_is_described(folder):
     assert {*summary} <= {*schema("summary")["properties"]}
 
 
+@pytest.mark.slow
 def test_a_summary_of_an_older_version_is_read_and_reported(folder, tmp_path, capsys):
     summary = json.loads((folder / "summary.json").read_text())
     for key in ("schema_version", "within_90", "model_share", "simpler_ahead", "estimate"):  # 0.2.0 has none of them

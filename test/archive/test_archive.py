@@ -68,6 +68,7 @@ def contents(out: Path) -> dict[str, bytes]:
     return {name: (out / f"{name}.parquet").read_bytes() for name in TABLES}
 
 
+@pytest.mark.slow
 def test_each_bag_is_a_row_bad_ones_with_their_reason(whole):
     found = {row["bag"]: row for row in rows(whole, "bags")}
     assert {*found} == {*BAGS, "anna/no_wrench", "lost.mcap"}
@@ -132,6 +133,7 @@ def alive(pid: int) -> bool:
     return status.is_file() and "\nState:\tZ" not in status.read_text()
 
 
+@pytest.mark.slow
 def test_killed_workers_and_a_killed_archive_change_nothing(walks, whole, tmp_path):
     out = tmp_path / "killed"
     command = [
@@ -280,6 +282,7 @@ def test_a_worker_of_ray_of_another_version_is_refused(walks, tmp_path, monkeypa
     assert "\n" not in str(raised.value) and not ray.is_initialized()
 
 
+@pytest.mark.slow
 def test_what_takes_too_much_memory_is_a_row(walks, tmp_path):
     out = tmp_path / "small"
     assert run(["archive", str(walks / "bert"), "--predict", "--memory", "1", "--workers", "1", "--out", str(out)]) == 0

@@ -11,6 +11,7 @@ from coman_reduced_model.offline import predict_bag
 from coman_reduced_model.resources import bag_path, config_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["test1", "test2"])
 def test_untuned_the_papers_model_explains_the_height(name, tmp_path):
     """Better than a third of the rigid robot, over the whole bag, setting off and stopping included."""
@@ -21,6 +22,7 @@ def test_untuned_the_papers_model_explains_the_height(name, tmp_path):
     assert summary["rmse_m"]["z"] < summary["rmse_rigid_m"]["z"] / 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["test1", "test2"])
 def test_untuned_the_default_explains_the_fore_aft_motion_as_well(name, tmp_path):
     """The targets are 1 mm in x and z, and a trunk that is no worse than rigid in y."""

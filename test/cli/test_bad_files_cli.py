@@ -26,6 +26,7 @@ from coman_reduced_model.topics import INPUT_TOPICS
 # --- robot ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -86,6 +87,7 @@ def test_a_configuration_with_an_unknown_key_a_wrong_type_or_a_value_out_of_rang
     assert code == 2 and all(word in err for word in words)
 
 
+@pytest.mark.slow
 @few
 @given(
     st.dictionaries(
@@ -116,6 +118,7 @@ def test_any_bytes_as_a_configuration(short, predict, tmp_path, content):
     assert code == 2 and str(file) in err
 
 
+@pytest.mark.slow
 @few
 @given(st.data())
 def test_a_configuration_with_a_damaged_line(short, predict, tmp_path, data):
@@ -131,6 +134,7 @@ def test_a_configuration_with_a_damaged_line(short, predict, tmp_path, data):
 # --- bags ---
 
 
+@pytest.mark.slow
 @few
 @given(
     st.lists(st.one_of(clock_mutations, value_mutations), min_size=1, max_size=4),
@@ -149,6 +153,7 @@ def test_bags_of_messages_that_are_spoiled(predict, tmp_path, mutations, source,
         check_bounds(tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_bags_that_are_truncated(tmp_path, predict):
     bag = write_bag(tmp_path / "bag", walk(20.0))
     raw = next(bag.glob("*.mcap")).read_bytes()
@@ -233,6 +238,7 @@ def test_names_that_are_none(short, predict, remap):
     assert predict(short, "--namespace", "a b")[0] == 2
 
 
+@pytest.mark.slow
 @few
 @given(data=st.data())
 def test_bags_with_damaged_bytes(short, predict, tmp_path, data):
@@ -262,6 +268,7 @@ def in_order(figures):
     return figures(walk(0.8))
 
 
+@pytest.mark.slow
 @few
 @given(st.randoms(use_true_random=False), st.integers(0, 20))
 def test_messages_that_arrive_in_another_order(figures, in_order, random, milliseconds):

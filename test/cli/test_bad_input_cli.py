@@ -60,6 +60,7 @@ def with_value(array, value):
 # --- values ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize(
     ("stream", "array"),
@@ -139,6 +140,7 @@ def scaled_walk(path, factor, topics):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300, method="thread")  # the report drew lines that left the figure for good
 def test_springs_that_carry_no_robot(tmp_path, capsys):
     """Predictions beyond physics are restarts with their flag, no table says inf, and the page says what it hides."""
@@ -174,6 +176,7 @@ def test_bytes_that_are_no_message(predict, tmp_path):
 # --- stamps ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", [JOINTS, MOTORS, LEFT])
 @pytest.mark.parametrize(
     ("reason", "stamp"),
@@ -254,6 +257,7 @@ def test_swapped_feet(tmp_path, predict):
     assert summary["suspect"]["wrenches/swapped"] > 50
 
 
+@pytest.mark.slow
 def test_a_foot_sensor_that_was_not_zeroed(spoiled):
     summary = spoiled(where(LEFT, lambda t: True, force=lambda m: m.force + np.array([0.0, 0.0, 80.0])), seconds=6.0)
     assert [line.split(":")[0] for line in summary["warnings"] if "taken off" in line] == [LEFT]

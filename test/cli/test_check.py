@@ -20,6 +20,7 @@ def check(capsys, bag, *arguments):
     return capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_good_recording(capsys):
     lines = check(capsys, bag_path("test1")).splitlines()
     assert len(lines) <= 10 and lines[-1] == "nothing looks wrong"
@@ -36,6 +37,7 @@ def scaled(streams, field, factor):
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -75,6 +77,7 @@ def test_what_is_missing(tmp_path, capsys):
     assert text == "" and len(err.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_real_robot_whose_sensors_were_not_zeroed(capsys):
     out = check(capsys, recording("real/icub_yoga/raw"), "--config", recording("real/icub_yoga/icub02.yaml"))
     assert sum("without load" in line for line in out.splitlines()) == 2

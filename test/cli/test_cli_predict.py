@@ -237,6 +237,7 @@ def test_topics_may_be_in_a_namespace_or_have_other_names(tmp_path, capsys):
 # --- how it behaves ---
 
 
+@pytest.mark.slow
 def test_results_go_to_standard_output_and_all_else_to_standard_error(bag, tmp_path):
     command = [*COMAN, "predict", str(bag), "--out", str(tmp_path / "o"), "--json"]
     result = subprocess.run(command, capture_output=True, text=True, env=child_environment(), timeout=120)
@@ -263,6 +264,7 @@ def test_a_command_that_fails_leaves_nothing_behind(bag, tmp_path, capsys):
     assert code == 2 and not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_quiet_and_leaves_nothing_behind(tmp_path):
     bag = write_bag(tmp_path / "bag", walk(60.0))
     process = Process([*COMAN, "predict", str(bag), "--out", str(tmp_path / "o")])
@@ -273,6 +275,7 @@ def test_ctrl_c_is_quiet_and_leaves_nothing_behind(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bag"]
 
 
+@pytest.mark.slow
 def test_long_work_shows_progress(tmp_path):
     bag = write_bag(tmp_path / "bag", walk(60.0))
     process = Process([*COMAN, "predict", str(bag), "--out", str(tmp_path / "o")])
@@ -299,6 +302,7 @@ def test_config_prints_what_it_has_checked(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["support.contact_on"] == 0.3
 
 
+@pytest.mark.slow
 def test_offline_work_imports_no_ros(bag, tmp_path):
     """A machine without ROS can predict."""
     code = (

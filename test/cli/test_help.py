@@ -56,6 +56,7 @@ COMPLETED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", COMPLETED)
 def test_the_shell_completes(line):
     coman = Path(sys.executable).with_name("coman")

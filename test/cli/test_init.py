@@ -21,6 +21,7 @@ def urdf(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_urdf_is_enough(tmp_path, urdf, capsys):
     out = tmp_path / "robot.yaml"
     assert run(["init", "--urdf", str(urdf), "--out", str(out)]) == 0
@@ -71,6 +72,7 @@ def test_topics_that_are_named_are_taken(tmp_path, urdf, capsys):
     assert json.loads(capsys.readouterr().out)["topics"]["joint_states"] == "/walker/motor_states"
 
 
+@pytest.mark.slow
 def test_a_real_robot(tmp_path, capsys):
     """An iCub: other names, wrenches in the frames of its feet, no shapes but meshes that are not there."""
     out = tmp_path / "icub.yaml"

@@ -46,6 +46,7 @@ def test_ctrl_c_while_modules_are_loaded(start, module):
     assert not process.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "after"), [("diagnose", 0.0), ("diagnose", 1.5), ("tune", 0.0)])
 def test_ctrl_c_ends_long_work_in_silence(tmp_path, start, command, after):
     """The second process of a diagnosis is at work; a terminal sends it to both."""
@@ -61,6 +62,7 @@ def test_ctrl_c_ends_long_work_in_silence(tmp_path, start, command, after):
     assert not (tmp_path / "out").exists() and not [*tmp_path.glob(".out.*")]
 
 
+@pytest.mark.slow
 def test_ctrl_c_during_the_first_compilation(tmp_path, start, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "nothing_compiled"))
     process = start("coman", "predict", bag_path("test1"), "--out", tmp_path / "out")
@@ -90,6 +92,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_that_a_destructor_swallows(start, tmp_path):
     process = start(sys.executable, "-c", SWALLOWING, "diagnose", bag_path("stand"), "--out", tmp_path / "out")
     goes_silently(process)
@@ -115,6 +118,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_that_leaves_an_object_half_made(start, tmp_path):
     """Its destructor fails, as those of compilers do."""
     process = start(sys.executable, "-c", HALF_MADE, "diagnose", bag_path("stand"), "--out", tmp_path / "out")
@@ -153,6 +157,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_lock_is_taken_leaves_it_free(start, tmp_path):
     """The threads of a pool of processes, which has to end, wait for its locks."""
     process = start(sys.executable, "-c", TAKING, "diagnose", bag_path("stand"), "--out", tmp_path / "out")

@@ -7,12 +7,14 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from synthetic import walk, write_bag
 
 from coman_reduced_model.cli.main import run
 from coman_reduced_model.core.base.stream_names import JOINTS
 
 
+@pytest.mark.slow
 def test_the_matrix_is_printed_and_as_json(tmp_path, capsys):
     bag = str(write_bag(tmp_path / "bag", walk(6.0)))
     assert run(["isolability", bag]) == 0
@@ -37,6 +39,7 @@ def without_torques(stream, message):
     return replace(message, effort=None) if stream == JOINTS else message
 
 
+@pytest.mark.slow
 def test_what_candidates_would_add_is_printed_and_as_json(tmp_path, capsys):
     """A stream that is missing is no obstacle; more of the same is a candidate too."""
     bag = str(write_bag(tmp_path / "bag", walk(6.0)))

@@ -51,6 +51,7 @@ def test_a_bag_with_neither_contacts_nor_torques(bag, tmp_path):
         Session(bare, by("torques"))
 
 
+@pytest.mark.slow
 def test_results_say_the_source(tmp_path):
     with Session(bag_path("test1"), by("torques").replaced({"prediction.horizons": []})) as session:
         summary = predict_bag(session, tmp_path / "out")
@@ -70,6 +71,7 @@ def test_with_torques_and_the_measured_zmp_the_joint_states_are_enough(tmp_path)
     assert "taken as level (model.slope: level says that it is)" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "shown", "hidden"),
     [

@@ -67,6 +67,7 @@ def perturbed(samples: list[Sample], predictions: list[Prediction], robot) -> li
     return samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "config",
     [

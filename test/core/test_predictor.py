@@ -15,6 +15,7 @@ from coman_reduced_model.core.evaluation.statistics import RunStatistics
 from coman_reduced_model.core.predictor import Predictor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -70,6 +71,7 @@ def test_free_run_is_the_dense_integration_of_its_terms():
     assert np.abs(column(found, "predicted_com") - column(found, "reference_com"))[:, 2].max() > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["motor", "none"])
 def test_predicted_com_is_continuous_in_odom(source):
     """Without restarts nothing jumps when the support foot changes, whatever the feet do."""

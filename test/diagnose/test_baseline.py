@@ -42,6 +42,7 @@ def test_what_is_the_same_in_all_recordings_is_usual():
     assert spread < load_nominal().widths["encoder_bias.bias.spread"]
 
 
+@pytest.mark.slow
 def test_what_differs_between_recordings_varies_on_this_robot(step=0.0005):
     """Two recordings show as much of it as many do."""
     name = "encoder_bias@LKneeSag.bias"

@@ -290,6 +290,7 @@ def test_an_effect_that_spoils_the_predicted_com_is_not_in_the_model(tmp_path, d
     com_is_shown(result)
 
 
+@pytest.mark.slow
 def test_standing_still_excites_nothing(diagnose, tmp_path):
     record("stand", tmp_path / "stand", duration_s=6.0, seed=3)
     result, _ = diagnose(tmp_path / "stand")
@@ -309,6 +310,7 @@ def test_a_bag_given_twice_confirms_nothing(stepping, refused):
     assert "given twice" in refused(stepping, "--holdout", stepping)
 
 
+@pytest.mark.slow
 def test_a_sensor_is_turned_where_most_recordings_show_it(diagnose, refused, tmp_path):
     quarters = [make("sensor_rotation", {"where": foot, "angle": 1.571}) for foot in ("left", "right")]
     record("test1", tmp_path / "right", seed=1, duration_s=7.0)
@@ -318,6 +320,7 @@ def test_a_sensor_is_turned_where_most_recordings_show_it(diagnose, refused, tmp
     assert "wrong: wrenches: turned about the vertical" in refused(tmp_path / "wrong", out="other")
 
 
+@pytest.mark.slow
 def test_a_held_out_walk_that_never_stands_is_left_out(diagnose, refused, tmp_path):
     def lifted(stream, message):
         return replace(message, force=0.0 * message.force) if stream in WRENCHES.values() else message

@@ -115,6 +115,7 @@ def channels(machine: Robot, frame: str, R: np.ndarray) -> dict[str, np.ndarray]
     return dict(zip(laws.names, np.array(found).T, strict=True))
 
 
+@pytest.mark.slow
 def test_what_the_monitor_watches_does_not_depend_on_the_root_link(root):
     expected, found = channels(robot(), "base_link", np.eye(3)), channels(root.robot(), "base_link", np.eye(3))
     assert {name for name, value in expected.items() if np.isfinite(value).any()} >= {"tilt/roll", "tilt/pitch"}

@@ -35,6 +35,7 @@ def late(stream, message):
     return stream, replace(message, stamp_ns=message.stamp_ns + 10**9) if stream in OTHER else message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -75,6 +76,7 @@ def test_clocks_that_are_apart_are_said_before_the_search(tmp_path):
         diagnose([bag], [], Config(), second_process=False, notice=notice)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("late_s", "said"), [(-1.0, "s behind"), (0.5, None), (5.0, "s ahead of")])
 def test_the_clock_of_a_plan_that_no_prediction_needs_is_compared_too(tmp_path, late_s, said):
     """It may come early."""

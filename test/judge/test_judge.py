@@ -42,6 +42,7 @@ def test_a_seed_gives_the_same_case_in_any_range_and_any_order():
     assert [draw_case(seed) for seed in range(1040, 1000, -1)] == [draw_case(seed) for seed in range(1001, 1041)][::-1]
 
 
+@pytest.mark.slow
 def test_the_reported_seeds_hold_what_the_targets_ask_for():
     drawn = [draw_case(seed) for seed in REPORTED]
     assert Counter(case.kind for case in drawn) == {"clean": 100, "single": 60, "pair": 20, "unknown": 20}
@@ -171,6 +172,7 @@ def test_what_happens_before_the_motors_is_hidden_where_motor_states_repeat_the_
     )
 
 
+@pytest.mark.slow
 def test_bags_hold_no_label(written):
     folder, case, found = written
     assert sorted(path.name for path in folder.iterdir()) == ["hold1", "hold2", "robot.yaml", "train"]
@@ -253,6 +255,7 @@ def seen(spy: Path) -> list[dict]:
     return [json.loads(line) for line in Path(f"{spy}.log").read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_the_workflow_has_no_path_to_the_answers(judged, spy):
     layout, names, _ = judged
     calls = [call for call in seen(spy) if not call["assume"]]
@@ -268,6 +271,7 @@ def test_the_workflow_has_no_path_to_the_answers(judged, spy):
     assert not any(path.is_relative_to(layout.out) for path in layout.sealed.iterdir())
 
 
+@pytest.mark.slow
 def test_oracles_run_only_after_the_verdicts_are_sealed(judged, spy):
     layout, names, seeds = judged
     calls = seen(spy)
@@ -279,6 +283,7 @@ def test_oracles_run_only_after_the_verdicts_are_sealed(judged, spy):
     assert sealed < (layout.oracle(draw_case(seeds[1]).name) / "run.json").stat().st_mtime_ns
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_where_it_was_broken_off(judged, spy):
     layout, names, seeds = judged
     (layout.verdict(names[0]) / "run.json").unlink()
@@ -287,6 +292,7 @@ def test_a_run_goes_on_where_it_was_broken_off(judged, spy):
     assert len(seen(spy)) == 5  # the missing one, and no other
 
 
+@pytest.mark.slow
 def test_a_verdict_changed_after_sealing_is_refused(judged):
     layout, names, _ = judged
     assert score_run(layout.out, names)["workflow"]["false_alarms_on_clean"]["hits"] == 0
@@ -295,6 +301,7 @@ def test_a_verdict_changed_after_sealing_is_refused(judged):
         score_run(layout.out, names)
 
 
+@pytest.mark.slow
 def test_a_workflow_that_breaks_counts_as_failed_and_the_round_is_counted(judged):
     layout, names, seeds = judged
     assert score_run(layout.out, names)["round"] == 1
@@ -333,6 +340,7 @@ def test_seeds_that_are_no_range_are_refused(text, tmp_path):
         choose_seeds(text, tmp_path / "new")
 
 
+@pytest.mark.slow
 def test_the_command_prints_figures_and_keeps_them(judged, spy, capsys):
     layout, names, seeds = judged
     workflow = f"{sys.executable} {spy}"

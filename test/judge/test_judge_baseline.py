@@ -52,6 +52,7 @@ def folder(tmp_path) -> RunFolder:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_diagnosis_gets_the_baseline_of_its_robot(folder, fails, monkeypatch):
     learn = LEARN.replace("FAILS", "fails" if fails else "")

@@ -264,6 +264,7 @@ def test_a_run_goes_on_with_its_own_cases_data_sheet_and_workflow_only(tmp_path,
         chosen_cases(out, [0])
 
 
+@pytest.mark.slow
 def test_prediction_and_monitor_are_judged_on_recordings_of_others(tmp_path, foreign, capsys):
     """A clean walk, one that cannot be read, and robots with an effect, which count for the monitor alone."""
     for name, bag in (("one", "train"), ("two", "train"), ("three", "heldout_1")):

@@ -134,6 +134,7 @@ def test_a_precise_robot_has_no_delays_for_the_oracle():
     assert with_deviation(late, {}).spread == late.spread and with_deviation(late, {}).precise is None
 
 
+@pytest.mark.slow
 def test_late_wrenches_show_about_nominal(tmp_path):
     """Of a walk on firm, uneven ground, where forces are sudden, by sensors that were not zeroed."""
     world = replace(draw_world(3140), duration_s=8.0)

@@ -118,6 +118,7 @@ def text_of(html):
     return re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>", "", html, flags=re.S))
 
 
+@pytest.mark.slow
 def test_page_needs_nothing_from_elsewhere(html):
     assert "http:" not in html and "https:" not in html and "@import" not in html
     assert not re.search(r"<(script|link|iframe|img|object)\b|\bsrc=", html)
@@ -159,12 +160,14 @@ def test_warnings_and_rejections_are_told(html):
     assert "position of LKneeSag is NaN" in html
 
 
+@pytest.mark.slow
 def test_page_is_made_again_over_an_old_one_and_small(folder):
     path = write_report(folder)
     assert path == folder / "report.html" and path.stat().st_size < 3e6
     assert not list(folder.glob("*.part"))
 
 
+@pytest.mark.slow
 def test_page_of_a_minute_stays_small_whatever_the_noise():
     rng = np.random.default_rng(1)
     predictions = [replace(p, measured_com=p.measured_com + rng.normal(0, 1e-4, 3)) for p in walk(120)]
@@ -237,12 +240,14 @@ DEGENERATE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300, method="thread")  # dashes of a line that leaves the figure by 1e200 m are drawn for hours
 def test_a_run_that_diverged_is_drawn_in_seconds(tmp_path):
     page = write_report(write(tmp_path, diverged(walk())))
     assert "beyond physics: the figures leave it out" in page.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", DEGENERATE)
 @pytest.mark.filterwarnings("error")
 def test_whatever_comes_out_there_is_a_page_that_says_so(case):
@@ -346,6 +351,7 @@ def test_a_live_run_shows_the_skill_that_the_node_told(tmp_path):
     assert "0.2 s" in page and "+0.25" in page and "-0.50" in page and "No horizon prediction" not in page
 
 
+@pytest.mark.slow
 def test_the_first_thing_on_the_page_is_a_figure_and_warnings_come_before_it():
     predictions = walk()
     html = prediction_page(summary_of(predictions, warnings=["left_foot/wrench: reversed"]), run_of(predictions))

@@ -79,6 +79,7 @@ def off_plan(lead: float, compensate: bool) -> float:
     return 1e3 * float(np.sqrt(np.mean(np.square(errors))))
 
 
+@pytest.mark.slow
 def test_the_virtual_robot_follows_its_plan_live():
     assert off_plan(0.5, True) < 0.5
     assert off_plan(0.8, False) > 1.0

@@ -152,6 +152,7 @@ def test_a_hard_landing_brings_its_impulse_through_the_foot(walking):
 # --- sensors: the physics does not change, what is told does ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hide",
     [
@@ -238,6 +239,7 @@ def test_a_push_is_in_the_floors_force(standing):
 # --- together, later, and what is refused ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hide", ["encoder_bias:where=LKneeSag,bias=0.02", "backlash:where=LKneeSag,width=0.02",
                                   "external_force:x=5", "transport_delay:delay=0.02"])  # fmt: skip
 def test_an_effect_can_begin_in_mid_walk(walking, walked, hide):

@@ -166,6 +166,7 @@ def test_cross_talk_shows_a_share_of_the_vertical_force(standing):
     assert talked - still == pytest.approx(still[2] * np.array([0.1, -0.05, 0.0, 0.0, 0.0, 0.0]), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "begin", "end"), [("smooth", 0.05, 0.2), ("sudden", 0.1, 0.13), ("creep", 0.0, 0.5)])
 def test_a_foot_slips_in_each_form_by_the_distance_and_at_its_time(walking, walked, form, begin, end):
     run = Run(walking, 2.4, f"foot_slip:where=left,distance=0.006,form={form}")

@@ -165,6 +165,7 @@ def test_a_whole_robot_walks_with_swinging_arms(whole):
     assert run.truth("q")[:200, 12:] == pytest.approx(np.tile(run.truth("q")[0, 12:], (200, 1)), abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", [(1, 3, 1), (2, 5, 2), (3, 6, 3)])
 def test_upper_bodies_with_fewer_or_more_joints_weigh_the_same(joints):
     table = with_upper_body(COMAN, UpperBody(*joints))

@@ -208,6 +208,7 @@ def test_forces_and_motion_of_the_walk_obey_newton(fast):
     assert np.abs(impulse - momentum).max() < 0.05  # [Ns]
 
 
+@pytest.mark.slow
 def test_springs_obey_their_law_in_the_walk(planned):
     motion, rates = planned[0], Rates()
     walked = Run(VirtualRobot(COMAN, disturbances=[rates], seed=3), motion, motion.end)

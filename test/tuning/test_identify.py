@@ -81,6 +81,7 @@ def test_static_stiffness_is_found_within_its_interval(robot):
     assert sum(joint.stiffness.low <= true[joint.name] <= joint.stiffness.high for joint in joints) >= 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("walk", ["test1", "test2", "other_robot/walk_003"])
 def test_a_walk_shows_stiffness_and_damping_of_the_soft_joints(walk):
     """Of the shipped walks, and of one that an independent simulation has recorded, whose constants are the same."""

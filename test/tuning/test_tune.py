@@ -43,6 +43,7 @@ def imagined(walk, config, noise=0.0, seed=0):
     return said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -236,6 +237,7 @@ def test_by_default_it_tunes_the_springs_of_the_default_model(tmp_path, capsys):
     assert tuned.turning and tuned.model == load_config(config_path()).model
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line(tmp_path, capsys):
     (tmp_path / "there.yaml").write_text("")
     for arguments, said in (

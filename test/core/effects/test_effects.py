@@ -45,6 +45,7 @@ def without():
     return {name: walked(base) for name, base in BASES.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_with_nominal_figures_an_effect_changes_nothing(without, name, base):
@@ -52,6 +53,7 @@ def test_with_nominal_figures_an_effect_changes_nothing(without, name, base):
     same(walked(config(name, where, BASES[base])), without[base], 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

@@ -97,6 +97,7 @@ def test_axes_of_a_foot_sensor_are_turned_back_about_the_sensor(known):
     assert np.linalg.norm(machine.sensor_position(Foot.LEFT) - at) < 1e-12
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=12)
 @given(delay=st.floats(-0.19, 0.19), effect=st.sampled_from(["encoder_delay", "wrench_delay"]))
 def test_late_streams_are_joined_at_their_true_time(delay, effect):

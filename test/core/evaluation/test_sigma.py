@@ -71,6 +71,7 @@ def test_once_the_memory_is_full_the_estimate_counts_for_nothing():
     assert without <= with_it < 1.05 * without
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "then"), [((HELD, 0.0002), (REPEATED, 0.004)), ((REPEATED, 0.004), (HELD, 0.0002))])
 def test_it_follows_a_robot_that_sets_off_or_stops(first, then):
     """Each kind of prediction has errors of its own; what is published has those of the last seconds."""

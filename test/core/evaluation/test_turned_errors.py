@@ -55,6 +55,7 @@ def test_the_truth_is_in_the_level_frame_of_the_sole():
     np.testing.assert_allclose(at[1], rate, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_errors_and_what_the_covariance_says_of_them(factor):
     motion, rng = truth(), np.random.default_rng(2)

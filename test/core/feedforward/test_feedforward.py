@@ -73,6 +73,7 @@ def test_deflections_are_those_of_the_planned_torques():
     assert np.abs(own).max() > 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gait", ["test1", "test2"])
 def test_the_com_follows_its_plan(gait):
     """Motors that lead by it halve the error of a lowered own lead by far, and that of the usual one."""

@@ -27,6 +27,7 @@ def by(source: str) -> Config:
     return Config().replaced({"streams.wrench_source": source, "prediction.horizons": [0.2]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "words"), [(1.0, None), (0.0, "no torques"), (1e-2, "another unit"), (-1.0, "wrong sign")]
 )
@@ -178,6 +179,7 @@ def stripped() -> list[Sample]:
     return samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["torques", "contacts"])
 def test_a_walk_without_foot_sensors(source):
     """Phases, free run and predictions ahead are nearly those by sensors, and every prediction says its source."""

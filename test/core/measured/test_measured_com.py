@@ -16,6 +16,7 @@ DATA = Path(__file__).parents[2] / "data"
 NAMES = {Foot.LEFT: "T_left", Foot.RIGHT: "T_right"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["test1", "test2"])
 def test_encoders_cost_little_and_the_flat_sole_half_a_millimetre_at_most(name):
     truth, config = load_truth(DATA / f"{name}.truth.npz"), Config.replaced(Config(), {"prediction.horizons": ()})

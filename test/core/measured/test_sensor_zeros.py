@@ -46,6 +46,7 @@ def test_good_sensors_are_left_alone(walk) -> None:
     assert not predictor.zeros.active and not predictor.zeros.warnings()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("left", "right"), [(LEFT, RIGHT), (LEFT, NONE), (NONE, RIGHT), (-LEFT, -RIGHT), (-2.0 * LEFT, 3.0 * RIGHT)]
 )
@@ -61,6 +62,7 @@ def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array,
     assert ("left_foot" in said) == left.any() and ("right_foot" in said) == right.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left", [-0.3, -0.45, -0.7])
 def test_zeros_that_leave_a_tenth_of_the_weight_are_not_taken_for_kilograms(walk, left: float) -> None:
     robot, config, samples = walk
@@ -78,6 +80,7 @@ def test_zeros_that_leave_a_tenth_of_the_weight_are_not_taken_for_kilograms(walk
     assert not [each.text for each in found if "kilograms" in each.text]
 
 
+@pytest.mark.slow
 def test_zeros_that_cancel_in_the_total_are_found_by_feet_in_the_air(walk) -> None:
     """25 N too little on the left foot, 20 N too much on the right one: no foot ever seems to lift."""
     left, right = np.array([20.0, -12.0, -25.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, 20.0, -1.5, 0.5, -0.2])
@@ -138,6 +141,7 @@ def test_reversed_forces_are_no_zeros(walk) -> None:
     assert not predictor.zeros.active
 
 
+@pytest.mark.slow
 def test_a_real_robot_whose_sensors_read_hundreds_of_newtons() -> None:
     folder = recording("real/icub_yoga")
     config = coman.load_config(folder / "icub02.yaml")
@@ -161,6 +165,7 @@ def test_a_robot_that_hangs_or_jumps_has_no_zeros(walk) -> None:
     assert not predictor.zeros.active
 
 
+@pytest.mark.slow
 def test_a_clock_that_goes_back_and_values_that_are_none_do_not_end_learning(walk) -> None:
     robot, config, samples = walk
     predictor = Predictor(robot, config)

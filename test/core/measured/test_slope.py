@@ -237,6 +237,7 @@ def rms(bag, warned: bool = False, **changes) -> np.ndarray:
     return np.sqrt(np.nanmean([p.residual**2 for p in predictions if not p.flags.diverged], axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", [Floor(pitch=-0.1), Floor(kerb=0.05)])
 def test_a_short_walk(tmp_path, floor):
     """On a slope that the IMU knows, and on a kerb that the left foot stands on."""
@@ -248,6 +249,7 @@ def test_a_short_walk(tmp_path, floor):
         assert rms(tmp_path / "walk", **{"model.slope": "level"})[0] > 5.0 * error[0]
 
 
+@pytest.mark.slow
 def test_a_robot_steps_up_and_down(tmp_path):
     """By 2 cm, on strides that are longer than its soles; its feet come down where the plan has them."""
     strides = {"step_length_m": 0.12, "step_height_m": 0.06}

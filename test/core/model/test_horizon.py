@@ -64,6 +64,7 @@ def test_without_a_plan_the_reference_goes_on_at_its_velocity(axes):
         np.testing.assert_allclose(found[h], wanted, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [[0, 2], [0, 1, 2]])
 @pytest.mark.parametrize("points", [30, 12])
 def test_a_plan_is_followed_and_continued_beyond_its_end(axes, points):

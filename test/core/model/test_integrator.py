@@ -58,6 +58,7 @@ def test_phi_functions_agree_with_a_block_exponential(seed, size, n):
         np.testing.assert_allclose(phi, whole[:n, i * n : (i + 1) * n], atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.0005, 0.005, 0.1])
 @pytest.mark.parametrize(("k", "zeta"), [(3000.0, 0.05), (9e4, 0.02), (400.0, 0.7), (5000.0, 3.0)])
 def test_free_oscillation_has_the_frequency_and_decay_of_the_closed_form(k, zeta, dt):

@@ -96,6 +96,7 @@ def test_the_length_that_scales_changes_nothing(leg, length):
             assert np.abs(one - other).max() < 1e-4 * np.abs(one).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [3, 6])
 def test_a_straight_knee_is_flagged_finite_and_continuous(rows):
     robot = robot_of("coman")

@@ -34,6 +34,7 @@ from coman_reduced_model.sim.disturbances import parse
 from coman_reduced_model.sim.record import record
 
 
+@pytest.mark.slow
 def test_encoder_slip_in_mid_walk_is_detected_within_five_seconds(tmp_path, capsys):
     def change(stream, message):
         late = (message.stamp_ns - T0) * 1e-9 >= BEGINS
@@ -58,6 +59,7 @@ def test_stamps_that_jitter_leave_no_look_out():
     assert looks[0] > 450 and looks[1] == pytest.approx(looks[0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_missing_streams_leave_the_other_channels():
     """Without motor side, torques and IMU: `feet` shows a link encoder, `unloaded` a foot sensor."""
 
@@ -81,6 +83,7 @@ def test_missing_streams_leave_the_other_channels():
     )
 
 
+@pytest.mark.slow
 def test_friction_that_begins_shows_in_drag():
     def change(stream, t, message):
         if stream != JOINTS or t < BEGINS:
@@ -113,6 +116,7 @@ def test_softer_spring_with_zero_mean_load_shows_in_stiffness():
     assert "spring/RAnkLat" not in found and len(found) == 1
 
 
+@pytest.mark.slow
 def test_spring_under_a_higher_load_is_no_softer_spring():
     """12 Nm more on a knee, whose spring is 5 % softer than described, as a nominal one may be; then on a worse one."""
 
@@ -131,6 +135,7 @@ def test_spring_under_a_higher_load_is_no_softer_spring():
     assert not watch(1.05) and watch(1.4)
 
 
+@pytest.mark.slow
 def test_damped_spring_has_its_stiffness_at_any_rate():
     """From 7 s on k s + d s' = 5 Nm sin(w t), in closed form, at 3.3 Hz; without its damper the slope looks changed.
 
@@ -156,6 +161,7 @@ def test_damped_spring_has_its_stiffness_at_any_rate():
     assert "stiffness/LKneeSag" in watched(change, **undamped).first
 
 
+@pytest.mark.slow
 def test_intermittent_force_shows_in_unsteady():
     def change(stream, t, message):
         if stream not in FEET.values() or t < BEGINS:
@@ -170,6 +176,7 @@ def test_intermittent_force_shows_in_unsteady():
     )  # without an IMU it is not distinguished from rocking soles
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("reset", "lasts"), [(np.inf, True), (12.0, False)])
 def test_after_a_reset_an_intermittent_force_is_the_normal_state(reset, lasts):
     def change(stream, t, message):
@@ -181,6 +188,7 @@ def test_after_a_reset_an_intermittent_force_is_the_normal_state(reset, lasts):
     assert ("unsteady/y" in {each.channel for each in monitor.mismatches}) == lasts
 
 
+@pytest.mark.slow
 def test_an_imu_may_be_mounted_in_any_orientation():
     """A push from the side while the robot tips on its toes, where only an IMU shows that the force is horizontal."""
     front = float(robot().soles[Foot.LEFT][1])
@@ -198,6 +206,7 @@ def test_an_imu_may_be_mounted_in_any_orientation():
         assert turned_about[channel].size == pytest.approx(each.size, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poor", [False, True])
 def test_mismatch_is_reported_while_it_lasts_and_when_it_recurs(poor):
     """Between two slips the encoder is right for 8 s; without motor positions `feet`, which drifts, shows it."""
@@ -218,6 +227,7 @@ def test_mismatch_is_reported_while_it_lasts_and_when_it_recurs(poor):
     assert found == looks
 
 
+@pytest.mark.slow
 def test_mismatch_is_dropped_where_no_phase_ends_any_more():
     """The wrenches are lost for good: after 10 s nothing is known of it."""
 
@@ -230,6 +240,7 @@ def test_mismatch_is_dropped_where_no_phase_ends_any_more():
     assert seen >= {"force/y"} and not hidden
 
 
+@pytest.mark.slow
 def test_mismatch_that_cannot_be_observed_any_more_is_dropped():
     """A lateral force, then the robot stands on its toes, which hides it: dropped after 10 s."""
     front = float(robot().soles[Foot.LEFT][1])
@@ -270,6 +281,7 @@ def test_offset_from_the_start_is_detected_beyond_the_scatter_of_nominal_robots(
     assert not any(each.changed for each in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap", "lasts"), [(0.4, True), (11.0, False)])
 def test_what_has_changed_is_reported_after_a_short_gap_too(gap, lasts):
     def change(stream, t, message):
@@ -291,6 +303,7 @@ def test_torques_that_stop_or_come_back_change_no_spring():
     assert not {each for each in watched(change, 14.0).first if each.startswith(("spring", "stiffness"))}
 
 
+@pytest.mark.slow
 def test_mismatch_ends_with_its_cause_and_with_the_stream():
     def change(stream, t, message):
         return turned(message, KNEE, 0.02) if stream == JOINTS and 7.0 < t < 11.0 else message

@@ -19,11 +19,13 @@ from coman_reduced_model.core.predictor import Predictor
 from coman_reduced_model.resources import bag_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["test1", "test2"])
 def test_nominal_robot_gives_no_alarm(tmp_path, name):
     assert mismatches(bag_path(name), tmp_path / "out") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left", [[20.0, -12.0, 60.0], [20.0, -12.0, -25.0]])
 def test_zeros_of_foot_sensors_that_are_still_being_learnt_are_no_mismatch(left):
     """60 and 20 N too much on the feet; and zeros that cancel in the total, which only feet in the air show."""
@@ -41,6 +43,7 @@ def test_zeros_of_foot_sensors_that_are_still_being_learnt_are_no_mismatch(left)
     assert not monitor.first and not monitor.mismatches
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("until", [6.0, 20.0])
 def test_imu_mounting_error_or_loss_is_no_external_force(until):
     tilted = Rotation.from_euler("xyz", [0.03, 0.03, 0.0]).as_quat()
@@ -57,6 +60,7 @@ def test_single_push_is_no_mismatch():
     assert not watched(change).first
 
 
+@pytest.mark.slow
 def test_sensor_drift_is_no_mismatch():
     """Sensors that drift by 0.15 N a stride, 2 N in all; the same as a step is detected."""
     drift, step = ((lambda t: 0.125 * t), (lambda t: 2.0 * (t >= BEGINS)))
@@ -70,6 +74,7 @@ def test_sensor_drift_is_no_mismatch():
     assert not detected(drift) and detected(step)
 
 
+@pytest.mark.slow
 def test_laws_of_flat_soles_are_skipped_on_the_edges_of_the_soles():
     """From 7 s on it stands on its toes, and the support foot gets 10 N more from the side."""
 
@@ -116,6 +121,7 @@ def test_another_gait_is_no_mismatch():
     assert not monitor.first and monitor.phases > 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("slip", "detected"), [(0.00007, False), (0.0015, True)])
 def test_noise_floor_prevents_false_alarms_on_noise_free_sensors(slip, detected):
     """The same deflection in 120 strides, then a change far below the nominal sensor noise: no mismatch."""

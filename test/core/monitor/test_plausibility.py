@@ -76,6 +76,7 @@ def held(first, last, every=1.0):
     return change
 
 
+@pytest.mark.slow
 def test_a_foot_sensor_that_hangs_is_reported():
     (warning,) = warnings_of(held(0.3, 0.45))
     assert (warning.kind, warning.stream) == (WarningKind.HELD, LEFT) and not warning.prevents_diagnosis
@@ -85,6 +86,7 @@ def test_a_foot_sensor_that_hangs_is_reported():
     assert warnings_of(held(0.3, 0.34)) == ()  # as a slow sensor does
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zeros", [(-1.26, -1.78), (0.6, -0.9), (2.0, 1.5)])
 def test_large_zeros_do_not_look_like_swapped_feet(zeros):
     """In weights; with the first ones a foot in the air reads a larger magnitude than one that stands."""
@@ -98,6 +100,7 @@ def test_large_zeros_do_not_look_like_swapped_feet(zeros):
     assert {each.kind for each in warnings_of(shifted)} == {WarningKind.ZERO}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.03, 0.06, 0.2])
 def test_bias_of_a_foot_in_the_air_is_reported(share):
     """Above contact_off, 4 % of the weight, its lift-offs are missed and the robot appears to be in double support."""
@@ -159,6 +162,7 @@ def other_order(stream, message):
     return replace(message, orientation=message.orientation[[3, 0, 1, 2]]) if stream == IMU else message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [

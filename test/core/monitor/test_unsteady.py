@@ -44,6 +44,7 @@ def test_intermittent_force_is_detected_within_four_seconds_while_it_lasts(seed,
     assert BEGINS - 2.0 * EVERY < last.onset < BEGINS + 2.0
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 10_000), noise=st.floats(0.0, 3.0), pull=st.floats(-50.0, 50.0), hit=st.floats(-100.0, 100.0)
 )

@@ -51,6 +51,7 @@ def run(chatter: float, n: int = 4000) -> Run:
     return Run(*(np.array(part) for part in zip(*found, strict=True)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.001, 0.01])
 @pytest.mark.parametrize("change", [1, 200])  # at once, and after a while
 def test_a_change_of_feet_goes_unnoticed(dt, change):

@@ -82,6 +82,7 @@ def test_a_moment_that_the_feet_bear_is_found(plain):
     assert mean(walk(bag_path("test1"), turn)) - mean(plain) == pytest.approx(moment, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gait", ["stand", "test1"])
 def test_a_push_at_the_trunk_turns_the_virtual_robot(tmp_path, gait):
     """Its moment is that of the lever from the COM of all links to that of the trunk."""

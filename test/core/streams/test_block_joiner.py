@@ -104,6 +104,7 @@ def recordings(draw):
     return messages
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     recordings(),

@@ -94,6 +94,7 @@ def arrivals(draw):
     return wait, orders, draw(st.sampled_from(["motor", "topic", "none"]))
 
 
+@pytest.mark.slow
 @given(arrivals())
 def test_samples_do_not_depend_on_the_order_of_arrival(case):
     wait, orders, source = case

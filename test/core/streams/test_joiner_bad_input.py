@@ -110,6 +110,7 @@ def test_joint_states_that_go_back_while_the_wrenches_go_on(wrenches_go_back_ms,
 mutated_walk = walk(0.5, 100.0, reference=True)
 
 
+@pytest.mark.slow
 @given(st.lists(clock_mutations, min_size=1, max_size=4), st.sampled_from(["motor", "topic", "none"]))
 def test_whatever_clocks_do_every_message_is_used_or_counted(mutations, source):
     pipeline = Pipeline(robot(), config(prediction__reference=source))
@@ -283,6 +284,7 @@ streams_and_messages = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 119), streams_and_messages), max_size=20))
 def test_whatever_comes_nothing_breaks_and_samples_hold_numbers(bad):
     messages = steady(40)

@@ -40,6 +40,7 @@ def put(field, index, value):
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stream", "change", "reason", "words"),
     [
@@ -105,11 +106,13 @@ def lost(path, config):
     return [key for key in rejected if key.endswith(("/limit", "/step", "/speed"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stand", "test2"])
 def test_shipped_walks_lose_nothing(name):
     assert lost(bag_path(name), load_config()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "config"),
     [("other_robot/walk_006", ""), ("real/icub_walk", "icub"), ("real/icub_yoga/raw", "real/icub_yoga/icub02.yaml")],

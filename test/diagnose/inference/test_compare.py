@@ -71,6 +71,7 @@ def test_a_much_softer_spring_is_found_at_its_true_value(factor=0.08):
     assert cache.known[i].value(best.fit.x[i]) == pytest.approx(factor, rel=0.15)
 
 
+@pytest.mark.slow
 def test_another_recording_speaks_for_a_spring_that_is_soft_there_too_and_against_one_that_is_not(joint="LKneeSag"):
     world = standing()[1]
     softer, nominal = softened(joint, 0.6), softened(joint, 1.0)
@@ -89,6 +90,7 @@ def test_another_recording_speaks_for_a_spring_that_is_soft_there_too_and_agains
     assert np.isnan(nats(softer.changed(motor_q=unknown)))  # it does not show
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 0.7])
 def test_a_softer_spring_is_fitted_at_its_true_value(factor):
     """What is linear about nominal explains nearly as much there, and is far off."""
@@ -103,6 +105,7 @@ def test_a_softer_spring_is_fitted_at_its_true_value(factor):
     assert cache.known[i].value(fit.x[i]) == pytest.approx(factor, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_shift_in_time_is_judged_by_derivatives_of_the_shifted_streams():
     """By those of the streams as measured, other parameters took up what a wrong shift leaves."""
     recording, world = standing()
@@ -143,6 +146,7 @@ def test_what_fits_better_by_all_else_is_no_evidence(monkeypatch):
     assert not max(each.confirmed for each in others) > 1.0
 
 
+@pytest.mark.slow
 def test_late_drives_are_no_late_joint_states():
     """Nominal robots' clocks vary less than their drives: judged along its own shift only, a clock was likelier."""
     recording, world = standing()

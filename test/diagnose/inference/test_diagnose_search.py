@@ -128,6 +128,7 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
     assert verdicts.verdict(finding, [walk], assumed, against) == word
 
 
+@pytest.mark.slow
 def test_an_effect_that_a_later_one_explains_is_dropped(joint="LKneeSag", factor=0.6):
     """A softer spring, which was taken for play at first."""
     recording, world = softened(joint, factor), standing()[1]

@@ -37,6 +37,7 @@ def evidence(residuals: np.ndarray | None = None) -> Evidence:
     return Evidence(KNOWN, np.zeros(len(KNOWN)), A.T @ A, A.T @ r, float(r @ r), len(A))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("true", [np.array([0.8, 0, 0, 0, 0, 0]), np.array([0, 0, 0.4, -0.6, 0, 0])])
 def test_the_expected_evidence_is_its_mean_over_robots(true):
     rng, A, sums = np.random.default_rng(1), columns(), dict.fromkeys(map(id, OPTIONS), 0.0)

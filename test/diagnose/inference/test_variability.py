@@ -80,6 +80,7 @@ def test_masses_are_as_on_any_robot_on_precise_ones_too():
     assert "mass.spread" not in _parts_of(known) and "com.spread" in _parts_of(known)
 
 
+@pytest.mark.slow
 def test_precise_robots_of_a_population_have_widths_of_their_own():
     rng = np.random.default_rng(4)
     robots = [recordings(rng, play, 1.0) for play in (0.3, 0.02) for _ in range(30)]

@@ -123,6 +123,7 @@ def moving_about() -> Recording:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lacks", [(), ("tau",), ("motor_q", "plan", "moved"), ("up",)])
 @pytest.mark.parametrize(
     "believed", [{}, {"tilting": 2e-4, "sinking": 1e-6}, {"softness": 2e-4}, {"lead": 0.3, "yielded": 2e-4}]

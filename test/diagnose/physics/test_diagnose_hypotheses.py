@@ -42,6 +42,7 @@ def test_figures_are_named_once_and_leave_their_input_alone():
         assert {known[i].effect for i in option.unknowns} == {option.effect}
 
 
+@pytest.mark.slow
 def test_next_to_nothing_of_an_effect_changes_next_to_nothing():
     """An effect that is there at all, and no effect, are not computed in two ways that differ."""
     k = float(standing()[1].stiffness[index()])

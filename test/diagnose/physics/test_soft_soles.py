@@ -100,6 +100,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Ca
     return call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("soles", SOLES)
 def test_soft_soles_are_known_before_anything_is_compared(walked, soles):
     case, true = walked(soles)

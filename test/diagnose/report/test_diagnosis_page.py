@@ -183,6 +183,7 @@ def test_a_page_is_one_file_that_says_what_is_missing_first_and_shows_it():
     assert html.count("<svg") == 4  # the law, residuals, COM, heat map
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize(
     ("verdict", "told"),

@@ -60,6 +60,7 @@ def healthy() -> Array:
     return walk(PLAIN, adapt=False)[0]
 
 
+@pytest.mark.slow
 def test_a_softer_spring_is_learnt_as_tuning_would_find_it(healthy):
     """Both from the same walk, without knowing the data sheet that was right."""
     config = assumed(knee=1.15)
@@ -76,6 +77,7 @@ def test_a_softer_spring_is_learnt_as_tuning_would_find_it(healthy):
     assert known["LKneeSag"].stiffness == pytest.approx(1.0 / 1.15, abs=0.06)  # the rest is taken for zero and trunk
 
 
+@pytest.mark.slow
 def test_the_zero_of_an_encoder_is_learnt(healthy):
     """A link encoder that reads 2 mrad too little, made of a right one by an effect."""
     config = assumed(
@@ -93,6 +95,7 @@ def test_the_zero_of_an_encoder_is_learnt(healthy):
     assert abs(known["RAnkLat"].zero) < 0.0005
 
 
+@pytest.mark.slow
 def test_the_com_of_a_trunk_is_learnt_where_a_robot_walks_with_it(tmp_path):
     """Eight millimetres ahead bend knees and ankles of both legs, which zeros do by chance only."""
     record_world(World(duration_s=14.0, tolerances=False), tmp_path / "walk", [parse("com_offset:x=0.008")])
@@ -103,6 +106,7 @@ def test_the_com_of_a_trunk_is_learnt_where_a_robot_walks_with_it(tmp_path):
     assert all(abs(zero) < 0.0009 for _, zero in adaptation.known().values())
 
 
+@pytest.mark.slow
 def test_the_com_of_a_trunk_is_learnt_as_tuning_would_find_it():
     """But for what the adaptation, whose prior is nominal, leaves to stiffness and zeros."""
     config = trunk_of_data_sheet(-0.008)
@@ -124,6 +128,7 @@ def test_the_zero_of_one_ankle_is_not_the_com_of_the_trunk():
     assert abs(shift(config)[0]) < 0.002
 
 
+@pytest.mark.slow
 def test_planned_postures_teach_nothing():
     """Predictions ahead take the springs of postures in which the robot is not yet."""
     _, known = walk(PLAIN, adapt=True)
@@ -131,6 +136,7 @@ def test_planned_postures_teach_nothing():
     assert ahead == known
 
 
+@pytest.mark.slow
 def test_nothing_is_learnt_beyond_nominal_variability():
     _, known = walk(assumed(knee=3.0), adapt=True)
     widths = load_nominal().widths
@@ -141,6 +147,7 @@ def test_nothing_is_learnt_beyond_nominal_variability():
     assert abs(shift(trunk_of_data_sheet(-0.06))[0]) <= 1.001 * MOST * widths["com.spread"]
 
 
+@pytest.mark.slow
 def test_a_robot_as_its_data_sheet_says_is_predicted_as_well_as_before(healthy):
     adapted, known = walk(PLAIN, adapt=True)
     assert (adapted < 1.1 * healthy).all()
@@ -154,6 +161,7 @@ def test_off_and_for_the_point_mass_there_is_nothing_to_learn():
             assert session.pipeline.predictor.adaptation is None
 
 
+@pytest.mark.slow
 def test_standing_on_both_feet_teaches_nothing():
     with coman.Session(coman.bag_path("stand"), PLAIN.replaced({"prediction.adapt": True})) as session:
         on = [prediction.residual for prediction in session.predictions()]

@@ -30,6 +30,7 @@ np.save(sys.argv[1], rows)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trunk", ["with", "without"])
 def test_compiled_predictions_are_those_of_plain_python(trunk, tmp_path):
     """Numba takes the same source as the interpreter does: the plain path is the reference of the compiled one."""

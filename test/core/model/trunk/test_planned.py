@@ -44,6 +44,7 @@ def test_while_it_sets_off_the_planned_steps_take_much_of_the_error_off(name):
         assert known.rmse()["0.2"]["model"][axis] < 0.8 * unknown.rmse()["0.2"]["model"][axis]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["test1", "test2"])
 def test_what_is_published_over_a_whole_walk_is_better_with_planned_steps_and_than_any_simpler_prediction(name):
     judge, _ = predicted(name)

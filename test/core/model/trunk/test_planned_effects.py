@@ -7,11 +7,13 @@ from dataclasses import replace
 from itertools import islice
 
 import numpy as np
+import pytest
 
 from coman_reduced_model import Predictor, Session, bag_path, load_config
 from coman_reduced_model.core.effects.base import EffectConfig
 
 
+@pytest.mark.slow
 def test_planned_steps_do_not_move_the_slips_of_the_free_run():
     """The free run knows motors and phases alone: that the plan says how feet will step must not change it."""
     lost = tuple(

@@ -93,6 +93,7 @@ def rmse_of(bag, plan=True):
     return session.pipeline.judge.rmse()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "plan"), [("test1", True), ("test2", True), ("test2", False)])
 def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_known(name, plan):
     rmse = rmse_of(bag_path(name), plan)
@@ -102,6 +103,7 @@ def test_two_tenths_of_a_second_ahead_it_beats_a_rigid_robot_whose_motors_are_kn
     assert not plan or rmse["0.4"]["model"][2] < 0.2 * rmse["0.4"]["clairvoyant"][2]
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_in_mid_walk():
     """Samples with a plan and without have arrays of one layout, that for which all is compiled at the beginning."""
     for plan in (True, False):
@@ -109,6 +111,7 @@ def test_nothing_is_compiled_in_mid_walk():
     assert len(keep.signatures) == len(follow.signatures) == 1
 
 
+@pytest.mark.slow
 def test_strides_are_recognised_also_where_a_foot_brushes_the_ground(tmp_path):
     """Backwards, feet touch the ground in mid-swing: the phase changes more often than the robot steps."""
     with Session(record("backwards", tmp_path / "walk", duration_s=12.0).bag, Config()) as session:
@@ -120,6 +123,7 @@ def test_strides_are_recognised_also_where_a_foot_brushes_the_ground(tmp_path):
     assert repeating[steady].mean() > 0.95
 
 
+@pytest.mark.slow
 def test_it_beats_a_rigid_robot_whose_motors_are_known_while_it_turns(tmp_path):
     rmse = rmse_of(record("turn", tmp_path / "walk", duration_s=15.0).bag)
     for h in ("0.1", "0.2", "0.4"):
@@ -127,6 +131,7 @@ def test_it_beats_a_rigid_robot_whose_motors_are_known_while_it_turns(tmp_path):
         assert rmse[h]["model"][1] < 0.9 * rmse[h]["clairvoyant"][1]
 
 
+@pytest.mark.slow
 def test_a_stabilised_robot_that_turns_is_predicted_without_a_plan(tmp_path):
     """Its controller moves the motors beside the plan, of which it says nothing: in steady strides, 0.2 s ahead."""
     kinds = {"controller": "imu_control", "streams": "no_reference", "gait": "turn"}

@@ -177,6 +177,7 @@ def walk(name: str, *effects: str) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["test1", "test2"])
 def test_untuned_on_a_walk_it_beats_the_point_mass(name):
     whole, paper = walk(name, *WHOLE), walk(name)
@@ -188,6 +189,7 @@ def test_untuned_on_a_walk_it_beats_the_point_mass(name):
     assert np.isnan(paper["tilt"]).all()
 
 
+@pytest.mark.slow
 def test_swing_momentum_is_needed_for_the_fore_aft_motion():
     assert walk("test2", *WHOLE)["model"][0] < walk("test2", "gravity_stiffness", "trunk_rotation")["model"][0]
 
@@ -215,6 +217,7 @@ def test_a_robot_that_must_topple_is_predicted_again_and_never_by_nan():
     assert np.isfinite(error).all() and np.linalg.norm(error, axis=1).max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_robot_that_stands_keeps_its_deflection():
     """Its predictions ahead, of a walk that is not repeated, are as good as those of the deflection that stays."""
     with Session(bag_path("stand"), Config()) as session:

@@ -55,12 +55,14 @@ def rms_mm(values: np.ndarray) -> np.ndarray:
     return 1e3 * np.sqrt(np.nanmean(np.square(values), axis=0))
 
 
+@pytest.mark.slow
 def test_arms_and_waist_that_accelerate_push_the_trunk(walk):
     _, error, rigid = errors(*walk)
     assert (rms_mm(error) < [0.5, 0.3, 0.15]).all(), rms_mm(error)
     assert (rms_mm(error) < 0.7 * rms_mm(rigid)).all(), (rms_mm(error), rms_mm(rigid))
 
 
+@pytest.mark.slow
 def test_predicted_velocity_counts_the_arms(walk):
     robot, config, samples = walk
     predictor = Predictor(robot, config.replaced({"prediction.horizons": []}))
@@ -69,6 +71,7 @@ def test_predicted_velocity_counts_the_arms(walk):
     assert rms_mm(np.array(off))[0] < 0.9 * rms_mm(np.array(rigid))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("root", "trunk"), [("torso", "base_link"), ("torso", "torso"), ("base_link", "torso")], ids="/".join
 )
@@ -90,6 +93,7 @@ def mapped(sample: Sample, change) -> Sample:
     return replace(sample, **{name: change(getattr(sample, name)) for name in JOINT_FIELDS})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_a_seventh_joint_changes_nothing(share):
     """Seven joints a leg: a joint of the pelvis on the axis of the hip takes its share of the motion, and gives way.
@@ -177,6 +181,7 @@ def test_arms_in_no_motor_state_follow_their_links(walk):
     assert (rms_mm(error) < [0.5, 0.3, 0.15]).all(), rms_mm(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["coman", "small"])
 def test_arms_that_swing_together_raise_no_alarm(tmp_path, name):
     """As long as joint and motor states show them."""
