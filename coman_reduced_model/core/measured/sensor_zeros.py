@@ -8,9 +8,10 @@ the balance. Both hold on level ground.
 
 As long as the total vertical force is near the weight, or both feet bear nothing, nothing is learnt and nothing is
 changed: a good sensor is left alone. Zeros of both feet may cancel in the total: then a foot in the air shows them, if
-it reads what no ground can give, a pull or more force sideways than down. Only the past is used, and what was learnt
-lasts, unless the total force is twice as far from the weight with it as without: it is off for another reason then, as
-where a robot is lighter than its URDF, and nothing is taken off any more.
+it reads what no ground can give, a pull or more force sideways than down. Where feet in the air read nothing, a total
+that is off is no zero: nothing is learnt of it. Only the past is used, and what was learnt lasts, unless the total force
+is twice as far from the weight with it as without: it is off for another reason then, as where a robot is lighter than
+its URDF, and nothing is taken off any more.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ REVERSED = (-1.2, -0.8)  # shares of the weight: rather the wrong sign than zero
 KILOGRAMS = (0.09, 0.115)  # the same, of a weight in kgf: about 1 / 9.81
 MOST_KILOGRAMS = 0.25  # share of the weight, by magnitude, that no foot reads in kgf but at a landing
 WORSE = 2.0  # times as far from the weight, from which zeros do not explain the total force; they may be changing
+SHARE = 0.5  # of what the total force is off by: where feet in the air read less, no zeros are learnt
 BEARS = 0.1  # share of the weight: where both feet read less, the robot jumps or hangs
 FIRST_S, MEMORY_S, GAP_S = 0.5, 1.0, 0.05  # [s] of total force that are needed, and that count; of one sample at most
 EVERY_NS = 20_000_000  # between measurements
@@ -145,6 +147,9 @@ class SensorZeros:
         self._mean += (left + right - self._mean) * fresh
         self._more += (more - self._more) * fresh
         another = REVERSED[0] < self._mean < REVERSED[1] or in_kilograms(self._mean, self._more > MOST_KILOGRAMS)
+        if (self._air_s >= FIRST_S).all():
+            zeros = float(self._in_air[:, 2].sum()) / self.weight
+            another |= abs(self._mean - 1.0 - zeros) > (1.0 - SHARE) * abs(self._mean - 1.0)
         self.active = self._seconds >= FIRST_S and abs(self._mean - 1.0) > OFF and not another
 
     def _check(self, both: float, dt: float) -> None:

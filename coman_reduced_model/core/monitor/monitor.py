@@ -146,7 +146,6 @@ class Monitor:
         self._next_look_ns = self._last_window_ns = 0
         self._standing_pieces = 0
         self._intermittent.reset()
-        self.laws.forces.reset()
         self._begin_phase()
 
     def _begin_phase(self) -> None:

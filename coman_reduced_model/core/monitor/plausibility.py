@@ -106,7 +106,10 @@ class Plausibility:
         self._turned_wrenches.update(self._posture, sample.stamp_ns, wrenches, left + right)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
         higher = Foot.NONE if abs(height) <= CLEARANCE else Foot.RIGHT if height > 0.0 else Foot.LEFT
-        loaded = {foot: foot is not higher and wrench[2] > _LOADED * self._weight for foot, wrench in wrenches.items()}
+        loaded = {  # by its sensor, or because the other one is in the air
+            foot: higher is foot.other or (foot is not higher and wrench[2] > _LOADED * self._weight)
+            for foot, wrench in wrenches.items()
+        }
         self._held.update(sample.stamp_ns, sample.q, raw, loaded)
         if higher is Foot.NONE:
             return
