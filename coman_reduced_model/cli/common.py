@@ -171,7 +171,8 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     for row in rows:
         table.add_row(*map(Text, row))
     print(title)
-    Console(width=None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "100"))).print(table)
+    columns = os.environ.get("COLUMNS", "")
+    Console(width=None if sys.stdout.isatty() else int(columns) if columns.isdigit() else 100).print(table)
 
 
 def by_axis_text(values: Mapping[str, float], scale: float, digits: int) -> list[str]:

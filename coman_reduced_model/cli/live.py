@@ -53,6 +53,7 @@ def live(
     from ..resources import config_path
     from ..ros.runtime.processes import NodeFailed, Nodes, confine, why_not
     from ..ros.runtime.spin import Stop
+    from ..sim.record import suiting
     from ..sim.robot_table import ROBOTS
     from ..sim.worlds import world_for
 
@@ -69,8 +70,8 @@ def live(
     if world:
         world_for(settings.robot.name, world)  # says what is wrong with it before anything is started
     # What suits the robot goes for what the configuration leaves open.
-    suits = {f"gait.{key.removesuffix('_m')}": value for key, value in table.gait.items()}
     planned = load_config(config, "trajectory").replaced({"gait.name": settings.gait.name} if gait else {})
+    suits = {f"gait.{key.removesuffix('_m')}": value for key, value in suiting(table, planned.gait.name).items()}
     flat = planned.flat()
     walk: dict[str, Any] = {key: value for key, value in suits.items() if flat.get(key) == -1}
     walk["gait.name"] = planned.gait.name

@@ -190,6 +190,6 @@ def _leftover(each: Sequence[Mapping[str, float]], population: Nominal) -> dict[
     for law, logs in values.items():
         if law in population.leftover:
             _, scatter = population.leftover[law]
-            own = float(np.sqrt((np.var(logs) * len(logs) + POPULATION * scatter**2) / (len(logs) + POPULATION)))
+            own = float(np.sqrt(spread(np.array(logs), float(np.mean(logs)), scatter**2)))
             out[law] = float(np.exp(np.mean(logs))), max(own, SCATTER * scatter)
     return out

@@ -22,7 +22,7 @@ class Diagnosis:
         result: contents of diagnosis.json.
         model: the configuration with the effects added.
         finding: the evidence behind it; recordings: of the training bags, then the held-out ones.
-        com: errors of the predicted COM in the first held-out bag, or else training bag, with the nominal model and
+        com: errors of the predicted COM in the last held-out bag, or else training bag, with the nominal model and
             with all that was found.
     """
 

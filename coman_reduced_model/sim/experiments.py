@@ -19,7 +19,7 @@ from ..errors import ConfigError
 from ..progress import Progress
 from .disturbances import Disturbance
 from .motion import LegKinematics, MotorMotion, Posture
-from .record import RecordedBag, record_motion
+from .record import RecordedBag, check_duration, record_motion
 from .robot_table import ROBOTS, RobotTable
 from .sensors import SensorOptions
 from .virtual_robot import VirtualRobot
@@ -163,6 +163,7 @@ def record_experiment(
         if robot not in ROBOTS:
             raise ConfigError(f"robot: {robot!r} is not allowed (allowed: {', '.join(ROBOTS)})")
         robot = ROBOTS[robot]
+    check_duration(duration_s)
     hidden = list(disturbances)
     if name == "load":
         motion = load_motion(robot, duration_s or 60.0)

@@ -59,6 +59,22 @@ class RecordedBag:
     realtime_factor: float
 
 
+def suiting(table: RobotTable, name: str) -> dict[str, float]:
+    """What suits a robot, but for what makes the named gait: `wide` is wider than its usual step."""
+    usual, named = GaitParameters(), gait(name)
+    return {key: value for key, value in table.gait.items() if getattr(named, key) == getattr(usual, key)}
+
+
+def check_duration(duration_s: float | None) -> None:
+    """Refuse what is no duration [s]; None: it is not given.
+
+    Raises:
+        ConfigError: it is not positive, or not finite.
+    """
+    if duration_s is not None and not 0.0 < duration_s < math.inf:
+        raise ConfigError(f"duration: {duration_s:g} s (allowed: a positive number)")
+
+
 def robot_gait(table: RobotTable, name: str, duration_s: float | None = None, **overrides: Any) -> GaitParameters:
     """A named gait with the figures that suit a robot (RobotTable.gait).
 
@@ -71,12 +87,8 @@ def robot_gait(table: RobotTable, name: str, duration_s: float | None = None, **
     Raises:
         ConfigError: an unknown gait, a value out of range, or a duration too short for a step.
     """
-    # What makes the gait goes before what suits the robot: `wide` is wider than its usual step.
-    usual, named = GaitParameters(), gait(name)
-    figures = {key: value for key, value in table.gait.items() if getattr(named, key) == getattr(usual, key)}
-    p = gait(name, **{**figures, **overrides})
-    if duration_s is not None and not 0.0 < duration_s < math.inf:
-        raise ConfigError(f"duration: {duration_s:g} s (allowed: a positive number)")
+    p = gait(name, **{**suiting(table, name), **overrides})
+    check_duration(duration_s)
     if duration_s is None:
         return p
     if p.steps == 0:

@@ -286,7 +286,9 @@ def test_long_work_shows_progress(tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [["predict"], ["predict", "x"], ["nonsense"], ["predict", "x", "--out", "y", "--nonsense"], ["--nonsense"],
-     ["record", "--out", "x", "--duration", "soon"], ["replay", "x", "--rate", "-1"], ["report"]],
+     ["record", "--out", "x", "--duration", "soon"], ["replay", "x", "--rate", "-1"], ["report"],
+     *(["record", "--out", "/nowhere/x", "--gait", gait, "--duration", each]
+       for gait in ("test1", "load") for each in ("-5", "nan", "0"))],
 )  # fmt: skip
 def test_bad_usage_is_one_line_and_exit_2(arguments, capsys):
     assert run(arguments) == 2

@@ -89,9 +89,11 @@ def test_a_clean_robot_without_a_verdict_is_neither_an_alarm_nor_quiet():
     found = score([{"name": str(k), "answer": a, "verdict": v} for k, (a, v) in enumerate(rows)])["workflow"]
     assert (found["false_alarms_on_clean"]["hits"], found["false_alarms_on_clean"]["of"]) == (1, 2)
     assert found["failed"]["hits"] == 1
-    others = [{"hidden": None, "result": result} for result in ("right", "wrong", "failed")]
+    others = [{"hidden": None, "result": result, "named": []} for result in ("right", "wrong", "failed")]
     found = measure(others)
     assert (found["false_alarms"]["hits"], found["false_alarms"]["of"], found["failed"]["hits"]) == (1, 2, 1)
+    still = measure([{"hidden": None, "result": "miss", "named": ["not_excited"]}])
+    assert (still["false_alarms"]["hits"], still["false_alarms"]["of"]) == (0, 1)
 
 
 def test_what_was_outside_the_catalogue_when_a_case_was_drawn_may_be_in_it():

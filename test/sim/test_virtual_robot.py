@@ -21,7 +21,7 @@ from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.sim.describe import urdf
 from coman_reduced_model.sim.motion import plan_motion
 from coman_reduced_model.sim.motors import MotorOptions
-from coman_reduced_model.sim.record import load_truth, record, robot_gait
+from coman_reduced_model.sim.record import load_truth, record, robot_gait, suiting
 from coman_reduced_model.sim.robot_table import COMAN, ROBOTS
 from coman_reduced_model.sim.sensors import SensorOptions
 from coman_reduced_model.sim.virtual_robot import START_NS, VirtualRobot
@@ -335,6 +335,10 @@ def test_the_same_seed_makes_the_same_bag(tmp_path):
         with AnyReader([tmp_path / name]) as reader:
             raw.append([(c.topic, t, bytes(data)) for c, t, data in reader.messages()])
     assert raw[0] == raw[1]
+
+
+def test_what_suits_a_robot_leaves_what_makes_a_gait():
+    assert "step_width_m" in suiting(COMAN, "test1") and "step_width_m" not in suiting(COMAN, "wide")
 
 
 @pytest.mark.parametrize("bad", [{"robot": "asimo"}, {"walk": "moonwalk"}, {"duration_s": 0.5}])

@@ -9,9 +9,9 @@ the balance. Both hold on level ground.
 As long as the total vertical force is near the weight, or both feet bear nothing, nothing is learnt and nothing is
 changed: a good sensor is left alone. Zeros of both feet may cancel in the total: then a foot in the air shows them, if
 it reads what no ground can give, a pull or more force sideways than down. Where feet in the air read nothing, a total
-that is off is no zero: nothing is learnt of it. Only the past is used, and what was learnt lasts, unless the total force
-is twice as far from the weight with it as without: it is off for another reason then, as where a robot is lighter than
-its URDF, and nothing is taken off any more.
+that is off is no zero: nothing is learnt of it. Only the past is used, and what was learnt lasts, unless the total
+force is twice as far from the weight with it as without: it is off for another reason then, as where a robot is lighter
+than its URDF, and nothing is taken off any more.
 """
 
 from __future__ import annotations

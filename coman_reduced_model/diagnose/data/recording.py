@@ -32,6 +32,7 @@ from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
 _SHORTEST = 2.0  # [s] of recording
+_PAUSE = 10.0  # [s] without joint states, from which what follows is another run
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
 _OF_SENSORS = (WarningKind.ZERO, WarningKind.BIAS, WarningKind.HELD)  # seen only once all samples are there
@@ -132,8 +133,9 @@ def load(
                     imu_frame = message.frame_id.lstrip("/")
             else:
                 samples += pipeline.take(stream, raw, session.decoders[stream])
-                if (newest := pipeline.joiner.streams[stream].last) is not None:
-                    arrived.setdefault(stream, []).append((log_time, newest))
+                known = pipeline.joiner.streams[stream]
+                if known.last is not None:
+                    arrived.setdefault(stream, []).append((log_time, known.last + known.late))
             if progress and count % 2000 == 0:
                 progress((log_time - bag.start_ns) / span, f"reading {bag.path.name}")
         samples += pipeline.joiner.flush()
@@ -143,12 +145,12 @@ def load(
                     effect.correct(sample)
         computed, measured, zeros = pipeline.predictor.computed, samples, np.zeros(2)
         warnings = session.warnings
+        begin, end, _ = _longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
         if computed is None:
-            zeros = _zeros(samples, pipeline.predictor)
+            zeros = _zeros(samples[begin:end], pipeline.predictor)
         else:
             samples = with_computed_wrenches(samples, computed, pipeline.robot, config)
             warnings = (*warnings, f"foot wrenches are computed from {config.streams.wrench_source}: {NOT_SHOWN}")
-        begin, end, _ = _longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
         imu = [each for count, each in zip(before, imu, strict=True) if begin <= count <= end]  # stamps may repeat
         for sample in measured[begin:end]:  # what is diagnosed
             pipeline.plausibility.update(sample, pipeline.predictor.zeros)
@@ -198,7 +200,8 @@ def _grid(
     samples = samples[begin:end]
     if back:
         lasts = 1e-9 * (samples[-1].stamp_ns - samples[0].stamp_ns)
-        warnings = (*warnings, f"time goes back {back} times: only the longest run, {lasts:.1f} s, is diagnosed")
+        text = f"time goes back, or joint states pause for {_PAUSE:g} s and more, {back} times: only the longest run"
+        warnings = (*warnings, f"{text}, {lasts:.1f} s, is diagnosed")
     complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
         why = f" ({warnings[0]})" if warnings else ""
@@ -255,8 +258,13 @@ def _grid(
 
 
 def _longest_run(stamps: list[int], gap: float) -> tuple[int, int, int]:
-    """Begin and end of the most stamps [ns] in a row that never go back by more than `gap` [s]; how often they do."""
-    ends = [0, *(np.flatnonzero(np.diff(stamps) < -1e9 * gap) + 1).tolist(), len(stamps)]
+    """Begin and end of the most stamps [ns] in a row without a pause, that never go back by more than `gap` [s].
+
+    Returns:
+        Begin, end, how many other runs there are.
+    """
+    steps = np.diff(stamps)
+    ends = [0, *(np.flatnonzero((steps < -1e9 * gap) | (steps > 1e9 * _PAUSE)) + 1).tolist(), len(stamps)]
     begin, end = max(pairwise(ends), key=lambda run: run[1] - run[0])
     return begin, end, len(ends) - 2
 

@@ -153,8 +153,8 @@ def yule_walker(values: Array, pieces: Integers) -> Array:
 
 
 def white_noise(values: Array) -> Array:
-    """The same of values (n,) that have nothing to do with each other, one for each step: about their own mean."""
-    return np.array([max(float(np.sqrt(values @ values / max(len(values) - 1, 1))), 1e-15), *[0.0] * ORDER])
+    """The same of values (n,) that have nothing to do with each other, one for each step: about zero."""
+    return np.array([max(float(np.sqrt(values @ values / max(len(values), 1))), 1e-15), *[0.0] * ORDER])
 
 
 @compiled

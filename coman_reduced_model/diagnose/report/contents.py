@@ -181,15 +181,15 @@ def confirmed_on(checked: Checked) -> str:
 
 def ranking(finding: Finding) -> list[dict[str, Any]]:
     """What each candidate alone adds to the nominal robot [nats], by effect and place, the best first."""
-    held: dict[str, float] = {}
+    held: dict[tuple[int, ...], float] = {}
     if finding.before[1]:
-        held = {s.option.name: s.gain for s in reversed(total(finding.before[1], [s.option for s in finding.first]))}
+        held = {s.option.unknowns: s.gain for s in total(finding.before[1], [s.option for s in finding.first])}
     best: dict[tuple[str, str], dict[str, Any]] = {}
     for score in finding.first:
         key = score.option.effect, score.option.place
         entry = {
             "name": score.option.effect, "where": score.option.place, "evidence": score.gain,
-            "holdout_gain": held.get(score.option.name),
+            "holdout_gain": held.get(score.option.unknowns),
         }  # fmt: skip
         if key not in best or best[key]["evidence"] < score.gain:
             best[key] = entry

@@ -28,6 +28,14 @@ def test_of_a_bag_whose_time_goes_back_the_longest_run_is_read(tmp_path):
     assert np.abs(recording.q - alone.q[: len(recording.q)]).max() < 1e-9
 
 
+def test_a_pause_of_an_hour_is_not_filled(tmp_path):
+    """A recorder that was stopped and went on, or a clock that was set: what follows is another run."""
+    later = [(stream, replace(each, stamp_ns=each.stamp_ns + 3_600 * 10**9)) for stream, each in walk(6.0)]
+    recording, _ = load(write_bag(tmp_path / "bag", [*walk(3.0), *later]), Config())
+    assert recording.t[-1] == pytest.approx(6.0, abs=0.05)
+    assert any("joint states pause for 10 s and more, 1 times" in line for line in recording.warnings)
+
+
 def test_orientations_are_those_of_the_run_that_is_read(tmp_path):
     """The IMU of the longer run starts late: there are more messages of it in the shorter one."""
 
