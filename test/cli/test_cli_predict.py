@@ -213,7 +213,7 @@ def test_the_robot_may_come_from_a_file(tmp_path, capsys):
     assert code == 2 and "/robot_description" in err and "--urdf" in err
     (tmp_path / "robot.urdf").write_text(description())
     assert predict(capsys, bag, "--out", tmp_path / "o", "--urdf", tmp_path / "robot.urdf")[0] == 0
-    written = tmp_path / "o" / "config.yaml"  # the same robot, without being told of it again
+    written = tmp_path / "o" / "config.yaml"  # names the robot
     assert predict(capsys, bag, "--out", tmp_path / "again", "--config", written)[0] == 0
     text = config_to_yaml(Config().replaced({"robot.urdf": "robot.urdf"}))
     (tmp_path / "c.yaml").write_text(text)

@@ -252,15 +252,15 @@ def test_an_effect_can_begin_in_mid_walk(walking, walked, hide):
 
 @pytest.mark.parametrize("form", ["", ",form=ramp"])
 def test_what_drifts_from_mid_walk_on_begins_with_nothing(form):
-    effect = parse(f"stiffness_drift:where=LKneeSag,change=-0.3,time=4{form},after=10")
-    effect.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
-    springs, bent = SpringLaws.of(effect.spring_laws(), 12), np.full(12, 0.02)
-    plain = parse(f"stiffness_drift:where=LKneeSag,change=-0.3,time=4{form}")
-    plain.start(COMAN, mujoco_spec(COMAN).compile(), np.random.default_rng(0))
-    always = SpringLaws.of(plain.spring_laws(), 12)
+    model, bent, still, springs = mujoco_spec(COMAN).compile(), np.full(12, 0.02), np.zeros(12), []
+    for begins in ("", ",after=10"):
+        effect = parse(f"stiffness_drift:where=LKneeSag,change=-0.3,time=4{form}{begins}")
+        effect.start(COMAN, model, np.random.default_rng(0))
+        springs.append(SpringLaws.of(effect.spring_laws(), 12))
+    always, later = springs
     for t in (0.0, 1.0, 6.0):
-        assert springs.torque(10.0 + t, bent, 0.0 * bent) == pytest.approx(always.torque(t, bent, 0.0 * bent))
-    assert not springs.torque(9.9, bent, 0.0 * bent).any()
+        assert later.torque(10.0 + t, bent, still) == pytest.approx(always.torque(t, bent, still))
+    assert not later.torque(9.9, bent, still).any()
 
 
 def test_a_zero_that_drifts_from_mid_walk_on_begins_with_nothing(walking, walked):
