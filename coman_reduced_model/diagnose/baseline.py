@@ -30,7 +30,7 @@ from .inference.evidence import pooled
 from .inference.explanation import by_law
 from .inference.finding import leftover
 from .inference.prior import prior_variance
-from .inference.variability import POPULATION, adapted, spread
+from .inference.variability import POPULATION, adapted, spread, with_own
 from .inference.weight import Weight, weight
 from .monitor_rows import rows_of_robot, watch
 from .physics.hypotheses import unknowns
@@ -127,8 +127,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
     fit = pooled(evidences).fit()
     own = np.array([unknown.own for unknown in known])
     prior = prior_variance(known, precise=fit.precise)
-    shared = np.where(own, prior, np.diag(fit.covariance) + 1e-18)
-    each = [evidence.posterior(np.where(own, 0.0, fit.x), shared) for evidence in evidences]
+    each = with_own(evidences, fit)
     alone = [evidence.fit_of_kind(precise=fit.precise) for evidence in evidences]
     mean = np.where(own, np.mean([one.x for one in each], axis=0), fit.x)
     variance = np.where(own, np.mean([np.diag(one.covariance) for one in each], axis=0), np.diag(fit.covariance))
@@ -144,7 +143,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
             own_spread = min(float(np.sqrt(variance[i] + between_bags[i])), float(np.sqrt(prior[i])))
             parameters[unknown.name] = unknown.usual + usual, own_spread
     left = [leftover([case], fit, []) for case in cases]
-    pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
+    pulled = {name.removesuffix(".spread"): value for name, value in pulls(cases, fit, []).items() if value > PULLED}
     robot = cases[0].state.world.robot
     source = {"recordings": len(cases), "robot": robot.config.name, "mass_kg": robot.mass}
     learnt = replace(

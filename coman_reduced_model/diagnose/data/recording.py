@@ -8,7 +8,6 @@ only takes at its nearest message, is interpolated here: a few milliseconds matt
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +26,23 @@ from ...errors import BagError
 from ...progress import Progress
 from ...topics import TopicNames
 from .computed import NOT_SHOWN, with_computed_wrenches
-from .streams import LEAST_THERE, clocks_apart, near, resample, rising, rows_of, there, up_by_imu
+from .streams import (
+    LEAST_THERE,
+    PAUSE,
+    clocks_apart,
+    longest_run,
+    near,
+    resample,
+    rising,
+    rows_of,
+    seldom_there,
+    there,
+    up_by_imu,
+)
 from .torques import from_deflection
 
 RATE = 200.0  # [Hz] of the grid; nothing that is looked for is faster
 _SHORTEST = 2.0  # [s] of recording
-_PAUSE = 10.0  # [s] without joint states, from which what follows is another run
 _SETTLED, _SWINGS = 0.1, 3  # [s] after and before a contact; swings from which the zero's drift is known
 _LIFTED = 1.0  # [s] of a foot in the air
 _OF_SENSORS = (WarningKind.ZERO, WarningKind.BIAS, WarningKind.HELD)  # seen only once all samples are there
@@ -144,8 +154,8 @@ def load(
                 for sample in samples:
                     effect.correct(sample)
         computed, measured, zeros = pipeline.predictor.computed, samples, np.zeros(2)
-        warnings = session.warnings
-        begin, end, _ = _longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
+        begin, end, back = longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
+        warnings = (*session.warnings, *_other_runs(measured[begin:end], back))
         if computed is None:
             zeros = _zeros(samples[begin:end], pipeline.predictor)
         else:
@@ -166,8 +176,17 @@ def load(
             if warning.kind is not WarningKind.TURNED:
                 raise BagError(f"{bag.path.name}: {warning}; {MENDED_FIRST}")
     robot = pipeline.robot
-    recording = _grid(Path(path).name, samples, zeros, imu, imu_frame, robot, config, warnings)
+    recording = _grid(Path(path).name, samples[begin:end], zeros, imu, imu_frame, robot, config, warnings)
     return recording.changed(turned=str(suspect[0]) if suspect else "", clocks=clocks), robot
+
+
+def _other_runs(samples: list[Sample], back: int) -> list[str]:
+    """That there are others beside the longest run, of these samples."""
+    if not back:
+        return []
+    lasts = 1e-9 * (samples[-1].stamp_ns - samples[0].stamp_ns)
+    text = f"time goes back, or joint states pause for {PAUSE:g} s and more, {back} times: only the longest run"
+    return [f"{text}, {lasts:.1f} s, is diagnosed"]
 
 
 def of_world(kind: type[Effect]) -> bool:
@@ -196,12 +215,6 @@ def _grid(
     config: Config,
     warnings: tuple[str, ...],
 ) -> Recording:
-    begin, end, back = _longest_run([s.stamp_ns for s in samples], config.streams.restart_gap)
-    samples = samples[begin:end]
-    if back:
-        lasts = 1e-9 * (samples[-1].stamp_ns - samples[0].stamp_ns)
-        text = f"time goes back, or joint states pause for {_PAUSE:g} s and more, {back} times: only the longest run"
-        warnings = (*warnings, f"{text}, {lasts:.1f} s, is diagnosed")
     complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
         why = f" ({warnings[0]})" if warnings else ""
@@ -235,6 +248,10 @@ def _grid(
     for wrench, other in ((left, Phase.RIGHT), (right, Phase.LEFT)):
         wrench -= _drift(wrench, phases[later] == other)
     motor_q = used(motor_q, there(at, rows["motor_q"], t), "motor states")
+    if rows["tau"] is not None and tau is not None and (seldom := seldom_there(rows["tau"])).any():
+        tau[:, seldom] = np.nan
+        named = ", ".join(name for name, one in zip(robot.joint_names, seldom, strict=True) if one)
+        warnings = (*warnings, f"torques of {named} are there less than {LEAST_THERE:.0%} of the time: not used")
     tau = used(_efforts(tau), there(at, rows["tau"], t), "joint torques")
     counts = _counts(np.array([s.q for s in complete]))
     if tau is not None and from_deflection(rows["tau"], rows["motor_q"], rows["q"], counts):
@@ -255,18 +272,6 @@ def _grid(
         valid, counts, _yaws(robot, q, supports[later], begins),
         warnings, period, config.streams.wrench_source != "sensors",
     )  # fmt: skip
-
-
-def _longest_run(stamps: list[int], gap: float) -> tuple[int, int, int]:
-    """Begin and end of the most stamps [ns] in a row without a pause, that never go back by more than `gap` [s].
-
-    Returns:
-        Begin, end, how many other runs there are.
-    """
-    steps = np.diff(stamps)
-    ends = [0, *(np.flatnonzero((steps < -1e9 * gap) | (steps > 1e9 * _PAUSE)) + 1).tolist(), len(stamps)]
-    begin, end = max(pairwise(ends), key=lambda run: run[1] - run[0])
-    return begin, end, len(ends) - 2
 
 
 def _phases(stamps: Array, forces: Array, weight: float, config: Config) -> tuple[Integers, Array, Integers]:

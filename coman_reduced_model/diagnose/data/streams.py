@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -15,6 +16,7 @@ from ...core.pipeline import clock_apart
 from ...core.robot.robot import Robot
 
 LEAST_THERE = 0.8  # share of the time that a stream must be there, to be used
+PAUSE = 10.0  # [s] without joint states, from which what follows is another run
 _NEAR, _NEAR_PERIODS = 0.02, 0.6  # [s], and periods of a stream, from a value of it until which it is there
 
 
@@ -40,6 +42,18 @@ def clocks_apart(arrived: Mapping[str, Sequence[tuple[int, int]]], most_s: float
 def rising(stamps: Array | Integers) -> Booleans:
     """(n,) Whether each of n stamps is later than all before it."""
     return np.asarray(np.diff(np.maximum.accumulate(stamps), prepend=stamps[:1] - 1) > 0)
+
+
+def longest_run(stamps: Sequence[int] | Integers, gap: float) -> tuple[int, int, int]:
+    """Begin and end of the most stamps [ns] in a row without a pause, that never go back by more than `gap` [s].
+
+    Returns:
+        Begin, end, how many other runs there are.
+    """
+    steps = np.diff(stamps)
+    ends = [0, *(np.flatnonzero((steps < -1e9 * gap) | (steps > 1e9 * PAUSE)) + 1).tolist(), len(stamps)]
+    begin, end = max(pairwise(ends), key=lambda run: run[1] - run[0])
+    return begin, end, len(ends) - 2
 
 
 def rows_of(samples: list[Sample], field: str) -> Array | None:
@@ -73,10 +87,15 @@ def there(at: Array, values: Array | None, t: Array) -> Booleans:
     """
     if values is None:
         return np.zeros(len(t), dtype=bool)
-    finite = np.isfinite(values)
-    columns = finite.sum(axis=0) >= LEAST_THERE * max(finite.any(axis=1).sum(), 1)
-    at = at[finite[:, columns].all(axis=1)]
+    columns = ~seldom_there(values)
+    at = at[np.isfinite(values)[:, columns].all(axis=1)]
     return near(at, t) if columns.any() and len(at) > 1 else np.zeros(len(t), dtype=bool)
+
+
+def seldom_there(values: Array) -> Booleans:
+    """(m,) columns of values (k, m) that are missing (NaN) in much of the time in which any other is there."""
+    finite = np.isfinite(values)
+    return np.asarray(finite.sum(axis=0) < LEAST_THERE * max(finite.any(axis=1).sum(), 1))
 
 
 def near(at: Array, t: Array) -> Booleans:

@@ -16,7 +16,7 @@ from ..physics.hypotheses import Candidate
 from .case import Case
 from .evidence import weighed
 from .isolability import SIZE
-from .reference import TIMED
+from .reference import CLOCKS
 
 
 def at_share(cases: Sequence[Case], size: float = SIZE) -> list[Case]:
@@ -30,7 +30,7 @@ def at_values(cases: Sequence[Case], option: Candidate, values: Array) -> Sequen
     Args:
         cases: as `at_share` returns them, and as they stay for any other effect.
     """
-    if option.effect not in TIMED:
+    if option.effect not in CLOCKS:
         return cases
     shift = max(abs(float(values[i])) for i in option.unknowns)
     return [_at(case, lambda unknown: max(shift, unknown.step)) for case in cases]
@@ -39,7 +39,7 @@ def at_values(cases: Sequence[Case], option: Candidate, values: Array) -> Sequen
 def _at(case: Case, size: Callable[[Unknown], float]) -> Case:
     """Along the motion without the sensors' noise, which a shift in time would only move."""
     known = case.problem.unknowns
-    timed = [i for i, unknown in enumerate(known) if unknown.effect in TIMED]
+    timed = [i for i, unknown in enumerate(known) if unknown.effect in CLOCKS]
     if not timed:
         return case
     quiet, columns = case.reference.quiet, {key: column.copy() for key, column in case.problem.columns.items()}

@@ -78,7 +78,7 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
             continue
         known = unknowns(recording, world)
         mine = [each for each in known if each.effect == effect.name]
-        places = _places(effect, world.robot, {each.where for each in mine})
+        places = _places(effect, world.robot, mine)
         mine = [each for each in mine if each.where in places]
         for unknown in mine:
             more = unknown.deviation(effect.values[unknown.key]) - unknown.usual  # which every robot has anyway
@@ -90,10 +90,15 @@ def _with_known(recording: Recording, world: World, config: Config) -> tuple[Rec
     return recording, world
 
 
-def _places(effect: EffectConfig, robot: Robot, known: set[str]) -> list[str]:
-    """The place of a configured effect; where a diagnosis has none such, the single feet or joints that it names."""
-    kind = CATALOGUE[effect.name]
-    if effect.where in known or kind.place not in ("joint", "foot"):
+def _places(effect: EffectConfig, robot: Robot, known: list[Unknown]) -> list[str]:
+    """The place of a configured effect; where a diagnosis has not all of it, the single feet or joints that it names.
+
+    Args:
+        known: the parameters of this effect, at all places.
+    """
+    kind, there = CATALOGUE[effect.name], [each.key for each in known if each.where == effect.where]
+    lacks = {each.key for each in known if effect.values[each.key] != each.nominal} - set(there)
+    if (there and not lacks) or kind.place not in ("joint", "foot"):
         return [effect.where]
     named = kind(effect.where, effect.values)
     named.bind(robot)
@@ -179,7 +184,7 @@ def examine(
     base = reference(recording, world, where, known, at, like.reference if like else None)
     usual = like.problem.usual if like else Usual.of(nominal or load_nominal(), world)
     problem = assemble(base, where, known, at, near.problem if near else None, fresh or (), usual)
-    evidence, noise, _ = weigh(problem, at, near.noise if near else None)
+    evidence, noise = weigh(problem, at, near.noise if near else None)
     if near:
         return Case(near.recording, where, near.state, problem, evidence, noise, base, near.floor)
     moved, world = applied(known, at, recording, world)

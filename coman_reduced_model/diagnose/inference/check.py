@@ -116,9 +116,13 @@ def check_recordings(
 
 
 def _last_part_apart(train: list[Prepared], share: float) -> tuple[list[Prepared], list[Prepared]]:
-    """The last recording in two parts, the second a share of its steady ticks; whole where it is too short for that."""
+    """The last recording in two parts, the second a share of its steady ticks; whole where it is too short for that.
+
+    Of a recording in which it walks, a share of those on one foot: the second part has steps, however long it stands.
+    """
     *others, (recording, world, where) = train
-    steady = np.flatnonzero(where.steady)
+    on_one_foot = np.flatnonzero(where.steady & ~where.double)
+    steady = on_one_foot if moving(recording.phase) and len(on_one_foot) else np.flatnonzero(where.steady)
     cut = float(steady[round((1.0 - share) * (len(steady) - 1))]) / len(where.ticks)
     first, last = part_of(where, 0.0, cut), part_of(where, cut, 1.0)
     if min(last.steady.sum(), first.steady.sum()) < STEADY_S * TICKS:

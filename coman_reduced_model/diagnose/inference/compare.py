@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.base.types import Array
-from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import Unknown
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of, examine
@@ -21,9 +20,9 @@ from .finding import Finding, leftover
 from .gauss_newton import settle
 from .noise import Noise
 from .prior import kinds_of, prior_variance
-from .variability import MEMBERS, widths_of
+from .reference import CLOCKS
+from .variability import MEMBERS, widths_of, with_own
 
-CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # alike until linearised there
 LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
 FROM = (1.0, 0.25)  # of the reach of a shift in time, where it is looked for
 SHOWN = 0.1  # share of a prior variance that a recording takes away, from which on it shows a direction
@@ -105,8 +104,9 @@ class _Trial:
 
 
 def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
-    left = leftover([*trial.train, *trial.hold], judged.fit, trial.released)
-    pulled = pulls(trial.finding.known, judged.fit, trial.released)
+    cases = [*trial.train, *trial.hold]
+    left = leftover(cases, judged.fit, trial.released)
+    pulled = pulls(cases, judged.fit, trial.released)
     return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
 
 
@@ -231,15 +231,21 @@ def pulled_together(cases: Sequence[Case], fit: Fit, released: Sequence[int]) ->
     return float(np.mean(out)) if out else 0.0
 
 
-def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:
-    """By width, how far its parameters are pulled from nominal [standard deviations, root mean square]."""
-    prior = prior_variance(known, precise=fit.precise)
+def pulls(cases: Sequence[Case], fit: Fit, released: Sequence[int]) -> dict[str, float]:
+    """By width, how far its parameters are pulled from nominal [standard deviations, root mean square].
+
+    Those that each recording has for itself are pulled by each, beside what all recordings share.
+    """
+    known = cases[0].evidence.unknowns
+    deviation = np.sqrt(prior_variance(known, precise=fit.precise))
+    own = np.array([each.x for each in with_own([case.evidence for case in cases], fit)])
+    size = np.where([unknown.own for unknown in known], np.sqrt(np.mean(own**2, axis=0)), np.abs(fit.x))
     out = {}
     for name, members in widths_of(known).items():
         rest = [i for i in members if i not in released]
         if rest:
             # The largest counts as well: of thirteen masses one may be far off, all together a little.
-            ratios = np.abs(fit.x[rest]) / np.sqrt(prior[rest])
-            rms = float(np.sqrt(np.mean(ratios**2)))
-            out[name] = max(rms, float(ratios.max()) / 2.0) if len(rest) >= MEMBERS else float(ratios.max()) / 2.0
+            ratios = size[rest] / deviation[rest]
+            rms, most = float(np.sqrt(np.mean(ratios**2))), float(ratios.max()) / 2.0
+            out[name] = max(rms, most) if len(rest) >= MEMBERS else most
     return out

@@ -85,13 +85,16 @@ def kin_of(rivals: Sequence[Explanation], group: Sequence[int]) -> tuple[int, ..
 
 
 def group_of(rivals: Sequence[Explanation], effects: Sequence[float]) -> tuple[int, ...]:
-    """The most probable rival, and those whose evidence is within ALIKE of its, both ways."""
+    """The most probable rival, and those whose evidence is within ALIKE of its, both ways.
+
+    By selecting recordings too, if they show both.
+    """
     if not rivals:
         return ()
     order = sorted(range(len(rivals)), key=lambda k: -effects[k])
     best = rivals[order[0]]
 
-    def evidence(one: Explanation) -> float:
-        return float(np.nansum([one.gain, one.confirmed]))
+    def apart(one: Explanation) -> float:
+        return float(np.nansum([best.gain - one.gain, best.confirmed - one.confirmed]))
 
-    return tuple(k for k in order if abs(evidence(best) - evidence(rivals[k])) < ALIKE)
+    return tuple(k for k in order if abs(apart(rivals[k])) < ALIKE)

@@ -43,7 +43,7 @@ from .noise import (
     yule_walker,
 )
 from .prior import Kind, kinds_of, prior_variance
-from .reference import GAINS, TIMED, Reference
+from .reference import CLOCKS, GAINS, Reference
 from .usual import Usual
 
 ROUNDS, ROUNDS_NEAR = 4, 2  # until the noise has settled, from a first guess and from that of a hypothesis near by
@@ -134,7 +134,7 @@ def _differences(
     A shift in time moves what is sudden most, which the quiet motion has not. Noise that is moved as far to both sides
     does not bias it; nor does that of a lag which is taken back, a slope over the neighbours.
     """
-    if unknown.effect not in TIMED:
+    if unknown.effect not in CLOCKS:
         moved = evaluate(*unknown.apply(quiet.recording, quiet.world, unknown.step), where, quiet)
         return {name: (value - moved.residuals[name]) / unknown.step for name, value in quiet.residuals.items()}
     first, last = (-unknown.step, unknown.step if CATALOGUE[unknown.effect].late is not Effect.late else 0.0)
@@ -151,12 +151,11 @@ class Evidence:
     gram: Array  # (P, P)
     moment: Array  # (P,)
     energy: float
-    count: int
 
     def __add__(self, other: Evidence) -> Evidence:
         return Evidence(
             self.unknowns, self.at, self.gram + other.gram, self.moment + other.moment,
-            self.energy + other.energy, self.count + other.count,
+            self.energy + other.energy,
         )  # fmt: skip
 
     def shared(self) -> Evidence:
@@ -173,7 +172,7 @@ class Evidence:
         moment = self.moment - cross.T @ half[:, -1]
         gram[own], gram[:, own], moment[own] = 0.0, 0.0, 0.0
         energy = self.energy - float(b @ half[:, -1]) + 2.0 * float(np.log(np.diag(factor[0])).sum())
-        return Evidence(self.unknowns, self.at, gram, moment, energy, self.count)
+        return Evidence(self.unknowns, self.at, gram, moment, energy)
 
     def fit(self, released: Sequence[int] = ()) -> Fit:
         """Posterior of the unknowns' deviations from nominal when some are released to their reach.
@@ -221,10 +220,8 @@ class Fit:
         return np.asarray(self.scale[:, None] * cho_solve(self.factor, np.diag(self.scale)))
 
 
-def weigh(
-    problem: Problem, at: Array, like: dict[str, Noise] | None = None
-) -> tuple[Evidence, dict[str, Noise], dict[str, Array]]:
-    """Evidence when the noise is what the best explanation leaves; that noise, and what is left, by group.
+def weigh(problem: Problem, at: Array, like: dict[str, Noise] | None = None) -> tuple[Evidence, dict[str, Noise]]:
+    """Evidence when the noise is what the best explanation leaves, and that noise, by group.
 
     The noise is that of each law by itself, with full trust: what is trusted less is explained less, and what then
     remains of a large effect would be taken for noise.
@@ -254,7 +251,7 @@ def weigh(
             )
             for key, left in remainder.items()
         }
-    return summed(problem.unknowns, at, parts, problem.usual.trust), noise, remainder
+    return summed(problem.unknowns, at, parts, problem.usual.trust), noise
 
 
 def _of_remainder(left: Array, pieces: Integers, key: str) -> Array:
@@ -276,7 +273,6 @@ class Part:
     gram: Array
     moment: Array
     energy: float
-    count: int
 
 
 def parts_of(problem: Problem, noise: dict[str, Noise]) -> Iterator[Part]:
@@ -286,19 +282,18 @@ def parts_of(problem: Problem, noise: dict[str, Noise]) -> Iterator[Part]:
         stacked = np.column_stack([row, problem.columns[key][:, some]])
         white, log = independent(stacked, problem.stride.get(key), problem.pieces[key], noise[key])
         A, r = white[:, 1:], white[:, 0]
-        yield Part(law_of(key), some, A.T @ A, A.T @ r, float(r @ r) + log, len(r))
+        yield Part(law_of(key), some, A.T @ A, A.T @ r, float(r @ r) + log)
 
 
 def summed(unknowns: list[Unknown], at: Array, parts: Iterable[Part], trust: Mapping[str, float]) -> Evidence:
     """Evidence of all parts, linear about `at` (P,), with a trust of each law (1 where none is given)."""
     P = len(unknowns)
-    out = Evidence(unknowns, at, np.zeros((P, P)), np.zeros(P), 0.0, 0)
+    out = Evidence(unknowns, at, np.zeros((P, P)), np.zeros(P), 0.0)
     for part in parts:
         share = trust.get(part.law, 1.0)
         out.gram[np.ix_(part.at, part.at)] += share * part.gram
         out.moment[part.at] += share * part.moment
         out.energy += share * part.energy
-        out.count += part.count
     return out
 
 

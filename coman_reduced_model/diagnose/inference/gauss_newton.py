@@ -20,7 +20,7 @@ from .case import Case, evidence_of
 from .case_cache import CaseCache
 from .evidence import Fit
 from .finding import Finding
-from .reference import TIMED
+from .reference import CLOCKS
 
 # All derivatives are computed again where a parameter has moved by more than FAR_OFF of its reach since the last time,
 # in ROUNDS rounds at most.
@@ -50,7 +50,7 @@ def settle(
     fit = evidence_of(cases).fit(released)
     start = at, cases, fit
     possible = np.array_equal(at, near) and all(
-        fit.x[i] >= known[i].low and known[i].effect not in TIMED for i in released
+        fit.x[i] >= known[i].low and known[i].effect not in CLOCKS for i in released
     )
     for left in reversed(range(rounds)):
         at, cases, fit = _gauss_newton(cache, released, at, cases, fit)

@@ -24,7 +24,7 @@ from ...core.evaluation.statistics import AXES, by_axis
 from ...core.robot.robot import Robot
 from ...processes import workers
 from ...topics import TopicNames
-from ..data.streams import rising
+from ..data.streams import longest_run, rising
 
 CONFIDENCE = 0.95
 
@@ -34,7 +34,7 @@ class FreeRun:
     """The free run of one model over one bag, n samples; COM [m] in the frame of the support sole, NaN if not known.
 
     Attributes:
-        stamps: (n,) [ns], rising: what a bag that starts again holds twice counts once.
+        stamps: (n,) [ns], rising: of a bag that starts again, those of the longest run.
         foot, phase: (n,) support foot and phase.
         run: (n,) number of the free run that a sample belongs to: one begins at each reset.
         measured, predicted: (n, 3).
@@ -126,7 +126,8 @@ def free_run(
                 rows.append(row)
             positions += [sample.q for sample in batch]  # as effects have corrected them while predicting
     stamps = np.array([row[0] for row in rows], dtype=np.int64)
-    later = rising(stamps)
+    begin, end, _ = longest_run(stamps, config.streams.restart_gap)  # what is diagnosed
+    later = begin + np.flatnonzero(rising(stamps[begin:end]))
     values = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 9)[later]
     foot, phase, flags = values[:, :3].T.astype(int)
     measured, predicted = values[:, 3:6], values[:, 6:]

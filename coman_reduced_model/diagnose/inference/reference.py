@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.base.types import Array
-from ...core.effects.catalogue import CATALOGUE, Effect
+from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import Unknown, applied
 from ..data.masks import Masks, with_taken_up
 from ..data.recording import Recording
@@ -18,7 +18,7 @@ from ..data.world import World
 from ..physics.balance import State, balanced, evaluate
 
 GAINS = ("wrench_scale", "sensor_rotation")  # of foot sensors: what they do grows with the wrench
-TIMED = {name for name, effect in CATALOGUE.items() if effect.clock or effect.late is not Effect.late}
+CLOCKS = {name for name, effect in CATALOGUE.items() if effect.clock}  # shifts of streams in time
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Reference:
 
 def shifts_of(known: Sequence[Unknown], at: Array) -> Array:
     """Of deviations (P,), those of parameters that shift streams in time; 0 for the others."""
-    return np.where([unknown.effect in TIMED for unknown in known], at, 0.0)
+    return np.where([unknown.effect in CLOCKS for unknown in known], at, 0.0)
 
 
 def gains_of(known: Sequence[Unknown], at: Array) -> Array:

@@ -15,13 +15,14 @@ from ..data.recording import lifts_a_foot
 from ..physics.hypotheses import Candidate, candidates
 from .case import Case, evidence_of
 from .case_cache import CaseCache
-from .compare import CLOCKS, compare, places_of
+from .compare import compare, places_of
 from .decide import nats_for_alarm, odds
 from .evidence import Score, scores
 from .explanation import Explanation
 from .finding import ChosenEffect, Finding
 from .gauss_newton import settled
 from .prior import prior_variance
+from .reference import CLOCKS
 
 MOST = 3  # effects at once
 RIVALS, PLACES = 6, 2  # effects that are compared closely; places of each
@@ -136,8 +137,9 @@ def fit_assumed(
     finding.first = scores(evidence_of(finding.train), options)
     for name, where in dict.fromkeys(assumed):
         mine = [s for s in finding.first if s.option.effect == name and s.option.where in (where, PLAN, LINKS)]
-        if mine:  # in the way in which it shows most: a parameter that these recordings leave open is not fitted
-            finding.chosen.append(ChosenEffect(mine[0].option, mine[0].gain, np.nan))
+        if mine:  # in the possible way in which it shows most: a parameter that they leave open is not fitted
+            best = next((score for score in mine if score.physical), mine[0])
+            finding.chosen.append(ChosenEffect(best.option, best.gain, np.nan))
     finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
     finding.hold = cache.at(finding.at, "hold")
     return finding

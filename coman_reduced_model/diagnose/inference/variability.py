@@ -55,17 +55,17 @@ def squares(evidences: Sequence[Evidence]) -> tuple[Array, Array]:
 
 def _squares(evidences: Sequence[Evidence], fit: Fit) -> tuple[Array, Array]:
     own = np.array([unknown.own for unknown in evidences[0].unknowns])
-    fits = _with_own(evidences, fit)
+    fits = with_own(evidences, fit)
     square = np.where(own, np.mean([each.x**2 for each in fits], axis=0), fit.x**2)
     variances = [np.diag(each.covariance) for each in (*fits, fit)]
     return square, np.where(own, np.mean(variances[:-1], axis=0), variances[-1])
 
 
-def _with_own(evidences: Sequence[Evidence], fit: Fit) -> list[Fit]:
+def with_own(evidences: Sequence[Evidence], fit: Fit) -> list[Fit]:
     """Of each recording, its own parameters, with all others as a fit of what recordings share has them."""
     known = evidences[0].unknowns
     own = np.array([unknown.own for unknown in known])
-    prior = np.where(own, prior_variance(known), np.diag(fit.covariance) + 1e-18)
+    prior = np.where(own, prior_variance(known, precise=fit.precise), np.diag(fit.covariance) + 1e-18)
     return [each.posterior(np.where(own, 0.0, fit.x), prior) for each in evidences]
 
 
@@ -184,7 +184,7 @@ def means_of(robots: Sequence[Sequence[Evidence]], nominal: Nominal) -> dict[str
         known = with_both(evidences[0].unknowns, nominal)
         several = [replace(each, unknowns=known) for each in evidences]
         fit = pooled(several).fit()
-        own = np.mean([each.x for each in _with_own(several, fit)], axis=0)
+        own = np.mean([each.x for each in with_own(several, fit)], axis=0)
         for unknown, value in zip(known, np.where([each.own for each in known], own, fit.x), strict=True):
             if "usual" in unknown.widths:
                 values.setdefault(unknown.widths["usual"], []).append(float(value) / unknown.relative)

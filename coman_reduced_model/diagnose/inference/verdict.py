@@ -16,12 +16,13 @@ from ..physics.hypotheses import Candidate
 from .case import Case, evidence_of, examine
 from .case_cache import CaseCache
 from .check import Checked
-from .compare import CLOCKS, confirmation
+from .compare import confirmation
 from .evidence import scores
 from .explanation import APART, standing_out, worst_leftover
 from .finding import Finding
 from .floor import law_of
 from .gauss_newton import settled
+from .reference import CLOCKS
 from .search import search
 from .weight import LOADS, Weight, weight
 

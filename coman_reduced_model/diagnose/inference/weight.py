@@ -101,7 +101,7 @@ def _with_common(evidence: Evidence, masses: Array, population: Nominal) -> Evid
     moment = evidence.moment + evidence.gram @ at
     energy = evidence.energy + float(at @ (evidence.moment + moment))
     unknowns, nothing = [*known, common], np.zeros(len(known) + 1)
-    return Evidence(unknowns, nothing, J.T @ evidence.gram @ J, J.T @ moment, energy, evidence.count)
+    return Evidence(unknowns, nothing, J.T @ evidence.gram @ J, J.T @ moment, energy)
 
 
 def _usual(unknown: Unknown, population: Nominal) -> float:

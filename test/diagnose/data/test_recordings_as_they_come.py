@@ -103,6 +103,23 @@ def test_torques_that_stop_are_a_gap(tmp_path):
     assert not recording.valid[recording.t > 5.55].any()
 
 
+def test_torques_of_a_joint_that_are_seldom_there_are_not_used(tmp_path, joint=3):
+    """They are no line from the last to the next value; the other joints have theirs."""
+
+    def change(stream, message, k):
+        if stream != JOINTS or k % 10 < 7:
+            return stream, message
+        effort = message.effort.copy()
+        effort[joint] = np.nan
+        return stream, replace(message, effort=effort)
+
+    messages = [change(*each, k // 40) for k, each in enumerate(walk(6.0))]
+    recording, robot = load(write_bag(tmp_path / "bag", messages), Config())
+    assert recording.tau is not None and recording.valid.all()
+    assert np.isfinite(recording.tau).all(axis=0).tolist() == [j != joint for j in range(12)]
+    assert any(f"torques of {robot.joint_names[joint]} are there less" in line for line in recording.warnings)
+
+
 def test_soft_ground_of_a_configuration_bends_no_joint(tmp_path):
     """It is part of the world: the springs bear what the encoders say."""
     bag = write_bag(tmp_path / "bag", walk(6.0))
@@ -128,6 +145,22 @@ def test_an_effect_of_both_feet_or_of_a_leg_is_that_of_each_of_its_places(tmp_pa
     wanted = [0.5 * (name in right) for name in robot.joint_names]
     np.testing.assert_allclose(world.friction, wanted)
     assert not [line for line in recording.warnings if "left out" in line]
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "field", "wanted"),
+    [("joint_friction", {"coulomb": 0.5, "creep": 0.2}, "creep", 0.2),
+     ("hysteresis", {"width": 0.004, "friction": 3.0}, "slips_at", 3.0)],
+)  # fmt: skip
+def test_what_only_single_joints_have_in_a_diagnosis_is_configured_for_all_of_a_leg(
+    tmp_path, effect, values, field, wanted
+):
+    keys = {f"effects.{effect}.{key}": [value] for key, value in values.items()}
+    known = Config().replaced({"effects.active": [effect], f"effects.{effect}.where": ["left"], **keys})
+    recording, robot = load(write_bag(tmp_path / "bag", walk(6.0)), known)
+    _, world, _ = prepare(recording, robot, known)
+    np.testing.assert_allclose(getattr(world, field)[robot.legs[Foot.LEFT]], wanted)
+    assert not np.isclose(getattr(world, field)[robot.legs[Foot.RIGHT]], wanted).any()
 
 
 def test_an_effect_of_a_configuration_that_a_recording_cannot_show_is_said(tmp_path):

@@ -17,7 +17,7 @@ from coman_reduced_model.diagnose.inference.case import Case, examine
 from coman_reduced_model.diagnose.inference.evidence import Evidence, Problem, weighed
 from coman_reduced_model.diagnose.inference.isolability import isolability
 from coman_reduced_model.diagnose.inference.noise import Noise
-from coman_reduced_model.diagnose.inference.reference import TIMED
+from coman_reduced_model.diagnose.inference.reference import CLOCKS
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 
 REACH, FIRST, MORE = 2.0, 5.0, 3.0  # of both parameters; information of one in the recording, in the candidate
@@ -28,7 +28,7 @@ ROWS = 2000  # of a recording
 
 @pytest.mark.parametrize("size", [0.3, 1.0])
 def test_effects_that_are_parallel_are_distinguished_by_a_recording_in_which_they_are_orthogonal(size):
-    parallel = Evidence(PAIR, NOTHING, FIRST * np.ones((2, 2)), NOTHING, 0.0, 10)
+    parallel = Evidence(PAIR, NOTHING, FIRST * np.ones((2, 2)), NOTHING, 0.0)
     options, x = candidates(PAIR), size * REACH
 
     def apart(more: np.ndarray | None) -> float:
@@ -45,7 +45,7 @@ def test_effects_that_are_parallel_are_distinguished_by_a_recording_in_which_the
 
 
 def test_the_best_candidate_comes_first():
-    parallel = Evidence(PAIR, NOTHING, FIRST * np.ones((2, 2)), NOTHING, 0.0, 10)
+    parallel = Evidence(PAIR, NOTHING, FIRST * np.ones((2, 2)), NOTHING, 0.0)
     options = candidates(PAIR)
     informations = {"again": FIRST * np.ones((2, 2)), "other": 9.0 * np.eye(2), "nothing": np.zeros((2, 2))}
     found = [
@@ -118,7 +118,7 @@ def test_a_delay_and_a_lag_differ_by_their_size():
     recording, world = standing()
     where = masks(recording, world)
     known = [each for each in unknowns(recording, world) if each.effect in ("transport_delay", "motor_lag")]
-    assert {each.effect for each in known} <= TIMED and [each.where for each in known] == ["", ""]
+    assert {each.effect for each in known} <= CLOCKS and [each.where for each in known] == ["", ""]
     nominal = examine((recording, world, where), known, np.zeros(2))
     key = "spring/LKneeSag|any"
     j = world.robot.joint_names.index("LKneeSag")

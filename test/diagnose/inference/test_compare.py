@@ -230,6 +230,13 @@ def test_what_recordings_tell_apart_the_other_way_is_no_group(nominal):
     assert found.effects[0] > found.effects[1] and found.group == (0,) and found.named == found.effects[0]
 
 
+def test_what_held_out_walks_do_not_show_is_compared_by_the_others(nominal):
+    rivals = [explanation("external_force", 20.0, 10.0), explanation("ground_slope", 19.0, np.nan)]
+    assert set(odds([explanation(), *rivals], nominal).group) == {0, 1}
+    rivals = [explanation("external_force", 20.0, 10.0), explanation("ground_slope", 30.0, np.nan)]
+    assert len(odds([explanation(), *rivals], nominal).group) == 1
+
+
 def test_without_selecting_recordings_other_weights_count(nominal):
     nothing, rival = explanation(confirmed=np.nan), explanation("payload", 40.0, np.nan)
     assert nothing.features(nominal)["evidence"] == 0.0

@@ -39,7 +39,7 @@ few = settings(max_examples=15)
 
 def evidence_of(A, r, at=None, known=FIGURES) -> Evidence:
     at = np.zeros(A.shape[1]) if at is None else at
-    return Evidence(known, at, A.T @ A, A.T @ r, float(r @ r), len(r))
+    return Evidence(known, at, A.T @ A, A.T @ r, float(r @ r))
 
 
 def log_normal(r, mean, covariance) -> float:
@@ -198,14 +198,14 @@ def problem(values, pieces) -> Problem:
 def test_short_pieces_have_a_noise_too():
     """Double support may last two ticks only: then there are no second differences within a piece."""
     values = np.random.default_rng(4).normal(size=60)
-    evidence, noise, _ = weigh(problem(values, np.arange(0, 60, 2)), np.zeros(4))
+    evidence, noise = weigh(problem(values, np.arange(0, 60, 2)), np.zeros(4))
     assert np.isfinite(evidence.gram).all() and np.isfinite(evidence.energy)
     assert noise["a|single"].autoregression[0] == pytest.approx(1.0, abs=0.5)
 
 
 def test_a_channel_that_never_moves_breaks_nothing():
     """A driver that writes zeros for a foot in the air."""
-    evidence, _, _ = weigh(problem(np.zeros(60), np.array([0])), np.zeros(4))
+    evidence, _ = weigh(problem(np.zeros(60), np.array([0])), np.zeros(4))
     assert np.isfinite(evidence.fit([0]).log)
 
 

@@ -34,7 +34,7 @@ def columns() -> np.ndarray:
 def evidence(residuals: np.ndarray | None = None) -> Evidence:
     A = columns()
     r = np.zeros(len(A)) if residuals is None else residuals
-    return Evidence(KNOWN, np.zeros(len(KNOWN)), A.T @ A, A.T @ r, float(r @ r), len(A))
+    return Evidence(KNOWN, np.zeros(len(KNOWN)), A.T @ A, A.T @ r, float(r @ r))
 
 
 @pytest.mark.slow

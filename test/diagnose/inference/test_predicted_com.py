@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robots import bent, robot_of
+from synthetic import walk, write_bag
 
 from coman_reduced_model.core.base.types import Foot, Phase
 from coman_reduced_model.core.config.schema import Config
@@ -18,6 +19,7 @@ from coman_reduced_model.resources import bag_path
 
 STEP, N = 40, 400  # samples of a step, of a run; 5 ms apart
 VALUES = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12)
+PLAIN = Config().replaced({"effects.active": ["none"]})
 OFFSET = EffectConfig("com_offset", "", {"x": 0.01, "y": 0.0, "z": 0.0})
 
 
@@ -209,15 +211,21 @@ def test_without_effects_nothing_is_predicted():
 
 def test_positions_are_those_that_effects_have_corrected():
     """The masses of another model are placed by the joints as this model believes they are."""
-    plain = Config().replaced({"effects.active": ["none"]})
-    biased = plain.replaced(
+    biased = PLAIN.replaced(
         {
             "effects.active": ["encoder_bias"],
             "effects.encoder_bias.where": ["LKneeSag"],
             "effects.encoder_bias.bias": [0.02],
         }
     )
-    before, after = (predicted_com.free_run(bag_path("test1"), config) for config in (plain, biased))
+    before, after = (predicted_com.free_run(bag_path("test1"), config) for config in (PLAIN, biased))
     bias = np.zeros(before.q.shape[1])
     bias[before.robot.joint_names.index("LKneeSag")] = 0.02
     np.testing.assert_allclose(before.q - after.q, np.tile(bias, (len(before.q), 1)), atol=1e-12)
+
+
+def test_of_a_bag_that_starts_again_the_run_that_is_diagnosed_is_predicted(tmp_path):
+    """The longest one: the first is no part of it, though time is later in neither."""
+    alone = predicted_com.free_run(write_bag(tmp_path / "alone", walk(4.0)), PLAIN)
+    both = predicted_com.free_run(write_bag(tmp_path / "both", [*walk(3.0), *walk(4.0)]), PLAIN)
+    assert both.stamps[0] == alone.stamps[0] and abs(len(both.stamps) - len(alone.stamps)) < 5

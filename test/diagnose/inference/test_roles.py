@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from diagnose_tools import swaying
 from synthetic import robot
@@ -11,6 +12,17 @@ from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.diagnose.data.reading import Reading
 from coman_reduced_model.diagnose.inference.check import check_recordings
+
+
+def test_a_walk_that_ends_in_standing_is_parted_by_its_steps():
+    recording = swaying(Phase.DOUBLE)
+    walks = recording.t < 0.7 * recording.t[-1]
+    stepping = np.where(recording.t % 1.0 < 0.5, Phase.LEFT, Phase.RIGHT)
+    recording = recording.changed(phase=np.where(walks, stepping, Phase.DOUBLE), up=None)
+    checked = check_recordings([Reading(name, recording, robot()) for name in "ab"], 1, Config(), [])
+    for part in (checked.train, checked.select):
+        ((_, _, where),) = part
+        assert (where.steady & ~where.double).sum() > 10
 
 
 @pytest.mark.parametrize(

@@ -111,5 +111,5 @@ def test_a_recording_is_the_sum_of_its_laws_each_with_its_trust():
     whole = weighed(case.problem, case.evidence.at, case.noise)
     np.testing.assert_allclose(found.gram, whole.gram, atol=1e-9 * np.abs(full.gram).max())
     np.testing.assert_allclose(found.moment, whole.moment, atol=1e-9 * np.abs(full.moment).max())
-    assert found.energy == pytest.approx(whole.energy) and found.count == whole.count
+    assert found.energy == pytest.approx(whole.energy)
     assert not np.allclose(found.gram, full.gram)

@@ -14,8 +14,8 @@ from diagnose_tools import made_up, standing
 from coman_reduced_model.core.base.nominal import Nominal
 from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.diagnose.inference.case import Case
-from coman_reduced_model.diagnose.inference.compare import pulled_together
-from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
+from coman_reduced_model.diagnose.inference.compare import pulled_together, pulls
+from coman_reduced_model.diagnose.inference.evidence import Evidence, pooled, scores
 from coman_reduced_model.diagnose.inference.variability import (
     _parts_of,
     adapted,
@@ -47,7 +47,7 @@ def recordings(rng, play: float, zero: float, count: int = 3) -> list[Evidence]:
         x = np.concatenate([values, zero * rng.standard_normal(JOINTS)])
         A = rng.normal(size=(200, 2 * JOINTS))
         r = A @ x + 0.2 * rng.standard_normal(200)
-        out.append(Evidence(known, np.zeros(2 * JOINTS), 25.0 * A.T @ A, 25.0 * A.T @ r, 25.0 * float(r @ r), 200))
+        out.append(Evidence(known, np.zeros(2 * JOINTS), 25.0 * A.T @ A, 25.0 * A.T @ r, 25.0 * float(r @ r)))
     return out
 
 
@@ -63,6 +63,14 @@ def test_how_far_nominal_robots_are_pulled_together_is_chi_squared(wider):
     beyond = (wider**2 - 1.0) * np.sqrt(shown / 2.0)
     assert np.mean(found) == pytest.approx(beyond, abs=0.15 * wider**2)
     assert np.std(found) == pytest.approx(wider**2, rel=0.15)
+
+
+def test_zeros_that_each_recording_has_for_itself_are_pulled_too():
+    rng = np.random.default_rng(3)
+    evidences = recordings(rng, 0.1, 3.0)
+    cases = [cast(Case, SimpleNamespace(evidence=evidence)) for evidence in evidences]
+    found = pulls(cases, pooled(evidences).fit(), ())
+    assert found["play.spread"] < 1.5 and found["zero_f.spread"] == pytest.approx(3.0, rel=0.3)
 
 
 def test_a_population_gets_the_widths_that_it_was_drawn_with():
@@ -99,7 +107,7 @@ def test_what_is_usual_for_most_robots_stands_out_on_a_precise_one(play):
     rng, x = np.random.default_rng(5), np.zeros(JOINTS + 1)
     x[:JOINTS], x[-1] = play * rng.standard_normal(JOINTS), 3.0
     gram = 1e8 * np.eye(JOINTS + 1)
-    one = Evidence(known, np.zeros(len(x)), gram, gram @ x, float(x @ gram @ x), 200)
+    one = Evidence(known, np.zeros(len(x)), gram, gram @ x, float(x @ gram @ x))
     (late,) = scores(one, [Candidate("encoder_delay", "", (JOINTS,))])
     assert (late.gain > 10.0) == (play < 0.01)
     assert one.fit().precise == () and one.fit([JOINTS]).precise == (("robot",) if play < 0.01 else ())
@@ -133,7 +141,7 @@ def test_an_imu_that_is_mounted_otherwise_widens_what_an_imu_may_be_off_by(off, 
     ]
     known, x = [*figures(), *imu], np.concatenate([np.zeros(2 * JOINTS), [off, 0.0]])
     A = np.random.default_rng(3).normal(size=(200, len(known)))
-    one = Evidence(known, np.zeros(len(known)), 1e6 * A.T @ A, 1e6 * A.T @ A @ x, 1e6 * float(x @ A.T @ A @ x), 200)
+    one = Evidence(known, np.zeros(len(known)), 1e6 * A.T @ A, 1e6 * A.T @ A @ x, 1e6 * float(x @ A.T @ A @ x))
     found = adapted([one], replace(POPULATION, widths=POPULATION.widths | {"imu.spread": 0.004}))[-2:]
     assert all(least * 0.004 <= each.spread <= 1.5 * off for each in found)
 
@@ -152,7 +160,7 @@ def test_what_robots_have_some_of_anyway_is_found_whether_of_a_robot_or_of_each_
         r = 0.3 + 0.1 * rng.standard_normal((2, 50))
         robots.append(
             [
-                Evidence(known, np.zeros(1), np.full((1, 1), 5e3), np.array([1e2 * x.sum()]), 1e2 * float(x @ x), 50)
+                Evidence(known, np.zeros(1), np.full((1, 1), 5e3), np.array([1e2 * x.sum()]), 1e2 * float(x @ x))
                 for x in r
             ]
         )

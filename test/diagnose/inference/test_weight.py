@@ -35,7 +35,7 @@ def case(
     gram = np.diag([1.0 / max(unknown.spread, 1e-6) ** 2 for unknown in known])
     moment = gram @ (truth - at - [unknown.usual for unknown in known])
     phase = np.where(recording.t < 2.0, Phase.LEFT, Phase.RIGHT) if walks else recording.phase
-    evidence = Evidence(known, at, gram, moment, 0.0, 100)
+    evidence = Evidence(known, at, gram, moment, 0.0)
     return SimpleNamespace(
         evidence=evidence,
         said_by=lambda laws: evidence,
