@@ -30,7 +30,7 @@ from .bag.types import bag_types
 from .bag.writer import BagWriter
 from .core.base.pose import quaternion
 from .core.base.throttle import Throttle
-from .core.base.types import Array, Prediction, Sample, SupportState
+from .core.base.types import Array, Foot, Prediction, Sample, SupportState
 from .core.config.files import save_config
 from .core.evaluation.consistency import Consistency
 from .core.evaluation.statistics import RunStatistics, by_axis
@@ -236,7 +236,12 @@ def _summary(session: Session, statistics: _Statistics, elapsed: float) -> dict[
         "schema_version": SCHEMA_VERSION,
         "bag": str(bag.path),
         "version": version(),
-        "robot": {"name": config.robot.name, "mass_kg": robot.mass, "joints": list(robot.joint_names)},
+        "robot": {
+            "name": config.robot.name,
+            "mass_kg": robot.mass,
+            "joints": list(robot.joint_names),
+            "soles_m": {foot.name.lower(): robot.soles[foot].tolist() for foot in (Foot.LEFT, Foot.RIGHT)},
+        },
         "wrench_source": config.streams.wrench_source,
         "ground": _ground(pipeline),
         "adapted": _adapted(pipeline),

@@ -9,10 +9,12 @@ from coman_reduced_model.ros.runtime.launching import declare, find_files, node,
 
 
 def trajectory(context):
-    parameters = [{"use_sim_time": switch("use_sim_time")}, {"gait.repeat": switch("repeat")}]
+    parameters = [{"use_sim_time": switch("use_sim_time")}]
     gait = LaunchConfiguration("gait").perform(context)
     if gait:  # an empty text would hide what the configuration names
         parameters.append({"gait.name": gait})
+    if LaunchConfiguration("repeat").perform(context):
+        parameters.append({"gait.repeat": switch("repeat")})
     return [node("trajectory", *parameters, remap=remappings(context, "reference"))]
 
 

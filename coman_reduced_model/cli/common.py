@@ -68,6 +68,7 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
         ConfigError: the file or a change is not allowed.
     """
     from ..core.config.files import load_config
+    from ..core.config.schema import FILES
 
     config = load_config(path, node)
     warn(config.notes)
@@ -77,9 +78,12 @@ def read_config(path: Path | None, changes: Sequence[str] | None = None, node: s
         if not separator:
             raise ConfigError(f"--set: {change!r} is not of the form KEY=VALUE")
         try:
-            values[key.strip()] = yaml.safe_load(text)
+            value = yaml.safe_load(text)
         except (yaml.YAMLError, ValueError):  # a date that is none
             raise ConfigError(f"--set: {key.strip()}: {text!r} is not a value of YAML") from None
+        if key.strip() in FILES and isinstance(value, str) and value:  # from here, not from the configuration's folder
+            value = str(Path(value).absolute()) if not value.startswith("~") else value
+        values[key.strip()] = value
     return config.replaced(values, "--set") if values else config
 
 

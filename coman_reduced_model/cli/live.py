@@ -153,6 +153,8 @@ def _watch(nodes: Any, duration: float | None, stop: Any) -> None:
         nodes.stop()
     model, rigid = view.rms_mm()
     if not view.count:
+        if not stop.requested:
+            raise NodeFailed(f"no prediction within {duration:g} s")
         print("no predictions were made")
         return
     print(f"{view.count} predictions; RMS error of the last seconds, x, y, z [mm]:")

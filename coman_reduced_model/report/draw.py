@@ -31,7 +31,7 @@ STYLES: dict[str, dict[str, Any]] = {
     "predicted": {"color": "#d55e00", "linewidth": 1.5, "linestyle": (0, (5, 1.2))},
     "reference": {"color": "#0072b2", "linewidth": 1.3, "linestyle": (0, (1.2, 1.2))},
 }
-SERIES = (STYLES["predicted"]["color"], STYLES["reference"]["color"], "#009e73", "#cc79a7", "#e69f00", FAINT)
+SERIES = (STYLES["predicted"]["color"], STYLES["reference"]["color"], "#009e73", "#cc79a7", "#e69f00", FAINT, "#56b4e9")
 SHADES = {Phase.DOUBLE: "#e4e7ee", Phase.LEFT: "#ffffff", Phase.RIGHT: "#fdf3dd", Phase.FLIGHT: "#f7d9d9"}
 PHASE_NAMES = {
     Phase.DOUBLE: "double support",

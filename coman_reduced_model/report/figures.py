@@ -29,6 +29,8 @@ _LABELS = {
     "planned": "planned",
     "persistence": "persistence",
     "lipm": "LIPM",
+    "deflected": "deflected",
+    "still": "still",
 }
 
 
@@ -97,7 +99,7 @@ def horizon_error(errors: Mapping[str, Mapping[str, Mapping[str, float | None]]]
     if "published" not in names:
         raise NoData("No horizon prediction was judged.")
     figure, plots = new_figure(1, 3, 3.1)
-    markers = dict(zip(_LABELS, "osD^v", strict=True))
+    markers = dict(zip(_LABELS, "osD^vPX", strict=True))
     for ax, axis in zip(plots, AXES, strict=True):
         for name in names:
             values = {float(h): by[name].get(axis) for h, by in errors.items()}
@@ -124,19 +126,20 @@ def horizon_error(errors: Mapping[str, Mapping[str, Mapping[str, float | None]]]
     return figure
 
 
-def top_view(run: Run, foot_length: float = 0.2, foot_width: float = 0.1) -> Figure:
+def top_view(run: Run, soles: Mapping[Foot, Sequence[float]]) -> Figure:
     """The COM from above in `odom`, with the soles where they carried.
 
     Args:
         run: what to draw.
-        foot_length, foot_width: of the soles [m], drawn around the origins of their frames.
+        soles: x of the back and the front edge, y of the right and the left edge of each in its frame [m].
     """
     measured = run.in_odom(run.measured)
     _need(run, measured, "no measured COM: no support phase was found")
-    corners = np.array(
-        [(x * foot_length / 2, y * foot_width / 2, 0, 1) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    )
-    feet = [(foot, (T @ corners.T)[:2].T) for foot, T in _footholds(run)]
+    corners = {
+        foot: np.array([(x, y, 0, 1) for x, y in ((x1, y1), (x0, y1), (x0, y0), (x1, y0))])
+        for foot, (x0, x1, y0, y1) in soles.items()
+    }
+    feet = [(foot, (T @ corners[foot].T)[:2].T) for foot, T in _footholds(run)]
     extent = np.concatenate([measured[np.isfinite(measured[:, 0]), :2], *(shape for _, shape in feet)])
     across, along = np.ptp(extent[:, 1]), np.ptp(extent[:, 0])
     figure, (ax,) = new_figure(1, 1, float(np.clip(1.3 + 8.4 * across / max(along, 1e-6), 2.6, 8.0)))
@@ -172,7 +175,8 @@ def load_share(run: Run) -> Figure:
         raise NoData("No wrenches: the load on the feet is not known.")
     figure, (ax,) = new_figure(1, 1, 2.4)
     shade(ax, run)
-    ax.plot(*thin(run.time, run.left_share), color=INK, linewidth=1.2)
+    paused = np.diff(run.time, prepend=run.time[:1]) > _PAUSE_S
+    ax.plot(*thin(run.time, run.left_share, paused), color=INK, linewidth=1.2)
     ax.set_ylim(-0.05, 1.05)
     ax.set_yticks([0, 0.5, 1], ["all right", "equal", "all left"])
     _time_axis(ax, run)

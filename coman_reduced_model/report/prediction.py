@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.base.limits import DIVERGED, TOPPLED
+from ..core.base.types import Foot
 from ..core.config.schema import OPTIONS, config_from_flat
 from ..core.evaluation.run import Run
 from ..core.evaluation.statistics import AXES
@@ -228,7 +229,6 @@ def _errors(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section
 def _walk(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
     found = run.consecutive_steps()
     when = f"from {run.time[found[0]]:.1f} to {run.time[found[1] - 1]:.1f} s" if found else ""
-    config = summary.get("config") or {}
     parts = [
         picture(
             "three_steps",
@@ -248,14 +248,21 @@ def _walk(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
         ),
         picture(
             "top_view",
-            lambda: figures.top_view(run, config.get("robot.foot_length", 0.2), config.get("robot.foot_width", 0.1)),
+            lambda: figures.top_view(run, _soles(summary)),
             "Path of the COM seen from above, with the soles of both feet.",
             "From above, as wide as the measured COM and the soles: the COM, and the soles where they carried (green "
-            "left, yellow right, drawn around the origins of their frames).",
+            "left, yellow right).",
             plots,
         ),
     ]
     return Section("COM", parts, "com")
+
+
+def _soles(summary: Mapping[str, Any]) -> dict[Foot, Sequence[float]]:
+    """Edges of the soles [m]; of predictions of an earlier version by length and width of the configuration."""
+    config, known = summary.get("config") or {}, (summary.get("robot") or {}).get("soles_m") or {}
+    x, y = 0.5 * config.get("robot.foot_length", 0.2), 0.5 * config.get("robot.foot_width", 0.1)
+    return {foot: known.get(foot.name.lower(), (-x, x, -y, y)) for foot in (Foot.LEFT, Foot.RIGHT)}
 
 
 def _deflection(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:

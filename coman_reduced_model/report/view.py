@@ -180,7 +180,8 @@ class _Scene:
         T, rr = prediction.T_odom_sole, self._rr
         for name, com in (("measured", prediction.measured_com), ("predicted", prediction.predicted_com)):
             if not np.isfinite(com).all():
-                self._last.pop(name, None)
+                if self._last.pop(name, None) is not None:
+                    self._log(f"com/{name}", rr.Clear(recursive=False))
                 continue
             point, color = T[:3, :3] @ com + T[:3, 3], _COLORS[name]
             self._log(f"com/{name}", rr.Points3D([point], radii=0.012, colors=[color]))

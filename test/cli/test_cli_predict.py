@@ -78,6 +78,8 @@ def test_the_summary_has_what_is_promised(bag, done):
     predictors = {"published", "model", "planned", "deflected", "persistence", "still", "lipm", "clairvoyant"}
     assert set(summary["horizon_rmse_m"]["0.1"]) == predictors
     assert summary["robot"]["mass_kg"] == pytest.approx(17.3, abs=0.1)
+    back, front, right, left = summary["robot"]["soles_m"]["left"]
+    assert back < 0.0 < front and right < left
     assert summary["config"]["prediction.reference"] == "motor"
     assert summary["realtime_factor"] == pytest.approx(summary["duration_s"] / summary["elapsed_s"])
 

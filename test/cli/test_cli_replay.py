@@ -59,6 +59,7 @@ def test_it_waits_for_a_listener(start, ros_domain, bag):
         (["/nowhere"], "no such file"),
         (["{bag}", "--namespace", "a b"], "namespace"),
         (["{bag}", "--remap", "a"], "--remap"),
+        (["{bag}", "--rate", "nan"], "--rate"),
     ],
 )
 def test_what_cannot_be_played_is_said_in_one_line(start, ros_domain, bag, arguments, words):

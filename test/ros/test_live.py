@@ -131,6 +131,15 @@ def test_live_view_on_a_dumb_terminal(ros_domain):
         process.kill()
 
 
+def test_live_that_saw_no_prediction_fails(ros_domain):
+    process = Process([str(Path(sys.executable).with_name("coman")), "live", "--duration", "0.2"])
+    try:
+        assert process.wait() == 1
+        assert "coman: live failed: no prediction within 0.2 s" in process.output
+    finally:
+        process.kill()
+
+
 def test_the_virtual_robot_takes_a_world(start, peer, tmp_path):
     """A robot with waist, arms and head that publishes no IMU; an impossible world ends the node in one line."""
     world = tmp_path / "mine.yaml"

@@ -13,6 +13,9 @@ from ros_testing import NAMES, Peer, Standing, robot_urdf, stamp_of, vector
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
+from coman_reduced_model.core.base.types import Foot
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.ros.interface import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
@@ -104,6 +107,12 @@ def test_every_topic_of_the_predictor_in_a_namespace(start, ros_domain):
         assert {marker.action for marker in markers.values()} == {Marker.ADD}
         com = by_stamp[stamp_of(markers["measured"])].measured_position
         np.testing.assert_allclose(vector(markers["measured"].pose.position), vector(com), atol=1e-9)
+        foot, sole = (
+            markers["support_foot"],
+            Robot(robot_urdf(), Config().robot).soles[Foot.LEFT],
+        )  # like the right one, but for the signs of y
+        assert foot.scale.x == pytest.approx(sole[1] - sole[0]) and foot.scale.y == pytest.approx(sole[3] - sole[2])
+        assert foot.pose.position.x == pytest.approx(0.5 * (sole[0] + sole[1]), abs=1e-9)
         root = got["odometry"][-1]
         assert (root.header.frame_id, root.child_frame_id) == ("odom", "base_link")
         assert 0.4 < root.pose.pose.position.z < 0.5 and root.twist.twist.linear.x == pytest.approx(0.0)

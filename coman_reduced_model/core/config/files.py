@@ -66,6 +66,7 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         raise ConfigError(f"{path}: is not YAML{where}: {getattr(error, 'problem', error)}") from None
     if not isinstance(document, dict) or not document:
         raise ConfigError(f"{path}: wanted a ROS 2 parameter file: '/**:' with 'ros__parameters:' below it")
+    namespaces: dict[str, str] = {}  # and a section of each
     of_all: dict[str, Any] = {}
     own: dict[str, Any] = {}  # whatever their order
     for section, body in document.items():
@@ -75,10 +76,16 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         flat = {key: value for key, value in flat.items() if key not in ignored and not _foreign(key)}
         name = str(section).rsplit("/", 1)[-1]
         if name in ("**", "*", node):
+            if (namespace := str(section).rpartition("/")[0].strip("/")) and "*" not in namespace:
+                namespaces[namespace] = str(section)
             (own if name == node else of_all).update(flat)
         elif name in NODES or set(flat).intersection(parameter_table()):
             # Meant for another node: checked all the same, so that a mistake is found now and not there.
             config_from_flat(flat, f"{path}: {section}")
+    if len(namespaces) > 1:
+        raise ConfigError(
+            f"{path}: {' and '.join(namespaces.values())} are of two robots: each needs a file of its own"
+        )
     return config_from_flat({**of_all, **own}, str(path), path.parent)
 
 

@@ -49,6 +49,9 @@ def nominal_effects(names: Sequence[str]) -> tuple[EffectConfig, ...]:
     )
 
 
+FILES = ("robot.urdf", "monitor.baseline")  # keys that name files
+
+
 @dataclass(frozen=True)
 class Config:
     """Everything a robot and its predictor are configured by. Immutable; `replaced` gives a changed copy."""

@@ -88,8 +88,11 @@ class Walk:
             return f"is walking already, {self.describe(now_ns)}"
         if self.start_ns is not None or self.plan.parameters != self._gait:
             stands = self.plan.sample(self.time(now_ns))
-            self._feet = (stands.T_odom_left, stands.T_odom_right)
-            self.plan = plan_walk(self._gait, *self._feet)
+            feet = (stands.T_odom_left, stands.T_odom_right)
+            try:
+                self.plan, self._feet = plan_walk(self._gait, *feet), feet
+            except ConfigError as error:
+                return f"cannot walk from where it stands: {error}"
         self.start_ns = now_ns
         self._again = self._repeat
         return None
@@ -115,7 +118,8 @@ class Walk:
         """Begin again at the end of the plan, if it is to be repeated and was not stopped; whether it does."""
         if not self._again or self.start_ns is None or self.walking(now_ns):
             return False
-        return self.start(self.start_ns + self._lasts_ns) is None
+        self._again = self.start(self.start_ns + self._lasts_ns) is None
+        return self._again
 
     def reference(self, stamp_ns: int) -> Reference:
         """The plan at a time, with its preview."""

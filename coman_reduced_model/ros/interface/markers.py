@@ -10,7 +10,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ...core.base.pose import quaternion
 from ...core.base.types import Array, Foot, Prediction
-from ...core.config.schema import Config
+from ...core.robot.robot import Robot
 from ...messages import ODOM, header_to, ros_types
 
 _MEASURED = ColorRGBA(r=0.12, g=0.47, b=0.71, a=1.0)
@@ -23,18 +23,25 @@ _THICK = 0.004  # [m] of the foot's plate and the horizon's line
 class Markers:
     """Makes one MarkerArray of a prediction; what is not known is deleted from the display."""
 
-    def __init__(self, config: Config) -> None:
-        self._length, self._width = config.robot.foot_length, config.robot.foot_width
+    def __init__(self) -> None:
+        self._soles: dict[Foot, Array] = {}
         self._types = ros_types()
+
+    def begin(self, robot: Robot) -> None:
+        """Take over the soles of a robot."""
+        self._soles = robot.soles
 
     def of(self, prediction: Prediction) -> MarkerArray:
         """Measured and predicted COM, support foot and horizon."""
         T = prediction.T_odom_sole
         header = header_to(self._types, prediction.stamp_ns, ODOM)
         x, y, z, w = quaternion(T[:3, :3])
-        foot = _marker(header, "support_foot", 0, Marker.CUBE, _FOOT, (self._length, self._width, _THICK))
-        foot.pose = Pose(position=_point(T[:3, 3]), orientation=Quaternion(x=x, y=y, z=z, w=w))
-        if prediction.support.support_foot == Foot.NONE:
+        sole = self._soles.get(prediction.support.support_foot)
+        x0, x1, y0, y1 = (0.0, 0.0, 0.0, 0.0) if sole is None else sole.tolist()
+        foot = _marker(header, "support_foot", 0, Marker.CUBE, _FOOT, (x1 - x0, y1 - y0, _THICK))
+        middle = T[:3, :3] @ np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0]) + T[:3, 3]
+        foot.pose = Pose(position=_point(middle), orientation=Quaternion(x=x, y=y, z=z, w=w))
+        if sole is None:
             foot.action = Marker.DELETE
         line = _marker(header, "horizon", 0, Marker.LINE_STRIP, _PREDICTED, (_THICK, 0.0, 0.0))
         places = [prediction.measured_com, *(each.com for each in prediction.horizons)]

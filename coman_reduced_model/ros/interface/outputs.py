@@ -48,7 +48,7 @@ class Outputs:
             publisher(PointStamped, topic, qos.display_output()) for topic in (MEASURED, PREDICTED, REFERENCE_POINT)
         ]
         self._marker_array = publisher(MarkerArray, "com/markers", qos.display_output())
-        self._markers = Markers(config)
+        self._markers = Markers()
         self.odometry = OdometryOutput(node, config, types)
         self._set_rates(config)
         self._last_support: tuple[int, int] | None = None
@@ -57,6 +57,7 @@ class Outputs:
         """Take over the names of a robot."""
         self._joints = tuple(name.encode() + b"\0" for name in robot.config.leg_joints)
         self.odometry.root = robot.root
+        self._markers.begin(robot)
 
     def _set_rates(self, config: Config) -> None:
         self._every_points = Throttle(config.output.points_rate)

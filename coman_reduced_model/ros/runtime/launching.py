@@ -39,7 +39,11 @@ _ARGUMENTS = {
     ),
     "urdf": ("", "URDF file; empty: what the configuration names, or the topic robot_description", None),
     "gait": ("", "named gait; empty: the one that the configuration names", None),
-    "repeat": ("false", "walk the plan again when it ends; a robot that starts late joins it there", _SWITCH),
+    "repeat": (
+        "",
+        "walk the plan again when it ends; a robot that starts late joins it there; empty: as the configuration says",
+        ["", *_SWITCH],
+    ),
     "namespace": ("", "namespace of the nodes and their topics", None),
     "use_sim_time": ("false", "take the time from /clock (simulation, bag)", _SWITCH),
     "remap": ("", "other topics, as OLD:=NEW with commas between several", None),

@@ -216,11 +216,15 @@ def test_what_is_written_is_what_is_read(tmp_path, changes):
 
 def test_effects_and_legs_are_written_and_read(tmp_path):
     config = Config().replaced(
-        {"effects.active": ["lateral_compliance", "gravity_stiffness"], "robot.left.joints": ["a", "b"],
+        {"effects.active": ["payload", "backlash"], "effects.payload.mass": [1.5],
+         "effects.backlash.where": ["a", "b"], "effects.backlash.width": [1e-3, 2e-3], "robot.left.joints": ["a", "b"],
          "robot.left.stiffness": [1e-3, 1e7], "robot.left.damping": [0, 1]}
     )  # fmt: skip
     path = write(tmp_path, config_to_yaml(config))
     assert load_config(path) == dataclasses.replace(config, directory=path.parent)
+    assert [(each.name, each.where) for each in load_config(path).effects] == [
+        ("payload", ""), ("backlash", "a"), ("backlash", "b"),
+    ]  # fmt: skip
 
 
 def test_nested_and_dotted_keys_mean_the_same(tmp_path):
@@ -241,6 +245,13 @@ def test_the_section_of_a_node_overrides_that_of_all(tmp_path):
     assert (config.model.a1, config.model.a2, config.gait.steps) == (3.0, 2.0, Config().gait.steps)
     assert load_config(path, node="trajectory").gait.steps == 3
     assert load_config(path, node="trajectory").model.a1 == 2.0
+
+
+def test_sections_of_two_robots_are_not_mixed(tmp_path):
+    text = "".join(f"/{name}/predictor:\n  ros__parameters:\n    model.a1: 2.0\n" for name in ("one", "two"))
+    with pytest.raises(ConfigError, match="/one/predictor and /two/predictor are of two robots"):
+        load_config(write(tmp_path, text))
+    assert load_config(write(tmp_path, text), node="trajectory").model.a1 == Config().model.a1
 
 
 def test_the_order_of_sections_does_not_matter(tmp_path):

@@ -6,7 +6,9 @@ from __future__ import annotations
 import pytest
 
 from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.gait import walk as walks
 from coman_reduced_model.core.gait.walk import Walk
+from coman_reduced_model.errors import ConfigError
 
 
 @pytest.mark.parametrize("repeats", [True, False])
@@ -25,3 +27,20 @@ def test_a_walk_repeats_whatever_its_length(single, double, steps):
     walk.start(10**9)
     end = 10**9 + round(1e9 * walk.plan.duration_s)
     assert not walk.go_on(end - 1) and walk.go_on(end) and walk.walking(end + 1) and walk.start_ns == end
+
+
+def test_a_gait_that_cannot_begin_where_the_robot_stands_is_refused(monkeypatch):
+    """The node stays, and does not plan it again with every sample."""
+    walk = Walk(Config().replaced({"gait.repeat": True}))
+    walk.start(0)
+    ended = round(walk.plan.duration_s * 1e9) + 1
+    planned = []
+
+    def fails(*arguments):
+        planned.append(arguments)
+        raise ConfigError("feet: too far apart")
+
+    monkeypatch.setattr(walks, "plan_walk", fails)
+    plan = walk.plan
+    assert not walk.go_on(ended) and not walk.go_on(ended + 1) and len(planned) == 1
+    assert walk.start(ended) == "cannot walk from where it stands: feet: too far apart" and walk.plan is plan
