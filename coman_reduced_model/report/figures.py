@@ -258,22 +258,6 @@ def spectrum(run: Run) -> Figure:
     return figure
 
 
-def overlay(time: Array, series: Mapping[str, Array], ylabel: str, run: Run | None = None) -> Figure:
-    """Any series over time in one plot, over the phases of `run` if given; label to (n,) values."""
-    if not any(np.isfinite(values).any() for values in series.values()):
-        raise NoData(f"No values of {', '.join(series)}.")
-    figure, (ax,) = new_figure(1, 1, 2.8)
-    if run is not None:
-        shade(ax, run)
-    for i, (label, values) in enumerate(series.items()):
-        style = STYLES.get(label.split()[0], {"color": SERIES[i % len(SERIES)], "linewidth": 1.4})
-        ax.plot(*thin(time, values), label=label, **style)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel(ylabel)
-    legend(figure, ax, phase_patches(run) if run is not None else None)
-    return figure
-
-
 def heat_map(values: Array, rows: Sequence[str], columns: Sequence[str], label: str, digits: int = 1) -> Figure:
     """A table as colours with its numbers in the cells; NaN cells are left empty and say n/a."""
     if not np.isfinite(values).any():

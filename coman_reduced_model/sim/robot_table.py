@@ -102,7 +102,6 @@ class RobotTable:
     foot_width: float = 0.10  # [m] (b)
     sensor_below_ankle: float = 0.065  # [m] force/torque sensor (b)
     imu_height: float = 0.077  # [m] above base_link (c)
-    motor_inertia: float = 0.139  # [kg m^2] reflected to the link side; used by motors with dynamics only
     friction: float = 0.8  # between sole and floor
     upper: tuple[Joint, ...] = ()  # joints above the legs, parents before children; they hang on base_link
     imu_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] roll, pitch, yaw of imu_link in base_link

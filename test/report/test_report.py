@@ -22,7 +22,7 @@ from coman_reduced_model.errors import BagError
 from coman_reduced_model.messages import COM_PREDICTION, prediction_to
 from coman_reduced_model.output import to_json
 from coman_reduced_model.report.draw import draw, thin
-from coman_reduced_model.report.figures import NoData, heat_map, overlay, spectrum, three_steps
+from coman_reduced_model.report.figures import NoData, heat_map, spectrum, three_steps
 from coman_reduced_model.report.prediction import prediction_page, write_report
 from coman_reduced_model.report.verdict import millimetres, sentence
 
@@ -333,15 +333,10 @@ def test_a_thinned_line_keeps_its_extremes_and_its_gaps(y, points, data):
 
 
 def test_parts_for_other_reports():
-    time = np.linspace(0, 4.5, 450)
-    run = run_of(walk())
-    figure = overlay(time, {"measured": np.sin(time), "before": np.cos(time)}, "pitch [deg]", run)
-    drawing = draw("pitch", figure, "pitch over time")
-    assert "pitch [deg]" in drawing.svg and "before" in drawing.svg
     figure = heat_map(np.array(((1.0, np.nan), (3.0, 4.0))), ("x", "z"), ("left", "right"), "excess [1]")
     assert "n/a" in draw("heat", figure, "where it disagrees").svg
     with pytest.raises(NoData):
-        overlay(time, {"measured": np.full(450, np.nan)}, "pitch [deg]")
+        heat_map(np.full((1, 2), np.nan), ("x",), ("left", "right"), "excess [1]")
 
 
 def test_a_live_run_shows_the_skill_that_the_node_told(tmp_path):
