@@ -70,7 +70,7 @@ lock: setup  ## newest versions of everything in requirements.in into requiremen
 	    --custom-compile-command "make lock" requirements.in -o requirements.txt
 
 clean:  ## remove everything that make built
-	rm -rf $(VENV) build install log out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build install log demo_output *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 # --- set-up: each step leaves a stamp and runs again only when what it was made from has changed ---

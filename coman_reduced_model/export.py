@@ -20,6 +20,7 @@ import numpy as np
 from .core.base.types import Array
 from .core.config.schema import LEGS, Config
 from .core.effects.base import EffectConfig
+from .core.effects.catalogue import CATALOGUE
 from .core.robot.configuration import LegConfig
 from .errors import ConfigError
 
@@ -118,7 +119,9 @@ class _Export:
         return self._out
 
     def _effects(self, *names: str) -> Iterator[EffectConfig]:
-        return (effect for effect in self._config.effects if effect.name in names)
+        """In the order in which they act, which is that of the catalogue."""
+        found = (effect for effect in self._config.effects if effect.name in names)
+        return iter(sorted(found, key=lambda effect: list(CATALOGUE).index(effect.name)))
 
     def _acts_on(self, effect: EffectConfig, side: str, joint: str) -> bool:
         return effect.where in ("", side, joint)
@@ -166,7 +169,7 @@ class _Export:
                     self._out.written.append(f"{joint}: dry friction {coulomb:.4g} Nm (frictionloss)")
 
     def _masses(self) -> None:
-        """Mass and COM of each body that an effect changes, in the order of the effects."""
+        """Mass and COM of each body that an effect changes."""
         changes: dict[int, tuple[mujoco.MjsBody, list[EffectConfig]]] = {}
         for effect in self._effects("payload", "com_offset", "body_mass"):
             body = self._body(effect.where if effect.name == "body_mass" else "")
@@ -199,8 +202,9 @@ class _Export:
                 mass, inertia = mass * effect.values["scale"], inertia * effect.values["scale"]
                 continue
             at = np.array([effect.values[axis] for axis in "xyz"])
-            if effect.name == "com_offset":
-                com += at
+            if effect.name == "com_offset":  # of the body with all that is fixed to it, which does not move in it
+                welded = sum(float(self._model.body_mass[each.id]) for each in _welded(body))
+                com += at * (1.0 + welded / mass)
                 continue
             extra = effect.values["mass"]
             whole = mass + extra
@@ -243,8 +247,8 @@ class _Export:
 
     def _touching(self, ankle: str, softer: float, friction: float | None) -> None:
         """Friction of the sole below a joint, and how much it gives way [m/N] under the robot's weight."""
-        below = {body.name for body in _below(self._spec.joint(ankle).parent)}
-        geoms = [g for g in self._spec.geoms if g.parent.name in below and (g.contype or g.conaffinity)]
+        below = {body.id for body in _below(self._spec.joint(ankle).parent)}
+        geoms = [g for g in self._spec.geoms if g.parent.id in below and (g.contype or g.conaffinity)]
         points = sum(_POINTS.get(geom.type, 1) for geom in geoms)
         mass = float(self._model.body_subtreemass[0])
         for geom in geoms:
@@ -254,7 +258,7 @@ class _Export:
             if (
                 softer > 0.0
             ):  # a point of contact is a spring of -solref[0] / ((1 - d) invweight) [N/m], flat on the floor
-                weight = float(self._model.body_invweight0[self._model.body(geom.parent.name).id, 0])
+                weight = float(self._model.body_invweight0[geom.parent.id, 0])
                 rate = (1.0 - _IMPEDANCE) * weight / (points * softer)
                 geom.solimp[:3] = [_IMPEDANCE, _IMPEDANCE, 0.001]
                 geom.solref[:] = [-rate, -rate * 2.0 * np.sqrt(mass * softer)]  # critical, with the robot on it
@@ -264,6 +268,14 @@ class _Export:
             self._out.written.append(f"contact below {ankle}: gives way by {1e6 * softer:.3g} mm/kN (solref, solimp)")
         if geoms and friction is not None:
             self._out.written.append(f"contact below {ankle}: friction {friction:g}")
+
+
+def _welded(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
+    """Bodies below that are fixed to a body."""
+    for child in body.bodies:
+        if not child.joints:
+            yield child
+            yield from _welded(child)
 
 
 def _below(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:

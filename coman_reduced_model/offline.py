@@ -89,7 +89,7 @@ def predict_bag(
                 output.write(sample, prediction)
         summary = _judged_summary(session, statistics, began)
         (folder / SUMMARY_FILE).write_text(to_json(summary) + "\n", encoding="utf-8")
-        save_config(config, folder / CONFIG_FILE, f"used for {bag.path.name}")
+        save_config(config, folder / CONFIG_FILE, f"used for {bag.path.name}", folder=out)
     return summary
 
 

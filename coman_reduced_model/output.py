@@ -25,22 +25,21 @@ class OutputFolder:
         """Check that the folder may be written.
 
         Raises:
-            OutputError: it exists and is not empty (without `force`), is a file, or its parent cannot be written.
+            OutputError: it exists and is not empty (without `force`), is a file, or it cannot be written there.
         """
         self.path = Path(path)
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{path}: exists and is no folder")
-        parent = next(each for each in self.path.absolute().parents if each.exists())
-        if not os.access(parent, os.W_OK):
-            raise OutputError(f"{path}: cannot be written: {parent} may not be written to")
+        _refuse_read_only(self.path)
         if self.path.is_dir() and not force and any(self.path.iterdir()):
             raise OutputError(f"{path}: the folder exists and is not empty; --force replaces what this command writes")
 
     def __enter__(self) -> Path:
-        parent = self.path.absolute().parent
+        path = self.path.absolute()
+        within = path if path.is_dir() else path.parent  # on the file system of the folder, which may be mounted there
         try:
-            parent.mkdir(parents=True, exist_ok=True)
-            self._temporary = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=parent))
+            within.mkdir(parents=True, exist_ok=True)
+            self._temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=within))
         except OSError as error:
             raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
         return self._temporary
@@ -69,14 +68,26 @@ def check_file(path: str | Path, force: bool) -> Path:
     """A file that may be written, said before the work begins.
 
     Raises:
-        OutputError: it exists (without `force`), or is a folder.
+        OutputError: it exists (without `force`), is a folder, or cannot be written there.
     """
     path = Path(path)
     if path.is_dir():
         raise OutputError(f"{path}: is a folder, wanted a file such as {path / 'tuned.yaml'}")
     if path.exists() and not force:
         raise OutputError(f"{path}: exists; --force replaces it")
+    _refuse_read_only(path.absolute().parent)  # a file is replaced by another one in its folder
     return path
+
+
+def _refuse_read_only(folder: Path) -> None:
+    """A folder, or the one that exists above it.
+
+    Raises:
+        OutputError: nothing can be written to it.
+    """
+    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
+    if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(f"{folder}: cannot be written: {there} may not be written to")
 
 
 def write_file(path: Path, content: str | bytes, private: bool = False) -> None:

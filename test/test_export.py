@@ -132,6 +132,47 @@ def test_what_mujoco_cannot_express_is_said(tmp_path, mjcf, capsys):
     assert after.geom("l_foot").friction[0] == 0.5 and before.geom("l_foot").friction[0] != 0.5
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_effects_act_in_the_order_of_the_catalogue(tmp_path, mjcf, capsys, order):
+    """Not of the file: the drives are in series with the spring that it has in the end."""
+    changes = {
+        "effects.active": ["joint_stiffness", "motor_compliance"][::order],
+        "effects.joint_stiffness.scale": [0.5],
+        "effects.motor_compliance.compliance": [0.01],
+    }
+    out, _ = export(tmp_path, mjcf, capsys, **changes)
+    config, model = Config(), mujoco.MjModel.from_xml_path(str(out))
+    spring = 0.5 * config.robot.left.stiffness[config.robot.left.joints.index("LKneeSag")]
+    knee = next(i for i in range(model.nu) if model.actuator_trnid[i, 0] == model.joint("LKneeSag").id)
+    assert model.actuator_gainprm[knee, 0] == pytest.approx(spring / (1.0 + 0.01 * spring), rel=1e-4)
+
+
+def test_the_com_of_a_trunk_moves_with_all_that_is_fixed_to_it(tmp_path, mjcf, capsys):
+    spec = mujoco.MjSpec.from_file(str(mjcf))
+    trunk = spec.body("base_link")
+    trunk.add_body(name="torso", pos=[0.0, 0.0, 0.3]).add_geom(size=[0.05, 0.05, 0.05], mass=4.0)
+    mjcf.write_text(spec.to_xml(), encoding="utf-8")
+    changes = {"effects.active": ["com_offset"], "effects.com_offset.x": [0.01]}
+    out, _ = export(tmp_path, mjcf, capsys, **changes)
+
+    def com(path):
+        model = mujoco.MjModel.from_xml_path(str(path))
+        masses = {name: model.body(name).mass[0] for name in ("base_link", "torso")}
+        return masses["base_link"] * model.body("base_link").ipos[0] / sum(masses.values())
+
+    assert com(out) - com(mjcf) == pytest.approx(0.01, rel=1e-4)
+
+
+def test_soles_without_names_give_way(tmp_path, mjcf, capsys):
+    spec = mujoco.MjSpec.from_file(str(mjcf))
+    for joint in ("LAnkLat", "RAnkLat"):
+        spec.joint(joint).parent.name = ""
+    mjcf.write_text(spec.to_xml(), encoding="utf-8")
+    changes = {"effects.active": ["ground_compliance"], "effects.ground_compliance.vertical": [2e-5]}
+    _, said = export(tmp_path, mjcf, capsys, **changes)
+    assert sum("gives way by" in line for line in said["written"]) == 2
+
+
 def test_soles_give_way_as_found(tmp_path, mjcf, capsys):
     """Standing on both feet, each carries half of the weight."""
     compliance = 2e-5

@@ -10,10 +10,10 @@ from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ..bag.reader import SUFFIXES
 from ..errors import BagError
 from .store import Store, StoredFile
 
-SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 METADATA = "metadata.yaml"
 _BLOCK = 2**20  # [bytes]
 

@@ -25,7 +25,7 @@ from .chunks import GROWTH, LARGEST, grows_unchecked, indexed_blocks, plain
 from .truncated import MAGIC, TruncatedMcap
 from .types import typestore
 
-_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 
 class _Part(Protocol):
@@ -149,7 +149,7 @@ class Bag:
         if path.is_file():
             return [self._file(path)]
         problem = "no metadata.yaml"
-        inside = sorted(each for each in path.iterdir() if each.name.endswith(_SUFFIXES))
+        inside = sorted(each for each in path.iterdir() if each.name.endswith(SUFFIXES))
         if any(grows_unchecked(each) for each in inside):
             return self._files(inside)
         if (path / "metadata.yaml").is_file():
@@ -158,7 +158,7 @@ class Bag:
             except Exception as error:  # a wrong metadata.yaml fails in any way; the files may be good all the same
                 problem = " ".join(str(error).split())[:200] or type(error).__name__
         if not inside:
-            raise BagError(f"{path}: not a bag: {problem}, and no {', '.join(_SUFFIXES[:2])} file")
+            raise BagError(f"{path}: not a bag: {problem}, and no {', '.join(SUFFIXES[:2])} file")
         self.warnings.append(f"{path}: read file by file: {problem}")
         return self._files(inside)
 

@@ -83,11 +83,12 @@ class TruncatedMcap:
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(ReadDataStream(io.BytesIO(body)))
                 self._schemas[schema.id] = schema
-                self.definitions[schema.name] = schema.data.decode()
+                self.definitions[schema.name] = schema.data.decode(errors="replace")
             elif opcode == Opcode.CHANNEL:
                 record = Channel.read(ReadDataStream(io.BytesIO(body)))
-                self._channels[record.id] = record.topic
-                self.topics[record.topic] = self._schemas[record.schema_id].name
+                if record.schema_id in self._schemas:  # others hold no ROS messages
+                    self._channels[record.id] = record.topic
+                    self.topics[record.topic] = self._schemas[record.schema_id].name
         except Exception as error:  # damaged bytes fail in any way
             self.reason = f"damaged: {type(error).__name__} {' '.join(str(error).split())[:80]}"
 

@@ -59,7 +59,7 @@ def demo(
         with OutputFolder(out, force or out == DEFAULT_OUT) as folder, progress("demo") as report:
             result = run_demo(path, settings, file, folder, rate, lambda done, words: report(0.8 * done, words))
             (folder / SUMMARY_FILE).write_text(to_json(result.summary) + "\n", encoding="utf-8")
-            save_config(settings, folder / CONFIG_FILE)
+            save_config(settings, folder / CONFIG_FILE, folder=out)
             write_report(folder, lambda done, words: report(0.8 + 0.2 * done, words))
     except (NodeFailed, DemoFailed) as error:
         print(f"coman: demo failed: {error}", file=sys.stderr)

@@ -219,7 +219,20 @@ class _Destination:
             raise OutputError(f"{out}: no name for a bag")
         if self.truth.exists() and not force:
             raise OutputError(f"{self.truth}: exists; --force replaces it")
-        self.folder = OutputFolder(self.bag, force)
+        self._folder = OutputFolder(self.bag, force)
+        self._partial = self.truth.with_name(f".part.{self.truth.name}")
+
+    def __enter__(self) -> tuple[Path, Path]:
+        """Where the folder of the bag, and the file of the truth, are written first."""
+        return self._folder.__enter__(), self._partial
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            self._folder.__exit__(*error)
+            if error[0] is None:
+                self._partial.replace(self.truth)
+        finally:
+            self._partial.unlink(missing_ok=True)
 
 
 def _run(
@@ -237,7 +250,7 @@ def _run(
     truths: list[Truth] = []
     fallen = None
     began = time.perf_counter()
-    with destination.folder as temporary:
+    with destination as (temporary, truth):
         inner = temporary / destination.bag.name
         with BagWriter(inner, topics, latched=(f"/{DESCRIPTION}",)) as bag:
             bag.write(f"/{DESCRIPTION}", robot.start_ns, bag_types().String(data=urdf(robot.table)))
@@ -256,14 +269,10 @@ def _run(
         for path in list(inner.iterdir()):  # the bag is the folder that the user named, not one in it
             shutil.move(path, temporary / path.name)
         inner.rmdir()
-        partial = temporary.with_name(f"{temporary.name}.truth.npz")
         try:
-            save_truth(partial, truths, robot)
-            partial.replace(destination.truth)
+            save_truth(truth, truths, robot)
         except OSError as error:
             raise OutputError(f"{destination.truth}: cannot be written: {error.strerror or error}") from None
-        finally:
-            partial.unlink(missing_ok=True)
     if progress:
         progress(1.0, "done")
     factor = robot.t / (time.perf_counter() - began)

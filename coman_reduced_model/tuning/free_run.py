@@ -49,7 +49,6 @@ class FreeRun:
     pull: Array  # (n, 8) force of each coefficient, in its row
     reference: Array  # (n, 6) COM and velocity
     measured: Array  # (n, 6)
-    phase: Integers  # (n,)
     axes: Integers  # integrated coordinates
     mass: float
     diverged: float  # [m] distance from the measured COM at which it restarts, as `Predictor.DIVERGED`
@@ -77,7 +76,7 @@ def compile_loop() -> None:
     go = np.full(2, _GO)
     FreeRun(
         stamps, go, go > _GO, stamps, zeros, one[:, :3].copy(), zeros, zeros, one[:, :3].copy(), np.zeros((2, 8)),
-        one, one, go, np.array([0, 2]), 1.0, Predictor.DIVERGED,
+        one, one, np.array([0, 2]), 1.0, Predictor.DIVERGED,
     ).run(np.ones(8))  # fmt: skip
 
 
@@ -108,7 +107,7 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
     predictor.model.terms = terms  # type: ignore[method-assign, assignment]
     n = len(samples)
     stamp, began = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    event, phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    event = np.zeros(n, dtype=np.int64)
     switched = np.zeros(n, dtype=np.bool_)
     R, moved = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
     K, D, force, pull = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 8))
@@ -119,7 +118,7 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
         taken.clear()
         p = predictor.update(sample)
         support = p.support
-        stamp[i], phases[i] = sample.stamp_ns - samples[0].stamp_ns, support.phase
+        stamp[i] = sample.stamp_ns - samples[0].stamp_ns
         if support.phase != Phase.FLIGHT:
             measured[i] = np.concatenate((p.measured_com, p.measured_com_vel))
         if taken:
@@ -141,7 +140,7 @@ def collect(samples: Sequence[Sample], robot: object, config: Config) -> FreeRun
                 moved[i] = new[:3, :3].T @ (T_before[:3, 3] - new[:3, 3])
         before, T_before = support, p.T_odom_sole
     return FreeRun(
-        stamp, event, switched, began, R, moved, K, D, force, pull, reference, measured, phases,
+        stamp, event, switched, began, R, moved, K, D, force, pull, reference, measured,
         predictor.model.axes, predictor.model.mass, predictor.DIVERGED,
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from ..errors import ConfigError
 from ..processes import workers
 from ..progress import Progress
 from .recording import JoinedBag
-from .tune import Errors, Tuned, _known, _steps_of, describe, judged
+from .tune import Errors, Tuned, _known, _steps_of, describe, judged, steps_in
 
 JOINTS = ("joint_stiffness", "joint_damping")
 _SOFT = 3.0  # joints up to this many times as stiff as the softest of their leg
@@ -186,7 +186,7 @@ def tune_parameters(
     groups = np.concatenate(
         [np.full(use.sum(), len(axes) * i + k) for i, use in enumerate(windows) for k in range(len(axes))]
     )
-    steps = sum(len(run_of(recording.predictions).steps()) for recording in recordings)
+    steps = steps_in(recordings, windows)
     lags = max(1, int(sum(use.sum() for use in windows) / max(steps, 1)))
     parameters, condition = describe(
         [k.name for k in chosen], start, found.x, found.jac, found.fun, groups, lags, np.array([low, high]), steps

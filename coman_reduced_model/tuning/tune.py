@@ -133,7 +133,7 @@ def tune_coefficients(
         )
 
     groups = np.concatenate([np.full(use.sum(), 2 * i + k) for i, use in enumerate(windows) for k in range(2)])
-    steps = sum(len(run_of(recording.predictions).steps()) for recording in recordings)
+    steps = steps_in(recordings, windows)
     J = np.column_stack([(both(c + h) - both(c - h)) / 2e-4 for h in 1e-4 * np.eye(8)])
     lags = max(1, int(sum(use.sum() for use in windows) / max(steps, 1)))
     parameters, condition = describe(COEFFICIENTS, start, c, J, both(c), groups, lags, bounds, steps)
@@ -178,6 +178,16 @@ def chosen(config: Config, names: str) -> list[str]:
             "--parameters: coefficients are fitted alone, in the paper's stages; or name single ones, as a1"
         )
     return [] if wanted == ["coefficients"] else wanted
+
+
+def steps_in(recordings: Sequence[JoinedBag], windows: Sequence[Array]) -> int:
+    """How many complete steps are among the samples (n,) of each recording that count, for the most part."""
+    pairs = zip(recordings, windows, strict=True)
+    return sum(
+        use[step.first : step.last].mean() > 0.5
+        for recording, use in pairs
+        for step in run_of(recording.predictions).steps()
+    )
 
 
 def judged(recordings: Sequence[JoinedBag], steps_only: bool) -> list[Array]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from coman_reduced_model.archive.change import SURE, find_change
+from coman_reduced_model.archive.report.trends import ask
 from coman_reduced_model.archive.store import Store
 from coman_reduced_model.archive.tables import write_table
 from coman_reduced_model.cli.main import run
@@ -54,6 +55,20 @@ def test_the_report_names_robot_effect_and_week(results, capsys):
     assert f"anna has changed since week {week}" in page and "payload found" in page
     assert "bert/2026-03-30" in page and "error in z 5.00 mm" in page and "no messages" in page
     assert (results / "errors.png").stat().st_size > 1000 and (results / "diagnoses.png").stat().st_size > 1000
+
+
+def test_diagnoses_of_one_day_are_counted_one_by_one(tmp_path):
+    store, day = Store(str(tmp_path)), date(2026, 3, 2)
+    common = {"robot": "anna", "date": day, "archive": "walks", "status": "ok", "kind": "diagnosis"}
+    findings = [
+        {**common, "bag": "before", "hash": "a", "verdict": "none"},
+        {**common, "bag": "since", "hash": "b", "verdict": "effect", "effect": "payload", "place": ""},
+    ]
+    write_table(store, "bags", [{**common, "bag": each["bag"], "hash": each["hash"]} for each in findings])
+    write_table(store, "phases", [])
+    write_table(store, "findings", findings)
+    (row,) = ask(str(tmp_path)).effects
+    assert (row["times"], row["since"] + row["before"]) == (1, 2)
 
 
 def test_a_report_needs_tables(tmp_path, capsys):

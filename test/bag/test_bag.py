@@ -290,6 +290,24 @@ def test_damaged_bytes_never_break_the_reader(tmp_path_factory, bag, whole, data
     assert TruncatedMcap(path).usable_bytes <= len(raw)
 
 
+def test_channels_of_others_are_no_damage(tmp_path, bag, whole):
+    """Their schemas are no text, or there is none: as Foxglove and other recorders write them beside ROS."""
+    path = tmp_path / "mixed.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        protobuf = writer.register_schema("foxglove.Log", "protobuf", b"\xff\xfe\x00")
+        channels = [writer.register_channel("/log", "protobuf", protobuf), writer.register_channel("/json", "json", 0)]
+        text = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channels.append(writer.register_channel("/text", "cdr", text))
+        for k in range(30):
+            for channel in channels:
+                writer.add_message(channel, k, b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", k)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[:-40])  # the end of the index
+    assert TruncatedMcap(path).counts["/text"] == 30
+
+
 def test_what_is_no_bag_is_refused_in_one_line(tmp_path, bag):
     (tmp_path / "empty.mcap").touch()
     (tmp_path / "text.mcap").write_text("hello, this is no bag")

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from ros_testing import PERIOD_NS, Standing, stamp_of
 from std_srvs.srv import Trigger
 
+from coman_reduced_model.errors import ConfigError
 from coman_reduced_model.ros.interface import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("nodes_compiled")]
@@ -80,6 +81,18 @@ def test_a_baseline_is_found_from_the_file_that_names_it(tmp_path, monkeypatch):
     for urdf in ("", "/somewhere/robot.urdf"):
         assert _directory(urdf, "usual.yaml") == tmp_path
     assert _directory("", "") == _directory("", "other.yaml") == Path()
+
+
+def test_parameter_files_are_checked_together(tmp_path):
+    """As ROS takes them: a later one may hold what only fits with an earlier one."""
+    from coman_reduced_model.ros.interface.parameters import check_files
+
+    for name, values in (("robot", "support.contact_off: 0.01"), ("mine", "support.contact_on: 0.03")):
+        (tmp_path / f"{name}.yaml").write_text(f"/**:\n  ros__parameters:\n    {values}\n")
+    files = [word for name in ("robot", "mine") for word in ("--params-file", str(tmp_path / f"{name}.yaml"))]
+    check_files(["predictor", "--ros-args", *files], "predictor")
+    with pytest.raises(ConfigError, match="contact_off"):
+        check_files(["predictor", "--ros-args", *files[2:]], "predictor")
 
 
 def test_predictor(start, peer):

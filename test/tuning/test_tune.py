@@ -19,7 +19,7 @@ from coman_reduced_model.tuning.free_run import COEFFICIENTS, collect
 from coman_reduced_model.tuning.parameters import changed, knobs, tune_parameters
 from coman_reduced_model.tuning.recording import JoinedBag, read_recording
 from coman_reduced_model.tuning.shares import measure_shares, with_shares
-from coman_reduced_model.tuning.tune import chosen, describe, tune_coefficients
+from coman_reduced_model.tuning.tune import chosen, describe, judged, steps_in, tune_coefficients
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 CONFIG = load_config(config_path("coman_paper")).replaced({"prediction.horizons": ()})
@@ -184,6 +184,12 @@ def test_joint_springs_are_found_again_through_the_whole_model(walk):
         assert p.value == pytest.approx(value, rel=0.03)
     assert tuned.config.robot.left.stiffness[3] == pytest.approx(1.15 * 180.0, rel=0.03)
     assert tuned.after.all["x"] < 0.05 * tuned.before.all["x"]
+
+
+@pytest.mark.slow
+def test_steps_are_counted_among_the_samples_that_count(walk):
+    every = steps_in([walk], judged([walk], False))
+    assert every > steps_in([walk], judged([walk], True)) == 3
 
 
 def test_names_that_mean_nothing_are_refused():

@@ -58,7 +58,7 @@ def lead(trends: Trends) -> str:
     parts = []
     for robot in dict.fromkeys(each.series.robot for each in trends.changed):
         best = next(each for each in trends.changed if each.series.robot == robot)
-        found = [row for row in trends.effects if row["robot"] == robot]
+        found = [row for row in trends.effects if row["robot"] == robot and row["first"] >= best.between[0]]
         what = f", {_name(found[0])} found" if found else ""
         week = period_of(best.since, "week")
         parts.append(f"{robot} has changed since week {week} (error in {best.axis} {best.factor:.2f} times{what})")

@@ -36,8 +36,8 @@ SELECT robot, period, date, status, reason, verdict, effect, place, parameters, 
 FROM findings WHERE kind = 'diagnosis' ORDER BY robot, date, effect, place
 """
 _EFFECTS = """
-WITH diagnosed AS (SELECT DISTINCT robot, date FROM findings WHERE kind = 'diagnosis' AND status = 'ok'),
-found AS (SELECT robot, effect, place, min(date) AS first, max(date) AS last, count(DISTINCT date) AS times
+WITH diagnosed AS (SELECT DISTINCT robot, date, hash FROM findings WHERE kind = 'diagnosis' AND status = 'ok'),
+found AS (SELECT robot, effect, place, min(date) AS first, max(date) AS last, count(DISTINCT hash) AS times
     FROM findings WHERE effect IS NOT NULL GROUP BY robot, effect, place)
 SELECT robot, effect, place, first, last, times,
     count(*) FILTER (date < first) AS before, count(*) FILTER (date >= first) AS since

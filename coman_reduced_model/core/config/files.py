@@ -29,15 +29,15 @@ class _PlainLoader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
 
-def load_config(path: str | Path | None = None, node: str = "predictor", ignored: tuple[str, ...] = ()) -> Config:
+def load_config(path: str | Path | None = None, node: str = "predictor") -> Config:
     """Read a ROS 2 parameter file: the sections `/**` and that of the node, if any, which goes first.
 
-    Sections of other packages' nodes, which have none of these parameters, are not looked at.
+    Sections of other packages' nodes, which have none of these parameters, are not looked at, nor are parameters that
+    every ROS 2 node has, and `robot_description`, which nodes take.
 
     Args:
         path: of the file; default: the shipped coman.yaml.
         node: whose section counts.
-        ignored: keys that are not looked at, nor are those that every ROS 2 node has.
 
     Raises:
         ConfigError: the file cannot be read or a value in it is not allowed.
@@ -52,6 +52,16 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         True
     """
     path = Path(config_path() if path is None else path)
+    of_all, own = read_sections(path, node)
+    return config_from_flat({**of_all, **own}, str(path), path.parent)
+
+
+def read_sections(path: Path, node: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Parameters of a file by dotted name: of all nodes, and of this one.
+
+    Raises:
+        ConfigError: the file cannot be read, or is none of parameters.
+    """
     try:
         document = yaml.load(path.read_text(encoding="utf-8"), _PlainLoader)
     except OSError as error:
@@ -73,7 +83,7 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: {section}: wanted 'ros__parameters:' below a node's name or '/**'")
         flat = _flat_yaml(body["ros__parameters"])
-        flat = {key: value for key, value in flat.items() if key not in ignored and not _foreign(key)}
+        flat = {key: value for key, value in flat.items() if key != "robot_description" and not is_ros_own(key)}
         name = str(section).rsplit("/", 1)[-1]
         if name in ("**", "*", node):
             if (namespace := str(section).rpartition("/")[0].strip("/")) and "*" not in namespace:
@@ -86,10 +96,10 @@ def load_config(path: str | Path | None = None, node: str = "predictor", ignored
         raise ConfigError(
             f"{path}: {' and '.join(namespaces.values())} are of two robots: each needs a file of its own"
         )
-    return config_from_flat({**of_all, **own}, str(path), path.parent)
+    return of_all, own
 
 
-def _foreign(key: str) -> bool:
+def is_ros_own(key: str) -> bool:
     """Parameters that every ROS 2 node has."""
     return key in ("use_sim_time", "start_type_description_service") or key.startswith("qos_overrides.")
 
@@ -124,7 +134,9 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def save_config(config: Config, path: str | Path, comment: str = "", force: bool = False) -> Path:
+def save_config(
+    config: Config, path: str | Path, comment: str = "", force: bool = False, folder: str | Path | None = None
+) -> Path:
     """Write a configuration as a parameter file, whole or not at all; files that it names are found from there as well.
 
     Args:
@@ -132,6 +144,7 @@ def save_config(config: Config, path: str | Path, comment: str = "", force: bool
         path: of the file.
         comment: its first lines.
         force: replace a file that exists.
+        folder: where the file will be read from; default: its own.
 
     Raises:
         OutputError: it exists (without `force`), or cannot be written.
@@ -139,6 +152,6 @@ def save_config(config: Config, path: str | Path, comment: str = "", force: bool
     path = check_file(path, force)
     for key, file in (("robot.urdf", config.urdf), ("monitor.baseline", config.baseline)):
         if file is not None:
-            config = config.replaced({key: os.path.relpath(file, path.parent)})
+            config = config.replaced({key: os.path.relpath(file, folder or path.parent)})
     write_file(path, config_to_yaml(config, comment))
     return path

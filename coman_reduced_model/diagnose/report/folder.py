@@ -20,5 +20,5 @@ def save_diagnosis(diagnosis: Diagnosis, folder: str | Path, force: bool = False
     with OutputFolder(folder, force) as out:
         (out / DIAGNOSIS_FILE).write_text(to_json(diagnosis.result) + "\n", encoding="utf-8")
         comment = f"by coman diagnose: {diagnosis.result['sentence']}"
-        save_config(diagnosis.model, out / MODEL_FILE, comment)
+        save_config(diagnosis.model, out / MODEL_FILE, comment, folder=folder)
         (out / REPORT_FILE).write_text(diagnosis_page(diagnosis), encoding="utf-8")

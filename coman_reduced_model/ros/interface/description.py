@@ -28,7 +28,6 @@ class Description:
         self._found = found
         self._urdf: str | None = None
         self.waiting = False
-        self.changed = 0  # later messages with another URDF; a restart of the node takes it in
         text = str(node.get_parameter(DESCRIPTION).value)
         if text:
             self._take(text, f"parameter {DESCRIPTION}")
@@ -49,7 +48,6 @@ class Description:
         if self._urdf is None:
             self._take(message.data, self.topic)
         elif message.data != self._urdf:
-            self.changed += 1
             self._node.get_logger().warning(f"{self.topic} has changed: restart this node to use the new URDF")
 
 

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ...core.base.parameter import Parameter
-from ...core.config.files import load_config
+from ...core.config.files import is_ros_own, read_sections
 from ...core.config.schema import Config, config_from_flat, parameter_table
 from ...errors import ComanError, ConfigError
 from ...topics import DESCRIPTION
@@ -46,13 +46,19 @@ class Own:
 
 
 def check_files(argv: list[str], name: str) -> None:
-    """Check the parameter files of a command line before ROS reads them: the same one line as `coman` gives.
+    """Check the parameter files of a command line, together, before ROS reads them: the same line as `coman` gives.
 
     Raises:
         ConfigError: says file, key, value and what is allowed.
     """
-    for path in _files(argv):
-        load_config(path, _node_name(argv, name), (DESCRIPTION,))
+    of_all: dict[str, Any] = {}
+    own: dict[str, Any] = {}
+    for path in (files := _files(argv)):
+        every, mine = read_sections(path, _node_name(argv, name))
+        of_all |= every
+        own |= mine
+    if files:
+        config_from_flat({**of_all, **own}, " and ".join(map(str, files)), files[-1].parent)
 
 
 def _files(argv: list[str]) -> list[Path]:
@@ -120,11 +126,6 @@ def declare(node: ConfiguredNode, own: Own, on_change: Callable[[Config], None])
         node.declare_parameter(DESCRIPTION, description, about, ignore_override=True)
     node.add_on_set_parameters_callback(_Changes(node, config, on_change).check)
     return config
-
-
-def is_ros_own(name: str) -> bool:
-    """Parameters that every ROS 2 node has."""
-    return name in ("use_sim_time", "start_type_description_service") or name.startswith("qos_overrides.")
 
 
 def _directory(*names: Any) -> Path:

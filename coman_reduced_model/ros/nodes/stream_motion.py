@@ -77,7 +77,6 @@ class StreamMotion:
         self._ahead: deque[_Knot] = deque(maxlen=512)
         if planned is not None:
             planned.restart()
-        self.used = 0
 
     @property
     def known_ns(self) -> int:
@@ -116,7 +115,6 @@ class StreamMotion:
         points = [before, middle, reference] if even else [middle]
         theta, links = follow(self._legs, points, self._sag, self._arms(points))
         self._ahead.append(_Knot(middle.stamp_ns, t, links.q[0], theta))
-        self.used += 1
 
     def _fix(self, until: float) -> None:
         """Have the two knots after a time [s] that its cubic needs; no more: a planned lead may come until then."""

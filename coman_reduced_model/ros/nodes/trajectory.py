@@ -94,10 +94,14 @@ class TrajectoryNode(ConfiguredNode):
         self._publish_path()
 
     def _now(self) -> int:
-        return self._next or self.get_clock().now().nanoseconds + self._ahead
+        """[ns]; 0: simulated time has not begun."""
+        now = int(self.get_clock().now().nanoseconds)
+        return self._next or (now + self._ahead if now > 0 else 0)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, self.walk.start(self._now()))
+        if not (now := self._now()):
+            return self._answer(response, "waiting for /clock: there is no time yet")
+        return self._answer(response, self.walk.start(now))
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._answer(response, self.walk.stop(self._now()))

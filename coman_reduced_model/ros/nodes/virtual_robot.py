@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from coman_reduced_model_msgs.msg import ComReference, FootContacts
@@ -164,8 +165,8 @@ class VirtualRobotNode(ConfiguredNode):
         lag = self._now() - DELAY_NS - self._stamp()
         if lag > _HOPELESS_NS:
             self._skip(lag)
-        elif lag < -_HOPELESS_NS:  # the clock was set back
-            self._place(self.motion.last)
+        elif lag < -_HOPELESS_NS:  # the clock was set back: its stamp would be later than those of the next plan
+            self._place(replace(self.motion.last, stamp_ns=0))
             self._following = False
         for _ in range(20):  # then other callbacks have their turn
             if self._stamp() > target:

@@ -2,8 +2,8 @@
 """The demonstration: the real nodes on a recorded bag, through DDS, in the bag's own time; what they say is recorded.
 
 The trajectory node is real too: the bag's own com/reference is not played. The plan of a bag that `coman record` made
-begins at the bag's first log time, which the node gets as `gait.start_time`; that its feet are where the bag's
-reference had them is checked, and without a plan that fits, the prediction goes without a preview.
+begins at the bag's first log time, which the node gets as `gait.start_time`. That its feet are where the bag's
+reference had them is checked: without a plan that fits, there is no trajectory node, and the bag's own one is played.
 """
 
 from __future__ import annotations
@@ -116,10 +116,10 @@ def run_demo(
 
         nodes = stack.enter_context(Nodes(config_file))
         listener = stack.enter_context(Listener("demo", on_prediction))
-        replay = Replay(listener.node, path, (REFERENCE,))
+        planned = plan_of(Bag(path), config)
+        replay = Replay(listener.node, path, (REFERENCE,) if planned else ())
         stack.callback(replay.close)
         needed = _needed(replay, config)
-        planned = plan_of(replay.bag, config)
         nodes.start("predictor", {"use_sim_time": True})
         if planned:
             gait = {key: value for key, value in planned.flat().items() if key.startswith("gait.") and value != -1}

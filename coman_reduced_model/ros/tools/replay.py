@@ -28,6 +28,11 @@ _LATCHED = (DESCRIPTION, "tf_static")
 _SLEEP_NS = 200_000  # less is not worth asking the scheduler for
 
 
+def _latched(topic: str) -> bool:
+    """In any namespace."""
+    return topic.rpartition("/")[2] in _LATCHED
+
+
 @dataclass
 class Progress:
     """How far the replay is."""
@@ -69,13 +74,13 @@ class Replay:
             except (ImportError, AttributeError, ValueError):
                 self.progress.skipped[topic] = f"its type {kind} is not installed"
                 continue
-            profile = qos.latched() if name in _LATCHED else qos.sensor_output()
+            profile = qos.latched() if _latched(name) else qos.sensor_output()
             self._publishers[topic] = node.create_publisher(
                 found, name, profile, qos_overriding_options=qos.overridable()
             )
         if not self._publishers:
             raise BagError(f"{path}: no topic to play; topics of the bag: {', '.join(self.bag.topics)}")
-        self._latched = [topic for topic in self._publishers if topic.lstrip("/") in _LATCHED]
+        self._latched = [topic for topic in self._publishers if _latched(topic)]
         self._played = [topic for topic in self._publishers if topic not in self._latched]
         self.progress.total = sum(self.bag.counts[topic] for topic in self._played)
         for topic, _, raw in self.bag.raw(self._latched):
