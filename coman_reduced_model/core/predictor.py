@@ -282,7 +282,7 @@ class Predictor:
         kind = HELD if not ready else REPEATED if dynamics.repeating else STEPPING if dynamics.stepping else HELD
         lag, spread = dynamics.lag_ns, (estimate.covariance, self.observer.constants)
         published = self.judge.update(
-            now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind, lag, spread
+            now.sample.stamp_ns, now.T_odom_sole, now.com, dynamics.reference, ahead, kind, lag, spread, ready
         )
         if not ready:
             return [], flags

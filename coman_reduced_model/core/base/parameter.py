@@ -23,7 +23,7 @@ _TYPE_NAMES = {
     "floats": "a list of numbers",
     "strs": "a list of texts",
 }
-_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += ["/**:", "  ros__parameters:"]
     for key, value in config.flat().items():
-        if value == ():  # ROS parameter files have no empty lists; the nominal is empty as well
+        if value == table[key].nominal == ():  # ROS parameter files have no empty lists
             continue
         parameter = table[key]
         plain = list(value) if isinstance(value, tuple) else value

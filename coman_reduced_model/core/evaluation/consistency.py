@@ -96,7 +96,9 @@ class Consistency:
         self._first: int | None = None
         self._sum_of_nis, self._samples, self._lost = 0.0, 0, 0
         self._trunks, self._by_imu = 0, 0
-        self._phase: list[Prediction] = []  # of one single support
+        self._phase = Phase.FLIGHT
+        self._single: list[Prediction] = []  # of one single support; without a truth only their NIS
+        self._nis_of_single: list[float] = []
         self._off: list[Array] = []
         self._nees: list[list[float]] = []
         self._nis: list[float] = []
@@ -130,20 +132,24 @@ class Consistency:
                 ground = self._truth.ground_vel_at(prediction.stamp_ns, prediction.support.support_foot)
                 self._ground_errors.append([estimate.ground_vel - ground, prediction.measured_com_vel - ground])
             self._errors.append([estimate.com_vel - velocity, prediction.measured_com_vel - velocity])
-        if self._phase and self._phase[-1].support.phase != prediction.support.phase:
+        if self._phase != prediction.support.phase:
             self._close()
-        if prediction.support.phase in (Phase.LEFT, Phase.RIGHT):
-            self._phase.append(prediction)
+        self._phase = prediction.support.phase
+        if self._phase in (Phase.LEFT, Phase.RIGHT):
+            self._nis_of_single.append(estimate.nis)
+            if self._truth is not None:
+                self._single.append(prediction)
 
     def _close(self) -> None:
         """The phase has ended: its middle counts."""
-        if not self._phase:
+        single, nis = self._single, self._nis_of_single
+        self._single, self._nis_of_single = [], []
+        if nis:
+            self._nis.append(nis[len(nis) // 2])
+        if not single or self._truth is None:
             return
-        middle = self._phase[len(self._phase) // 2]
-        estimate, self._phase = middle.estimate, []
-        self._nis.append(estimate.nis)
-        if self._truth is None:
-            return
+        middle = single[len(single) // 2]
+        estimate = middle.estimate
         off = errors_of(estimate, *self._truth.at(middle.stamp_ns, middle.support.support_foot))
         P, C = estimate.covariance, estimate.ground_vel_covariance
         if isfinite(estimate.ground_vel[0]):

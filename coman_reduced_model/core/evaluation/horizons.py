@@ -129,6 +129,7 @@ class HorizonJudge:
         kind: int = HELD,
         lag_ns: int = 0,
         spread: Spread = UNKNOWN,
+        ready: bool = True,
     ) -> Array:
         """Judge what is due at this sample and take its predictions in.
 
@@ -140,6 +141,7 @@ class HorizonJudge:
             kind: HELD, REPEATED or STEPPING: what the model went through.
             lag_ns: REPEATED: how long ago it was where it is now.
             spread: how sure the estimate is, in the axes of the sole.
+            ready: whether anything is published; without, the simpler predictions are judged all the same.
 
         Returns:
             What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
@@ -152,7 +154,7 @@ class HorizonJudge:
         made = np.empty((ahead.shape[1], 5, 3))
         self._simpler = _update(
             self._known, stamp_ns, self._last_ns, T_odom_sole, measured, reference, ahead, made,
-            (self._blended, reweigh, self._kind, lag_ns), spread,
+            (self._blended, ready, reweigh, self._kind, lag_ns), spread,
         )  # fmt: skip
         if reweigh:
             self._weighed_ns = stamp_ns
@@ -243,13 +245,13 @@ def _to_odom(T: Array, p: Array, out: Array) -> None:
 @compiled
 def _update(
     held: Held, stamp_ns: int, last_ns: int, pose: Array, measured: Array, reference: Array, ahead: Array, made: Array,
-    options: tuple[bool, bool, int, int], spread: Spread,
+    options: tuple[bool, bool, bool, int, int], spread: Spread,
 ) -> bool:  # fmt: skip
-    """`HorizonJudge.update`, into `made`; options: whether to blend, and by new weights, kind and lag.
+    """`HorizonJudge.update`, into `made`; options: whether to blend, to publish, and by new weights, kind and lag.
 
     Returns whether a baseline has been better than the model.
     """
-    (blended, reweigh, kind, lag_ns), known = options, held.value
+    (blended, ready, reweigh, kind, lag_ns), known = options, held.value
     pending, errors, past, experiences = known[0], known[1], known[2], known[3:]
     experience = experiences[kind]
     published = made[:, 0]
@@ -268,7 +270,7 @@ def _update(
     if reweigh:
         for each in experiences:
             weigh(each)
-    if blended:
+    if blended and ready:
         blend(experience, every, published)
     for h in range(made.shape[0]):
         carry(spread, pending.ahead_ns[h] * 1e-9, made[h, 1:4])
@@ -276,8 +278,8 @@ def _update(
         for i in range(3):
             weights = experience.weights[h, i]
             made[h, 4, i] = weights[0] + weights[1]  # of its OWN
-            errors.simpler[0, h, i] += experience.worse[h, i]
-            errors.simpler[1, h, i] += 1
+            errors.simpler[0, h, i] += ready and experience.worse[h, i]
+            errors.simpler[1, h, i] += ready
     _add(pending, made, kind, stamp_ns, pose, every)
     errors.last[:] = now
     return experience.worse.any()

@@ -155,9 +155,8 @@ class Feedforward:
         needed = pin.rnea(model, data, q, v, a)
         pin.jacobianCenterOfMass(model, data, q, False)
         torque, loads = np.empty(len(self._columns)), np.empty(2)
-        _bear(
-            needed, *self._carried, plan.T_odom_left, plan.T_odom_right, int(plan.phase), self._columns, torque, loads
-        )
+        legs = self._columns, len(self._robot.legs[Foot.LEFT])
+        _bear(needed, *self._carried, plan.T_odom_left, plan.T_odom_right, int(plan.phase), legs, torque, loads)
         return torque, loads
 
     def _deflections(self, torque: Array, loads: Array, dt: float) -> Array:
@@ -185,7 +184,7 @@ class Feedforward:
 
 @compiled
 def _bear(
-    needed: Array, J: Array, R: Array, p: Array, T_left: Array, T_right: Array, phase: int, columns: Array,
+    needed: Array, J: Array, R: Array, p: Array, T_left: Array, T_right: Array, phase: int, legs: tuple[Array, int],
     torque: Array, loads: Array,
 ) -> None:  # fmt: skip
     """Fill in torques (m,) [Nm] of the legs' joints, and the vertical loads (2,) of the feet [N].
@@ -196,10 +195,10 @@ def _bear(
         R, p: pose (3, 3), (3,) of the root link [m].
         T_left, T_right: (4, 4) of both soles.
         phase: of the plan.
-        columns: (m,) of the legs' joints, the left leg's first.
+        legs: columns (m,) of their joints, and how many are of the left leg, which are first.
         torque, loads: filled in.
     """
-    ground, shares, n = np.zeros(6), np.empty((2, 6)), columns.shape[0] // 2
+    ground, shares, (columns, n) = np.zeros(6), np.empty((2, 6)), legs
     for i in range(3):
         for j in range(3):
             ground[i] += R[i, j] * needed[j]
@@ -212,5 +211,5 @@ def _bear(
     for i in range(columns.shape[0]):
         torque[i] = needed[columns[i]]
         for j in range(6):
-            torque[i] -= J[j, columns[i]] * shares[i // n, j]
+            torque[i] -= J[j, columns[i]] * shares[0 if i < n else 1, j]
     loads[0], loads[1] = shares[0, 2], shares[1, 2]

@@ -17,6 +17,7 @@ _LONGEST = 0.3  # [rad], [m] of one iteration: the first ones may come from far
 _DAMPING = 1e-9  # [m^2], [rad^2], where legs are stretched
 _REACHED = 1e-8  # [m], [rad]: accelerations are second differences over some milliseconds
 _NEAR = 1e-6  # [m], [rad]: from here one step more gets there, as what it leaves is of second order
+_FAR = 0.3  # [m] from which on the robot is carried there before it bends
 
 
 class _Task(NamedTuple):
@@ -54,7 +55,9 @@ class PlannedPosture:
         self._leg_places = np.array([place for column in legs for place in places[column]])
         self._step = np.zeros(self.model.nv)
         self._task = hold(self._views(np.concatenate((np.arange(6), legs))))
-        _newton(self._step, self._task, np.zeros(3), np.eye(4), np.eye(4))  # compiled or loaded now, not in a walk
+        self._turned = self._turn_of_trunk()
+        # Compiled or loaded now, not in a walk.
+        _newton(self._step, self._task, np.zeros(3), np.eye(4), np.eye(4), self._turned)
 
     def _views(self, free: Integers) -> _Task:
         robot, model, data = self.robot, self.model, self.data
@@ -67,6 +70,16 @@ class PlannedPosture:
             data.com[0], data.Jcom, data.J, left.rotation, left.translation, right.rotation, right.translation,
             trunk.rotation, free, np.array([np.isin(free, columns) for columns in moving]),
         )  # fmt: skip
+
+    def _turn_of_trunk(self) -> float:
+        """Yaw [rad] of the trunk's x against that of the soles, by quarters: its x need not point forward."""
+        pin.framesForwardKinematics(self.model, self.data, pin.neutral(self.model))
+        left, right, trunk = (
+            self.data.oMf[frame].rotation
+            for frame in (self.robot.sole_ids[Foot.LEFT], self.robot.sole_ids[Foot.RIGHT], self.robot.base_id)
+        )
+        ahead = trunk.T @ (left[:, 0] + right[:, 0])
+        return float(-0.5 * np.pi * np.round(np.arctan2(ahead[1], ahead[0]) / (0.5 * np.pi)))
 
     def start(self, joints: Array) -> None:
         """Begin at joint positions (nj,) [rad]: knees bend as there, and joints outside the legs stay there."""
@@ -88,10 +101,13 @@ class PlannedPosture:
         left, right = plan.T_odom_left, plan.T_odom_right
         if not (all_finite(plan.com) and all_finite(left.ravel()) and all_finite(right.ravel())):
             return False
+        far = plan.com - pin.centerOfMass(model, data, self.q)
+        if np.abs(far).max() > _FAR:  # odom began anew, or elsewhere
+            self.q = np.concatenate((self.q[:3] + far, self.q[3:]))
         for _ in range(_ITERATIONS):
             pin.jacobianCenterOfMass(model, data, self.q, False)
             pin.updateFramePlacements(model, data)
-            off = _newton(self._step, self._task, plan.com, left, right)
+            off = _newton(self._step, self._task, plan.com, left, right, self._turned)
             if off < _REACHED:
                 return True
             self.q = pin.integrate(model, self.q, self._step)
@@ -102,8 +118,10 @@ class PlannedPosture:
 
 
 @compiled
-def _newton(step: Array, held: Held, com: Array, left: Array, right: Array) -> float:
+def _newton(step: Array, held: Held, com: Array, left: Array, right: Array, turned: float) -> float:
     """The step (nv,) towards a COM (3,), poses of both soles (4, 4), and a trunk that is level between them.
+
+    turned: yaw of the trunk's x against that of the soles [rad].
 
     Fills in `step`, the shortest one that leads there from where the held `_Task` is, and returns the largest error
     [m], [rad].
@@ -112,7 +130,7 @@ def _newton(step: Array, held: Held, com: Array, left: Array, right: Array) -> f
     k, free = task.free.shape[0], task.free
     off, A, trunk, at = np.empty(18), np.zeros((18, k)), np.zeros((3, 3)), np.zeros(3)
     x, y = left[0, 0] + right[0, 0], left[1, 0] + right[1, 0]
-    yaw = np.arctan2(y, x)
+    yaw = np.arctan2(y, x) + turned
     trunk[0, 0] = trunk[1, 1] = np.cos(yaw)
     trunk[1, 0], trunk[0, 1], trunk[2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
     _turn(off[6:9], left, task.R_left)

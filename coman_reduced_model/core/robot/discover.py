@@ -182,17 +182,17 @@ def _rank(tree: _Tree, pair: tuple[int, int]) -> tuple[int, bool, int, float]:
     return len(first), _bare(one) != _bare(other), kind, aside
 
 
-_SIDES = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])|^[LR](?=[A-Z])|(?<=[a-z])[LR]$", re.I)
+_SIDES = re.compile(r"(?i:left|right|(?<![a-z])[lr](?![a-z]))|^[LR](?=[A-Z])|(?<=[a-z])[LR]$")
 
 
 def _bare(name: str) -> str:
-    return _SIDES.sub("", name.lower())
+    return _SIDES.sub("", name).lower()
 
 
 def _odd_names(tree: _Tree, pair: tuple[int, int]) -> list[str]:
     """A note where the names of the soles say that left is right."""
     left, right = pair if tree.y_of_other(*pair) < 0.0 else (pair[1], pair[0])
-    words = [(_SIDES.search(tree.names[i].lower()) or [""])[0][:1] for i in (left, right)]
+    words = [(_SIDES.search(tree.names[i]) or [""])[0][:1].lower() for i in (left, right)]
     if words != ["r", "l"]:
         return []
     return [

@@ -22,6 +22,7 @@ from .force_sensor import sensor_origin
 from .posture import Posture, compact
 from .sole import outline, shape_points
 
+_MOST_FRAMES = 64  # that are kept: a broken driver may name another every time
 _LEG_NAMES = {Foot.LEFT: "left", Foot.RIGHT: "right"}
 
 
@@ -163,6 +164,8 @@ class Robot:
     def sensor_frame(self, name: str) -> int | None:
         """The frame of an IMU: `robot.base_frame` if the URDF lacks it; None if it is neither on the root nor trunk."""
         if name not in self._sensor_frames:
+            if len(self._sensor_frames) >= _MOST_FRAMES:
+                self._sensor_frames.clear()
             self._sensor_frames[name] = self._sensor_frame(name.lstrip("/"))
         return self._sensor_frames[name]
 

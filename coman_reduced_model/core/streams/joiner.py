@@ -77,7 +77,8 @@ class Joiner:
         self.possible = Possible(robot, limits_of(robot, gravity, weight), limits.restart_gap)
 
         def stream(name: str, max_age_s: float) -> Stream:
-            return Stream(name, max_age_s, limits.restart_gap, self.rejections)
+            # What may be this old comes this seldom: a gap of that length is no jump.
+            return Stream(name, max_age_s, max(limits.restart_gap, max_age_s), self.rejections)
 
         self._joints = stream(JOINTS, 0.0)
         self._motors = stream(MOTORS, limits.max_motor_age)

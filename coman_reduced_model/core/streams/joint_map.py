@@ -24,6 +24,9 @@ class JointState:
     tau: Array | None  # [Nm]; NaN where not given; None: not given at all
 
 
+_MOST = 64  # orders and names that are kept: a broken driver may send others every time
+
+
 class _Order:
     """How one tuple of names maps to the robot."""
 
@@ -41,7 +44,7 @@ class _Order:
             )
         elif missing:
             self.refused = Refused("missing_joint", f"joint {', '.join(map(repr, missing))} of the legs is missing")
-        listed = [name for name in joint_names if name in position]
+        listed = self.listed = [name for name in joint_names if name in position]
         self.take = np.array([position[name] for name in listed], dtype=np.intp)
         self.put = np.array([i for i, name in enumerate(joint_names) if name in position], dtype=np.intp)
         self.of_legs = np.array([name in needed for name in listed], dtype=bool)
@@ -58,6 +61,15 @@ class _Order:
         """Whether NaN says that there are none: of any joint, or of some outside the legs (a hand, a head)."""
         missing = np.isnan(taken)
         return bool(missing.all() or not (missing & self.of_legs).any() and usable(np.where(missing, 0.0, taken)))
+
+    def fill_in(self, taken: Array, fill: float) -> bool:
+        """Take joints outside the legs whose position is NaN for unlisted ones, in place; whether that is all."""
+        missing = np.isnan(taken)
+        if (missing & self.of_legs).any():
+            return False
+        taken[missing] = fill
+        self.unlisted = tuple(dict.fromkeys((*self.unlisted, *np.array(self.listed)[missing].tolist())))
+        return usable(taken) if fill == fill else usable(np.where(missing, 0.0, taken))
 
     def place(self, values: Array, fill: float, size: int) -> Array:
         """Values (..., m) taken from messages in the order of the robot; `fill` where they list no such joint."""
@@ -106,11 +118,11 @@ class JointMap:
         order = self._orders.get(names) or self._learn(names)
         if order.refused is not None:
             raise order.refused
-        self.unlisted = order.unlisted
         size = len(self._names)
         position, good = order.taken(message.position)
-        if not good:
+        if not good and not order.fill_in(position, self._fill):
             self._refuse("position", position, order)
+        self.unlisted = order.unlisted
         q = order.place(position, self._fill, size)
         qd = tau = None
         if velocity is not None:
@@ -151,11 +163,12 @@ class JointMap:
         return q, qd, None if effort is None else order.place(next(values), np.nan, size)
 
     def _learn(self, names: tuple[str, ...]) -> _Order:
-        if len(self._orders) >= 64:  # a broken driver may send other names every time
+        if len(self._orders) >= _MOST:
             self._orders.clear()
         order = self._orders[names] = _Order(names, self._names, self._needed)
         if order.refused is None:
-            self.extra.update(order.extra)
+            if len(self.extra) < _MOST:
+                self.extra.update(order.extra[:_MOST])
             self.partial |= bool(order.unlisted)
         return order
 

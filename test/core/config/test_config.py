@@ -328,6 +328,18 @@ def test_written_files_are_ros_parameter_files():
     assert list(document) == ["/**"] and list(document["/**"]) == ["ros__parameters"]
 
 
+def test_no_horizons_are_written_and_read(tmp_path):
+    config = Config().replaced({"prediction.horizons": ()})
+    assert load_config(write(tmp_path, config_to_yaml(config))).prediction.horizons == ()
+
+
+@pytest.mark.parametrize("text", ["1.5e1", "150e-1", ".15e2", "+1.5E1"])
+def test_numbers_with_an_exponent_are_numbers(tmp_path, text):
+    """YAML 1.1 takes some of them for texts, ROS does not."""
+    path = write(tmp_path, f"/**:\n  ros__parameters:\n    model.a1: {text}\n")
+    assert load_config(path).model.a1 == 15.0
+
+
 def test_whole_numbers_with_an_exponent_are_numbers(tmp_path):
     """As for ROS; YAML 1.1 would take them for texts."""
     path = write(tmp_path, "/**:\n  ros__parameters:\n    model.a1: 1e-1\n    effects.active: [ground_compliance]\n"

@@ -108,6 +108,45 @@ def test_plans_that_are_none_give_nothing_and_do_no_harm():
     assert abs(after[2].torque[3]) < 0.3 * load and after[2].torque.shape == (12,)
 
 
+def test_a_plan_far_from_the_last_one_is_solved():
+    """Odom began anew, after a long walk."""
+    links, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1", steps=2)), 0.0)
+    usual, made = feedforward(links), feedforward(links)
+    t = np.arange(0.0, 0.3, 0.01)
+    points = plan.references(t, [START_NS + round(1e9 * each) for each in t])
+
+    def moved(point, x):
+        left, right = point.T_odom_left.copy(), point.T_odom_right.copy()
+        left[0, 3] += x
+        right[0, 3] += x
+        return replace(point, com=point.com + [x, 0.0, 0.0], T_odom_left=left, T_odom_right=right)
+
+    for x in (0.0, 12.0, 0.0, -40.0):
+        wanted, found = (
+            [made_.update(each) for each in given]
+            for made_, given in ((usual, points), (made, [moved(each, x) for each in points]))
+        )
+        np.testing.assert_allclose(found[-1].deflection, wanted[-1].deflection, atol=1e-6)
+
+
+def test_the_trunk_may_point_anywhere():
+    """As the root link of an iCub, whose x points back."""
+    back = '<link name="back"/><joint name="b" type="fixed"><parent link="base_link"/><child link="back"/>' + (
+        '<origin xyz="0 0 0" rpy="0 0 3.14159265358979"/></joint>'
+    )
+    text = urdf(COMAN).replace("</robot>", f"{back}</robot>")
+    config = CONFIG.replaced({"robot.base_frame": "back"})
+    links, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1", steps=2)), 0.0)
+    first = dict(zip(COMAN.joint_names, links(np.zeros(1))[0][0], strict=True))
+    t = np.arange(0.0, 0.1, 0.01)
+    points, found = plan.references(t, [START_NS + round(1e9 * each) for each in t]), []
+    for robot, settings in ((ROBOT, CONFIG), (Robot(text, config.robot), config)):
+        made = Feedforward(robot, settings)
+        made.start(np.array([first[name] for name in robot.joint_names]))
+        found.append([made.update(point) for point in points][-1].deflection)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-6)
+
+
 @pytest.mark.parametrize("moved", [0.002, 0.03])
 def test_a_plan_that_jumps_gives_nothing_until_it_goes_on(moved):
     """One point that is off, or a plan made anew: second differences would ask for torques no robot has."""

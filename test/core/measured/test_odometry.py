@@ -72,6 +72,24 @@ def test_joint_errors_do_not_make_the_floor_lean() -> None:
         assert T[:3, :3] @ T[:3, :3].T == pytest.approx(np.eye(3))
 
 
+@pytest.mark.parametrize(("length", "tilt"), [(0.35, 0.05), (0.55, 0.03), (0.4, -0.06)])
+def test_long_steps_on_a_sole_that_is_off_do_not_climb(length: float, tilt: float) -> None:
+    """One sole sees the other up or down by them, that one does not see the first the other way."""
+    odometry, R = FootOdometry(), Rotation.from_euler("y", tilt).as_matrix()
+    for k in range(20):
+        x = length * np.array([k - k % 2, k - (k + 1) % 2])  # left and right, of which one has just stepped
+        left, right = flat(x[0], 0.07, 0), pose(R, np.array([x[1], -0.07, 0.0]))
+        T = odometry.update(Foot.RIGHT if k % 2 else Foot.LEFT, *seen(trunk(x.mean(), 0, 0.5, 0, 0), left, right))
+    assert T[2, 3] == 0.0 and T[0, 3] > 15.0 * length
+
+
+def test_a_step_up_is_climbed() -> None:
+    odometry, base = FootOdometry(), trunk(0.1, 0, 0.6, 0, 0)
+    odometry.update(Foot.LEFT, *seen(base, flat(0, 0.07, 0), flat(0, -0.07, 0)))
+    step = pose(np.eye(3), np.array([0.2, -0.07, 0.03]))
+    assert odometry.update(Foot.RIGHT, *seen(base, flat(0, 0.07, 0), step))[2, 3] == pytest.approx(0.03)
+
+
 def test_stance_does_not_move_while_the_other_foot_swings() -> None:
     odometry = FootOdometry()
     base = trunk(0, 0, 0.5, 0, 0)

@@ -268,6 +268,16 @@ def test_nothing_judged_is_nan_not_zero():
     assert judge.judged["0.1"].tolist() == [0, 0, 0]
 
 
+def test_what_is_not_published_is_not_judged_as_published():
+    """While motor states are missing, nobody gets a prediction; the simpler ones go on to be judged."""
+    judge, ahead = HorizonJudge((0.1,)), np.zeros((6, 1, 3))
+    ahead[0] = np.nan
+    for i in range(400):
+        made = judge.update(10**9 + i * 5_000_000, np.eye(4), np.zeros(3), np.zeros(3), ahead, ready=False)
+    assert np.isnan(made[0, 0]).all() and np.isnan(judge.within()["0.1"]).all() and np.isnan(judge.covariance(0)).all()
+    assert np.isnan(judge.simpler_share()["0.1"]).all()
+
+
 def test_more_samples_than_can_wait_are_dropped_not_mixed_up():
     """At 10 kHz and two seconds ahead the buffer is full: what is judged is still right."""
     judge = HorizonJudge((2.0,), blended=False)

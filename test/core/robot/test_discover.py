@@ -13,7 +13,7 @@ from robots import NAMES, config_of, rooted_at, urdf_of
 
 from coman_reduced_model.core.base.types import Foot
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.core.robot.discover import find_legs
+from coman_reduced_model.core.robot.discover import _SIDES, _bare, find_legs
 from coman_reduced_model.core.robot.robot import Robot
 from coman_reduced_model.core.robot.sole import mesh_points, outline
 from coman_reduced_model.errors import RobotError
@@ -28,6 +28,13 @@ def renamed(text: str) -> str:
     found = sorted(set(re.findall(r'<(?:link|joint) name="(\w+)"', text)))
     numbers = {name: f"n{i}" for i, name in enumerate(found)}
     return re.sub(r'"(\w+)"', lambda match: f'"{numbers.get(match[1], match[1])}"', text)
+
+
+@pytest.mark.parametrize("names", ["leg_{}_6_link", "robot_{}_foot", "{}Foot", "{}_sole", "foot_{}"])
+def test_names_of_both_sides_are_alike_and_say_which(names):
+    sides = ("left", "right") if "Foot" not in names else ("L", "R")
+    assert len({_bare(names.format(side)) for side in sides}) == 1
+    assert [_SIDES.search(names.format(side))[0][:1].lower() for side in sides] == ["l", "r"]
 
 
 @pytest.mark.parametrize("name", NAMES)

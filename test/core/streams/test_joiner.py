@@ -149,6 +149,15 @@ def planned(ms, preview=10):
     )
 
 
+def test_a_plan_that_comes_twice_a_second_is_used_when_it_comes():
+    """Each of its messages would be a jump of its stamps, if what may be so old could not come as seldom."""
+    config = Config().replaced({"prediction.reference": "topic", "streams.max_reference_age": 1.0})
+    joiner = Joiner(robot(), config)
+    for ms in (0.0, 500.0, 1000.0, 1500.0):
+        assert joiner.streams[REFERENCE].accept(T0 + round(ms * MS), planned(ms)[1]), "usable at once"
+    assert joiner.streams[REFERENCE].period_s == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize("late_ms", [0.0, 3.0, 20.0, 47.0])
 def test_a_plan_that_is_late_is_told_for_now(late_ms):
     """Nothing waits for the plan where motor states are the reference: its own preview tells where it is by now."""

@@ -255,6 +255,17 @@ def test_velocities_that_a_joint_outside_the_legs_does_not_have_are_differentiat
             velocities(which, value)
 
 
+def test_a_joint_outside_the_legs_without_a_position_is_held_at_zero():
+    """As a wheel or a hand that only knows its speed: nothing would ever be predicted."""
+    joints, listed = JointMap((*names(), "ArmSag"), names()), (*names(), "ArmSag")
+    position = np.append(np.full(12, 0.1), np.nan)
+    assert joints.sort(JointMessage(T0, listed, position, np.zeros(13), None)).q[12] == 0.0
+    assert joints.unlisted == ("ArmSag",)
+    for which, value in ((3, np.nan), (12, np.inf)):
+        with pytest.raises(Refused, match="position of"):
+            joints.sort(JointMessage(T0, listed, np.where(np.arange(13) == which, value, 0.1), np.zeros(13), None))
+
+
 def test_joints_that_the_last_message_did_not_list_are_those_that_are_held():
     """Two publishers of one stream, one of the legs alone."""
     joints, whole = JointMap((*names(), "ArmSag"), names(), np.nan), (*names(), "ArmSag")

@@ -191,18 +191,25 @@ class TrunkModel(Dynamics):
         if course is None:
             course = self._planned.ahead(now, terms, self._filtered, horizons)
         self.stepping = course is not None and not self.repeating
-        self._ahead = None if course is None else course[:, 3:]
         if course is not None:
+            for axis in self._following:  # the plan, without a deflection
+                course[:, axis] -= course[:, 3 + axis]
+                course[:, 3 + axis] = 0.0
+        self._ahead = None if course is None else course[:, 3:]
+        if course is not None and len(course) == len(horizons):
             return course[:, :3]
         fading = 0.0 if now.standing or self._planned.stands else 1.0 / _FADES
-        return faded(com, self.reference, self.reference_vel, plan, horizons, fading, self._felt)
+        out = faded(com, self.reference, self.reference_vel, plan, horizons, fading, self._felt)
+        if course is not None:  # as far as the stride goes
+            out[: len(course)] = course[:, :3]
+        return out
 
     def deflections(self, now: Now, horizons: int) -> Array:
         """As in `Dynamics`: now by the filter; ahead by the stride before or the plan, else as they are now."""
         out = np.empty((1 + horizons, len(self._published) - 8))
         out[:] = self._published[8:]
         if self._ahead is not None:
-            out[1:] = self._ahead
+            out[1 : 1 + len(self._ahead)] = self._ahead
         return out
 
     def _land(self, now: Now) -> None:

@@ -82,12 +82,15 @@ class Stride:
             horizons: (k,) ascending [s].
 
         Returns:
-            (k, 6 + m): COM [m] in the support sole, its deflection in the axes of that sole, and the deflections of the
-            joints [rad], the left leg's first.
+            (j, 6 + m): COM [m] in the support sole, its deflection in the axes of that sole, and the deflections of the
+            joints [rad], the left leg's first; of the first j horizons, which are within a stride.
         """
         if self._memory is None:
             return None
         stamp = now.sample.stamp_ns
+        horizons = horizons[horizons + EVERY <= self._lag_ns * 1e-9]
+        if not len(horizons):
+            return None
         if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY:
             self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + EVERY)
         if self._course is None:

@@ -112,6 +112,14 @@ def test_nothing_is_compiled_in_mid_walk():
 
 
 @pytest.mark.slow
+def test_a_horizon_beyond_a_stride_leaves_the_others_to_it():
+    with Session(bag_path("test2"), Config().replaced({"prediction.horizons": [0.1, 2.0]})) as session:
+        found = list(session.predictions())
+    assert np.mean([each.repeating for each in found[len(found) // 2 :]]) > 0.5
+    assert all(np.isfinite(each.horizons[1].com).all() for each in found if each.repeating)
+
+
+@pytest.mark.slow
 def test_strides_are_recognised_also_where_a_foot_brushes_the_ground(tmp_path):
     """Backwards, feet touch the ground in mid-swing: the phase changes more often than the robot steps."""
     with Session(record("backwards", tmp_path / "walk", duration_s=12.0).bag, Config()) as session:
