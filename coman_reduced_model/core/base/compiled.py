@@ -32,17 +32,19 @@ def compiled(function: _Function) -> _Function:
         return njit(error_model="numpy")(function)
 
 
-def _drop_stale_caches() -> None:
+def _drop_stale_caches(package: Path = Path(__file__).parents[1]) -> None:
     """Forget what was compiled before the newest source: numba watches the file of a function, not what it calls.
 
     Also what lies outside of the core: it calls what is in the core and in its own folder.
     """
-    package = Path(__file__).parents[1]
     newest = _newest(package.rglob("*.py"))
     for index in package.parent.rglob("__pycache__/*.nbi"):
         try:
             if index.stat().st_mtime_ns < max(newest, _newest(index.parents[1].glob("*.py"))):
                 index.unlink()
+                # numba writes a new index before the code: until then another process would load what was there before.
+                for code in index.parent.glob(f"{index.stem}.*.nbc"):
+                    code.unlink(missing_ok=True)
         except OSError:  # read-only, or another process was faster
             continue
 
