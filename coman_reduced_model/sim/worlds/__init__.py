@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from .draw import PLAIN, draw_world, world_for, world_of
 from .kinds import AXES, Kind, kind_named
-from .run import record_world, robot_of
+from .run import record_world, robot_of, walks
 from .world import World, read_world, world_yaml
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "read_world",
     "record_world",
     "robot_of",
+    "walks",
     "world_for",
     "world_of",
     "world_yaml",

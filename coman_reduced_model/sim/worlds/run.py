@@ -7,9 +7,11 @@ import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ...core.gait.gait import WalkPlan
 from ...core.gait.parameters import GaitParameters
+from ...errors import EngineError
 from ...output import check_file
 from ...progress import Progress
 from ..contact import Floor
@@ -112,6 +114,14 @@ def record_world(
     if store:
         drawn.write_text(world_yaml(world), encoding="utf-8")
     return result
+
+
+def walks(world: World, out: str | Path, seed: int, **options: Any) -> bool:
+    """Record a walk, as `record_world`; False: the robot fell, or its engine could not go on."""
+    try:
+        return record_world(world, out, seed=seed, **options).fallen_s is None
+    except EngineError:
+        return False
 
 
 def _walk(world: World) -> GaitParameters:
