@@ -92,9 +92,9 @@ def found(path: Path, lacks: tuple[str, ...], effect: str, where: str) -> Found:
     (case,) = finding.train
     step, evidence = finding.fit.x - case.evidence.at, {}
     for key, part in zip(case.problem.rows, parts_of(case.problem, case.noise), strict=True):
-        y = step[part.at]
+        y, rows = step[part.at], len(case.problem.rows[key])
         nats = 0.5 * (part.energy - 2.0 * y @ part.moment + y @ part.gram @ y)
-        evidence[key] = case.problem.usual.trust.get(part.law, 1.0) * float(nats) / part.count, part.count
+        evidence[key] = case.problem.usual.trust.get(part.law, 1.0) * float(nats) / rows, rows
     return Found("\n".join(sizes), evidence)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -174,8 +174,15 @@ class _Export:
         for effect in self._effects("payload", "com_offset", "body_mass"):
             body = self._body(effect.where if effect.name == "body_mass" else "")
             changes.setdefault(body.id, (body, []))[1].append(effect)
+            if effect.name == "com_offset":  # with all that is fixed to it
+                shift = np.array([effect.values[axis] for axis in "xyz"])
+                for child, R in self._welded(body, np.eye(3)):
+                    values = dict(zip("xyz", (R.T @ shift).tolist(), strict=True))
+                    changes.setdefault(child.id, (child, []))[1].append(replace(effect, values=values))
         for body, effects in changes.values():
-            self._loaded(body, effects)
+            massless = not self._model.body_mass[body.id] and all(each.name == "com_offset" for each in effects)
+            if not massless:
+                self._loaded(body, effects)
             welded = [child.name or "a body without name" for child in body.bodies if not child.joints]
             if welded and any(effect.name == "body_mass" for effect in effects):
                 self._out.left_out.append(f"body_mass: {', '.join(welded)}: fixed to {body.name!r}, keeps its mass")
@@ -190,6 +197,16 @@ class _Export:
             raise ConfigError(f"{self._source}: no body {self._config.robot.base_frame!r} (robot.base_frame)")
         return body
 
+    def _welded(self, body: mujoco.MjsBody, R: Array) -> Iterator[tuple[mujoco.MjsBody, Array]]:
+        """Bodies with a mass that are fixed to a body, and their axes (3, 3) in its; R (3, 3): axes of the body."""
+        for child in body.bodies:
+            if not child.joints:
+                turn = np.empty(9)
+                mujoco.mju_quat2Mat(turn, self._model.body_quat[child.id])
+                if self._model.body_mass[child.id] > 0.0:
+                    yield child, R @ turn.reshape(3, 3)
+                yield from self._welded(child, R @ turn.reshape(3, 3))
+
     def _loaded(self, body: mujoco.MjsBody, effects: Sequence[EffectConfig]) -> None:
         i = body.id
         mass, com = float(self._model.body_mass[i]), self._model.body_ipos[i].copy()
@@ -202,9 +219,8 @@ class _Export:
                 mass, inertia = mass * effect.values["scale"], inertia * effect.values["scale"]
                 continue
             at = np.array([effect.values[axis] for axis in "xyz"])
-            if effect.name == "com_offset":  # of the body with all that is fixed to it, which does not move in it
-                welded = sum(float(self._model.body_mass[each.id]) for each in _welded(body))
-                com += at * (1.0 + welded / mass)
+            if effect.name == "com_offset":
+                com += at
                 continue
             extra = effect.values["mass"]
             whole = mass + extra
@@ -268,14 +284,6 @@ class _Export:
             self._out.written.append(f"contact below {ankle}: gives way by {1e6 * softer:.3g} mm/kN (solref, solimp)")
         if geoms and friction is not None:
             self._out.written.append(f"contact below {ankle}: friction {friction:g}")
-
-
-def _welded(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    """Bodies below that are fixed to a body."""
-    for child in body.bodies:
-        if not child.joints:
-            yield child
-            yield from _welded(child)
 
 
 def _below(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:

@@ -150,17 +150,17 @@ def test_effects_act_in_the_order_of_the_catalogue(tmp_path, mjcf, capsys, order
 def test_the_com_of_a_trunk_moves_with_all_that_is_fixed_to_it(tmp_path, mjcf, capsys):
     spec = mujoco.MjSpec.from_file(str(mjcf))
     trunk = spec.body("base_link")
-    trunk.add_body(name="torso", pos=[0.0, 0.0, 0.3]).add_geom(size=[0.05, 0.05, 0.05], mass=4.0)
+    half = float(np.sqrt(0.5))  # a quarter turn about z
+    torso = trunk.add_body(name="torso", pos=[0.0, 0.0, 0.3], quat=[half, 0.0, 0.0, half])
+    torso.add_geom(size=[0.05, 0.05, 0.05], mass=4.0)
     mjcf.write_text(spec.to_xml(), encoding="utf-8")
     changes = {"effects.active": ["com_offset"], "effects.com_offset.x": [0.01]}
     out, _ = export(tmp_path, mjcf, capsys, **changes)
 
-    def com(path):
-        model = mujoco.MjModel.from_xml_path(str(path))
-        masses = {name: model.body(name).mass[0] for name in ("base_link", "torso")}
-        return masses["base_link"] * model.body("base_link").ipos[0] / sum(masses.values())
-
-    assert com(out) - com(mjcf) == pytest.approx(0.01, rel=1e-4)
+    before, after = (mujoco.MjModel.from_xml_path(str(path)) for path in (mjcf, out))
+    for name, moved in (("base_link", [0.01, 0.0, 0.0]), ("torso", [0.0, -0.01, 0.0])):
+        np.testing.assert_allclose(after.body(name).ipos - before.body(name).ipos, moved, atol=1e-6)
+        np.testing.assert_allclose(*(np.sort(each.body(name).inertia) for each in (after, before)), rtol=1e-4)
 
 
 def test_soles_without_names_give_way(tmp_path, mjcf, capsys):

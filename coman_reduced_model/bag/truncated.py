@@ -82,8 +82,10 @@ class TruncatedMcap:
                     yield self._channels[channel], log_time, body[MESSAGE.size :]
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(ReadDataStream(io.BytesIO(body)))
-                self._schemas[schema.id] = schema
-                self.definitions[schema.name] = schema.data.decode(errors="replace")
+                if schema.encoding in ("ros2msg", "ros2idl"):
+                    self._schemas[schema.id] = schema
+                if schema.encoding == "ros2msg":
+                    self.definitions[schema.name] = schema.data.decode()
             elif opcode == Opcode.CHANNEL:
                 record = Channel.read(ReadDataStream(io.BytesIO(body)))
                 if record.schema_id in self._schemas:  # others hold no ROS messages

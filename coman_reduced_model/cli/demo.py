@@ -87,7 +87,7 @@ def _show(summary: dict[str, Any], live: dict[str, Any], out: Path) -> None:
             for name, seconds, errors in rows
         ],
     )
-    nodes = "predictor and trajectory" if live["trajectory_node"] else "predictor (the bag has no plan to follow)"
+    nodes = "predictor and trajectory" if live["trajectory_node"] else "predictor (the bag has no plan of a gait)"
     print(f"nodes: {nodes}; {live['predictions']} predictions for {live['joint_states']} joint states through DDS")
     print(f"latency of the predictor: {live['latency']}")
     print(f"written: {out / 'report.html'}")

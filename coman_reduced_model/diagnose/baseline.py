@@ -143,7 +143,7 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
             own_spread = min(float(np.sqrt(variance[i] + between_bags[i])), float(np.sqrt(prior[i])))
             parameters[unknown.name] = unknown.usual + usual, own_spread
     left = [leftover([case], fit, []) for case in cases]
-    pulled = {name.removesuffix(".spread"): value for name, value in pulls(cases, fit, []).items() if value > PULLED}
+    pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}
     robot = cases[0].state.world.robot
     source = {"recordings": len(cases), "robot": robot.config.name, "mass_kg": robot.mass}
     learnt = replace(

@@ -56,7 +56,7 @@ from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
-COMPARISON = 10  # grows where comparisons that are kept in files would come out otherwise
+COMPARISON = 9  # grows where comparisons that are kept in files would come out otherwise
 SHARED = 2  # errors of an effect that those of all others are worth
 TENTHS = 10
 TINY = 1e-12  # of a width

@@ -259,7 +259,7 @@ def _walk(summary: Mapping[str, Any], run: Run, plots: Path | None) -> Section:
 
 
 def _soles(summary: Mapping[str, Any]) -> dict[Foot, Sequence[float]]:
-    """Edges of the soles [m]; of predictions of an earlier version by length and width of the configuration."""
+    """Edges of the soles [m]; of a demo or an earlier version by length and width of the configuration."""
     config, known = summary.get("config") or {}, (summary.get("robot") or {}).get("soles_m") or {}
     x, y = 0.5 * config.get("robot.foot_length", 0.2), 0.5 * config.get("robot.foot_width", 0.1)
     return {foot: known.get(foot.name.lower(), (-x, x, -y, y)) for foot in (Foot.LEFT, Foot.RIGHT)}

@@ -27,7 +27,7 @@ from ..core.gait.gait import WalkPlan, plan_walk
 from ..core.gait.parameters import GaitParameters, gait
 from ..errors import ConfigError, OutputError
 from ..messages import INPUT_TYPES, STRING
-from ..output import OutputFolder
+from ..output import OutputFolder, check_file
 from ..progress import Progress
 from ..topics import DESCRIPTION, INPUT_TOPICS
 from .contact import Contact, Floor
@@ -217,8 +217,7 @@ class _Destination:
         self.truth = self.bag.with_name(f"{self.bag.name}.truth.npz")
         if not self.bag.name:
             raise OutputError(f"{out}: no name for a bag")
-        if self.truth.exists() and not force:
-            raise OutputError(f"{self.truth}: exists; --force replaces it")
+        check_file(self.truth, force)
         self._folder = OutputFolder(self.bag, force)
         self._partial = self.truth.with_name(f".part.{self.truth.name}")
 
@@ -231,6 +230,8 @@ class _Destination:
             self._folder.__exit__(*error)
             if error[0] is None:
                 self._partial.replace(self.truth)
+        except OSError as failed:
+            raise OutputError(f"{self.truth}: cannot be written: {failed.strerror or failed}") from None
         finally:
             self._partial.unlink(missing_ok=True)
 

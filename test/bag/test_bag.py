@@ -305,7 +305,9 @@ def test_channels_of_others_are_no_damage(tmp_path, bag, whole):
                 writer.add_message(channel, k, b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", k)
         writer.finish()
     path.write_bytes(path.read_bytes()[:-40])  # the end of the index
-    assert TruncatedMcap(path).counts["/text"] == 30
+    assert TruncatedMcap(path).counts == {"/text": 30}
+    with Bag(path) as opened:
+        assert [message.data for _, _, message in opened.messages(["/text"])] == 30 * ["a"]
 
 
 def test_what_is_no_bag_is_refused_in_one_line(tmp_path, bag):

@@ -91,14 +91,16 @@ class Parameter:
             return value if isinstance(value, str) else None
         if isinstance(value, (str, bytes, dict)) or not hasattr(value, "__iter__"):
             return None
+        # ROS parameter files have no empty lists: [""] is the custom for one.
+        if list(value) == [""]:
+            return ()
         if self.kind == "floats":
             numbers = [_number(element) for element in value]
             return None if None in numbers else tuple(number for number in numbers if number is not None)
         texts = list(value)
         if not all(isinstance(text, str) for text in texts):
             return None
-        # ROS parameter files have no empty lists: [""] is the custom for one.
-        return () if texts == [""] else tuple(texts)
+        return tuple(texts)
 
     def allowed(self) -> str:
         """What is allowed, in words."""

@@ -13,7 +13,7 @@ import yaml
 from ...errors import ConfigError
 from ...output import check_file, write_file
 from ...resources import config_path
-from .schema import Config, config_from_flat, parameter_table
+from .schema import FILES, Config, config_from_flat, parameter_table
 
 NODES = ("predictor", "trajectory", "virtual_robot")
 
@@ -121,10 +121,10 @@ def config_to_yaml(config: Config, comment: str = "") -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += ["/**:", "  ros__parameters:"]
     for key, value in config.flat().items():
-        if value == table[key].nominal == ():  # ROS parameter files have no empty lists
+        if value == () and (table[key].nominal == () or key.endswith(".joints")):  # as it is where nothing is said
             continue
         parameter = table[key]
-        plain = list(value) if isinstance(value, tuple) else value
+        plain = (list(value) or [""]) if isinstance(value, tuple) else value  # ROS files have no empty lists
         # Quoted where a text holds line breaks and the like: one line a key.
         quotes = None if str(value).isprintable() and "\\" not in str(value) else '"'
         text = yaml.safe_dump(plain, default_flow_style=True, default_style=quotes, width=10**6)
@@ -150,7 +150,7 @@ def save_config(
         OutputError: it exists (without `force`), or cannot be written.
     """
     path = check_file(path, force)
-    for key, file in (("robot.urdf", config.urdf), ("monitor.baseline", config.baseline)):
+    for key, file in zip(FILES, (config.urdf, config.baseline), strict=True):
         if file is not None:
             config = config.replaced({key: os.path.relpath(file, folder or path.parent)})
     write_file(path, config_to_yaml(config, comment))

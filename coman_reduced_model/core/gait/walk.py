@@ -30,6 +30,7 @@ class Walk:
     Attributes:
         plan: what is followed, or would be from `start` on.
         start_ns: when the plan began or will begin; None: standing at its beginning.
+        refused: why the last repetition could not begin.
     """
 
     def __init__(self, config: Config) -> None:
@@ -39,6 +40,7 @@ class Walk:
             ConfigError: it is not possible.
         """
         self._take_over(config)
+        self.refused = ""
         self.reset()
 
     def _take_over(self, config: Config) -> None:
@@ -118,7 +120,8 @@ class Walk:
         """Begin again at the end of the plan, if it is to be repeated and was not stopped; whether it does."""
         if not self._again or self.start_ns is None or self.walking(now_ns):
             return False
-        self._again = self.start(self.start_ns + self._lasts_ns) is None
+        self.refused = self.start(self.start_ns + self._lasts_ns) or ""
+        self._again = not self.refused
         return self._again
 
     def reference(self, stamp_ns: int) -> Reference:

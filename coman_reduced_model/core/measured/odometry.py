@@ -77,7 +77,9 @@ class FootOdometry:
                 p[2],
                 R_new[:, 2] @ (p_old - p_new),
             )  # on a step one sole sees the other as far up as it is seen down
-            on_level[2] = 0.5 * (up - down) if abs(up) > STEP and abs(up + down) < STEP else 0.0
+            on_level[2] = (
+                0.5 * (up - down) if abs(up) > STEP and abs(up + down) < max(STEP, 0.5 * abs(up - down)) else 0.0
+            )
             self._T_odom_sole = self._T_odom_sole @ pose(R, on_level)
         self._foot = support_foot
         return self._T_odom_sole

@@ -182,7 +182,9 @@ def _rank(tree: _Tree, pair: tuple[int, int]) -> tuple[int, bool, int, float]:
     return len(first), _bare(one) != _bare(other), kind, aside
 
 
-_SIDES = re.compile(r"(?i:left|right|(?<![a-z])[lr](?![a-z]))|^[LR](?=[A-Z])|(?<=[a-z])[LR]$")
+_SIDES = re.compile(
+    r"(?i:left|right|(?<![a-z])[lr](?![a-z])|^[lr](?=foot|sole|leg|ankle))|^[LR](?=[A-Z])|(?<=[a-z])[LR]$"
+)
 
 
 def _bare(name: str) -> str:

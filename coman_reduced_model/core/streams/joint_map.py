@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.compiled import compiled
-from ..base.types import Array, JointMessage
+from ..base.types import Array, Booleans, JointMessage
 from .stream import LIMIT, Refused, fault, usable
 
 
@@ -24,6 +24,7 @@ class JointState:
     tau: Array | None  # [Nm]; NaN where not given; None: not given at all
 
 
+_NO_JOINTS = np.zeros(0, dtype=bool)
 _MOST = 64  # orders and names that are kept: a broken driver may send others every time
 
 
@@ -62,14 +63,9 @@ class _Order:
         missing = np.isnan(taken)
         return bool(missing.all() or not (missing & self.of_legs).any() and usable(np.where(missing, 0.0, taken)))
 
-    def fill_in(self, taken: Array, fill: float) -> bool:
-        """Take joints outside the legs whose position is NaN for unlisted ones, in place; whether that is all."""
-        missing = np.isnan(taken)
-        if (missing & self.of_legs).any():
-            return False
-        taken[missing] = fill
-        self.unlisted = tuple(dict.fromkeys((*self.unlisted, *np.array(self.listed)[missing].tolist())))
-        return usable(taken) if fill == fill else usable(np.where(missing, 0.0, taken))
+    def absent(self, taken: Array) -> Booleans:
+        """(m,) joints outside the legs whose position is NaN: they have none to say."""
+        return np.asarray(np.isnan(taken) & ~self.of_legs)
 
     def place(self, values: Array, fill: float, size: int) -> Array:
         """Values (..., m) taken from messages in the order of the robot; `fill` where they list no such joint."""
@@ -120,14 +116,21 @@ class JointMap:
             raise order.refused
         size = len(self._names)
         position, good = order.taken(message.position)
-        if not good and not order.fill_in(position, self._fill):
+        absent = _NO_JOINTS if good else order.absent(position)
+        if not good and not (absent.any() and usable(np.where(absent, 0.0, position))):
             self._refuse("position", position, order)
         self.unlisted = order.unlisted
+        if absent.any():  # as if they were not listed
+            position[absent] = self._fill
+            self.partial = True
+            self.unlisted = (*order.unlisted, *(order.listed[i] for i in np.flatnonzero(absent)))
         q = order.place(position, self._fill, size)
         qd = tau = None
         if velocity is not None:
             velocity, good = order.taken(velocity)
             if good:
+                if absent.any():
+                    velocity[absent] = self._fill
                 qd = order.place(velocity, self._fill, size)
             elif not order.without_velocities(velocity):
                 self._refuse("velocity", velocity, order)

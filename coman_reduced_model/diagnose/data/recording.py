@@ -248,7 +248,7 @@ def _grid(
     for wrench, other in ((left, Phase.RIGHT), (right, Phase.LEFT)):
         wrench -= _drift(wrench, phases[later] == other)
     motor_q = used(motor_q, there(at, rows["motor_q"], t), "motor states")
-    if rows["tau"] is not None and tau is not None and (seldom := seldom_there(rows["tau"])).any():
+    if rows["tau"] is not None and tau is not None and (seldom := _seldom(rows["tau"])).any():
         tau[:, seldom] = np.nan
         named = ", ".join(name for name, one in zip(robot.joint_names, seldom, strict=True) if one)
         warnings = (*warnings, f"torques of {named} are there less than {LEAST_THERE:.0%} of the time: not used")
@@ -351,6 +351,11 @@ def _counts(q: Array) -> Array:
         if 2 <= len(values) < 0.8 * len(q) and gaps.size:
             out[j] = np.percentile(gaps, 10.0)
     return out
+
+
+def _seldom(tau: Array) -> Booleans:
+    """(nj,) joints whose torques (n, nj) are there, and seldom."""
+    return np.asarray(seldom_there(tau) & np.isfinite(tau).any(axis=0))
 
 
 def _efforts(tau: Array | None) -> Array | None:

@@ -21,7 +21,7 @@ from .gauss_newton import settle
 from .noise import Noise
 from .prior import kinds_of, prior_variance
 from .reference import CLOCKS
-from .variability import MEMBERS, widths_of, with_own
+from .variability import MEMBERS, widths_of
 
 LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
 FROM = (1.0, 0.25)  # of the reach of a shift in time, where it is looked for
@@ -106,7 +106,7 @@ class _Trial:
 def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
     cases = [*trial.train, *trial.hold]
     left = leftover(cases, judged.fit, trial.released)
-    pulled = pulls(cases, judged.fit, trial.released)
+    pulled = pulls(trial.finding.known, judged.fit, trial.released)
     return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
 
 
@@ -231,21 +231,18 @@ def pulled_together(cases: Sequence[Case], fit: Fit, released: Sequence[int]) ->
     return float(np.mean(out)) if out else 0.0
 
 
-def pulls(cases: Sequence[Case], fit: Fit, released: Sequence[int]) -> dict[str, float]:
+def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:
     """By width, how far its parameters are pulled from nominal [standard deviations, root mean square].
 
-    Those that each recording has for itself are pulled by each, beside what all recordings share.
+    Of those that all recordings share: what each recording has for itself does not count.
     """
-    known = cases[0].evidence.unknowns
-    deviation = np.sqrt(prior_variance(known, precise=fit.precise))
-    own = np.array([each.x for each in with_own([case.evidence for case in cases], fit)])
-    size = np.where([unknown.own for unknown in known], np.sqrt(np.mean(own**2, axis=0)), np.abs(fit.x))
+    prior = prior_variance(known, precise=fit.precise)
     out = {}
     for name, members in widths_of(known).items():
         rest = [i for i in members if i not in released]
         if rest:
             # The largest counts as well: of thirteen masses one may be far off, all together a little.
-            ratios = size[rest] / deviation[rest]
-            rms, most = float(np.sqrt(np.mean(ratios**2))), float(ratios.max()) / 2.0
-            out[name] = max(rms, most) if len(rest) >= MEMBERS else most
+            ratios = np.abs(fit.x[rest]) / np.sqrt(prior[rest])
+            rms = float(np.sqrt(np.mean(ratios**2)))
+            out[name] = max(rms, float(ratios.max()) / 2.0) if len(rest) >= MEMBERS else float(ratios.max()) / 2.0
     return out

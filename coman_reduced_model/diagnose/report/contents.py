@@ -165,7 +165,7 @@ def groups(evidence: Evidence, options: Sequence[Candidate]) -> list[list[str]]:
 def pulled(finding: Finding) -> dict[str, float]:
     """By kind of parameter, how far what varies on nominal robots is from nominal [standard deviations]."""
     assert finding.fit is not None
-    found = pulls(finding.cases, finding.fit, finding.released)
+    found = pulls(finding.known, finding.fit, finding.released)
     rows = {name.removesuffix(".spread"): round(value, 2) for name, value in found.items() if value > 1.0}
     return dict(sorted(rows.items(), key=lambda item: -item[1]))
 

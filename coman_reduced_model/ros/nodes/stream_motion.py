@@ -38,7 +38,6 @@ class StreamMotion:
     Attributes:
         last: the newest reference taken in; its predecessor is the last knot.
         start: where the robot stands (sim.motion.Posture, n = 1).
-        used: number of references that became a knot.
     """
 
     def __init__(

@@ -78,6 +78,9 @@ class TrajectoryNode(ConfiguredNode):
         while self._next <= now:
             if self.walk.go_on(self._next):
                 self._publish_path()
+            elif self.walk.refused:
+                self.get_logger().warning(f"the walk is not repeated: it {self.walk.refused}")
+                self.walk.refused = ""
             self._reference.publish(reference_to(self.types, self.walk.reference(self._next)))
             self._published += 1
             self._next += self._period

@@ -116,7 +116,8 @@ def run_demo(
 
         nodes = stack.enter_context(Nodes(config_file))
         listener = stack.enter_context(Listener("demo", on_prediction))
-        planned = plan_of(Bag(path), config)
+        with Bag(path) as bag:
+            planned = plan_of(bag, config)
         replay = Replay(listener.node, path, (REFERENCE,) if planned else ())
         stack.callback(replay.close)
         needed = _needed(replay, config)

@@ -42,5 +42,5 @@ def test_a_gait_that_cannot_begin_where_the_robot_stands_is_refused(monkeypatch)
 
     monkeypatch.setattr(walks, "plan_walk", fails)
     plan = walk.plan
-    assert not walk.go_on(ended) and not walk.go_on(ended + 1) and len(planned) == 1
+    assert not walk.go_on(ended) and not walk.go_on(ended + 1) and len(planned) == 1 and "too far apart" in walk.refused
     assert walk.start(ended) == "cannot walk from where it stands: feet: too far apart" and walk.plan is plan

@@ -83,11 +83,14 @@ def test_long_steps_on_a_sole_that_is_off_do_not_climb(length: float, tilt: floa
     assert T[2, 3] == 0.0 and T[0, 3] > 15.0 * length
 
 
-def test_a_step_up_is_climbed() -> None:
+@pytest.mark.parametrize(("height", "tilt"), [(0.03, 0.0), (0.15, 0.055), (-0.15, 0.04)])
+def test_a_step_is_climbed(height: float, tilt: float) -> None:
+    """By soles that are a few degrees off as well."""
     odometry, base = FootOdometry(), trunk(0.1, 0, 0.6, 0, 0)
     odometry.update(Foot.LEFT, *seen(base, flat(0, 0.07, 0), flat(0, -0.07, 0)))
-    step = pose(np.eye(3), np.array([0.2, -0.07, 0.03]))
-    assert odometry.update(Foot.RIGHT, *seen(base, flat(0, 0.07, 0), step))[2, 3] == pytest.approx(0.03)
+    step = pose(Rotation.from_euler("y", tilt).as_matrix(), np.array([0.3, -0.07, height]))
+    found = odometry.update(Foot.RIGHT, *seen(base, flat(0, 0.07, 0), step))[2, 3]
+    assert found == pytest.approx(height, abs=0.5 * 0.3 * tilt + 1e-3)
 
 
 def test_stance_does_not_move_while_the_other_foot_swings() -> None:

@@ -30,9 +30,9 @@ def renamed(text: str) -> str:
     return re.sub(r'"(\w+)"', lambda match: f'"{numbers.get(match[1], match[1])}"', text)
 
 
-@pytest.mark.parametrize("names", ["leg_{}_6_link", "robot_{}_foot", "{}Foot", "{}_sole", "foot_{}"])
+@pytest.mark.parametrize("names", ["leg_{}_6_link", "robot_{}_foot", "{}Foot", "{}foot", "{}_sole", "foot_{}"])
 def test_names_of_both_sides_are_alike_and_say_which(names):
-    sides = ("left", "right") if "Foot" not in names else ("L", "R")
+    sides = {"{}Foot": ("L", "R"), "{}foot": ("l", "r")}.get(names, ("left", "right"))
     assert len({_bare(names.format(side)) for side in sides}) == 1
     assert [_SIDES.search(names.format(side))[0][:1].lower() for side in sides] == ["l", "r"]
 

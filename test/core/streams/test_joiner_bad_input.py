@@ -164,6 +164,20 @@ def test_motor_states_may_lack_joints_without_motor_encoder():
         assert sample.motor_q[index] == pytest.approx(0.05 if name in names() else q)
 
 
+def test_motors_outside_the_legs_that_say_nan_are_where_their_link_is():
+    """From then on too; what the message after says of them counts again."""
+    every, link = (*names(), "Arm"), np.linspace(0.1, 0.5, 13)
+    joiner, index = Joiner(robot_with_arm(), config()), robot_with_arm().joint_names.index("Arm")
+    arms = []
+    for ms, arm in ((0, np.nan), (5, 0.2)):
+        joints = (JOINTS, JointMessage(T0 + round(ms * MS), every, link, link, None))
+        said = motor(ms, np.append(np.full(12, 0.05), arm), names=every, velocity=np.zeros(13))
+        (sample,) = [sample for item in (joints, said, *both(ms)) for sample in add(joiner, *item)]
+        assert np.isfinite(sample.motor_q).all() and np.isfinite(sample.motor_qd).all()
+        arms.append(sample.motor_q[index])
+    assert arms == pytest.approx([link[12], 0.2]) and not joiner.rejections.counts
+
+
 BAD_JOINTS = {
     "nan": [{"position": np.full(12, np.nan)}, {"velocity": np.append(np.zeros(11), np.inf)}],
     "out_of_range": [{"position": np.full(12, 1e200)}, {"effort": np.append(np.full(11, np.nan), -1e300)}],
@@ -259,8 +273,9 @@ def test_a_joint_outside_the_legs_without_a_position_is_held_at_zero():
     """As a wheel or a hand that only knows its speed: nothing would ever be predicted."""
     joints, listed = JointMap((*names(), "ArmSag"), names()), (*names(), "ArmSag")
     position = np.append(np.full(12, 0.1), np.nan)
-    assert joints.sort(JointMessage(T0, listed, position, np.zeros(13), None)).q[12] == 0.0
-    assert joints.unlisted == ("ArmSag",)
+    state = joints.sort(JointMessage(T0, listed, position, np.ones(13), None))
+    assert (state.q[12], state.qd[12]) == (0.0, 0.0) and joints.unlisted == ("ArmSag",)
+    assert joints.sort(JointMessage(T0, listed, np.full(13, 0.7), None, None)).q[12] == 0.7 and joints.unlisted == ()
     for which, value in ((3, np.nan), (12, np.inf)):
         with pytest.raises(Refused, match="position of"):
             joints.sort(JointMessage(T0, listed, np.where(np.arange(13) == which, value, 0.1), np.zeros(13), None))

@@ -14,8 +14,8 @@ from diagnose_tools import made_up, standing
 from coman_reduced_model.core.base.nominal import Nominal
 from coman_reduced_model.core.effects.unknown import Unknown
 from coman_reduced_model.diagnose.inference.case import Case
-from coman_reduced_model.diagnose.inference.compare import pulled_together, pulls
-from coman_reduced_model.diagnose.inference.evidence import Evidence, pooled, scores
+from coman_reduced_model.diagnose.inference.compare import pulled_together
+from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
 from coman_reduced_model.diagnose.inference.variability import (
     _parts_of,
     adapted,
@@ -63,14 +63,6 @@ def test_how_far_nominal_robots_are_pulled_together_is_chi_squared(wider):
     beyond = (wider**2 - 1.0) * np.sqrt(shown / 2.0)
     assert np.mean(found) == pytest.approx(beyond, abs=0.15 * wider**2)
     assert np.std(found) == pytest.approx(wider**2, rel=0.15)
-
-
-def test_zeros_that_each_recording_has_for_itself_are_pulled_too():
-    rng = np.random.default_rng(3)
-    evidences = recordings(rng, 0.1, 3.0)
-    cases = [cast(Case, SimpleNamespace(evidence=evidence)) for evidence in evidences]
-    found = pulls(cases, pooled(evidences).fit(), ())
-    assert found["play.spread"] < 1.5 and found["zero_f.spread"] == pytest.approx(3.0, rel=0.3)
 
 
 def test_a_population_gets_the_widths_that_it_was_drawn_with():

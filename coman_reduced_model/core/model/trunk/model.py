@@ -208,6 +208,7 @@ class TrunkModel(Dynamics):
         """As in `Dynamics`: now by the filter; ahead by the stride before or the plan, else as they are now."""
         out = np.empty((1 + horizons, len(self._published) - 8))
         out[:] = self._published[8:]
+        out[:, self._following] = 0.0  # they are at their plan
         if self._ahead is not None:
             out[1 : 1 + len(self._ahead)] = self._ahead
         return out

@@ -88,10 +88,11 @@ class Stride:
         if self._memory is None:
             return None
         stamp = now.sample.stamp_ns
-        horizons = horizons[horizons + EVERY <= self._lag_ns * 1e-9]
-        if not len(horizons):
+        horizons = horizons[horizons + EVERY <= (self._last_ns - stamp + self._lag_ns) * 1e-9]
+        if not self._lag_ns or not len(horizons):
             return None
-        if self._course is None or not 0.0 <= (stamp - self._course_ns) * 1e-9 < EVERY:
+        since = (stamp - self._course_ns) * 1e-9
+        if self._course is None or not 0.0 <= since < EVERY or since + horizons[-1] > (len(self._course) - 1) * STEP:
             self._course_ns, self._course = stamp, self._simulate(now, terms, state, float(horizons[-1]) + EVERY)
         if self._course is None:
             return None

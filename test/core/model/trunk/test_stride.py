@@ -113,10 +113,13 @@ def test_nothing_is_compiled_in_mid_walk():
 
 @pytest.mark.slow
 def test_a_horizon_beyond_a_stride_leaves_the_others_to_it():
-    with Session(bag_path("test2"), Config().replaced({"prediction.horizons": [0.1, 2.0]})) as session:
+    settings = {"prediction.horizons": [0.1, 2.0], "model.lateral_compliance": "without"}
+    with Session(bag_path("test2"), Config().replaced(settings)) as session:
         found = list(session.predictions())
     assert np.mean([each.repeating for each in found[len(found) // 2 :]]) > 0.5
     assert all(np.isfinite(each.horizons[1].com).all() for each in found if each.repeating)
+    # And sideways it follows its plan, now and ahead, whatever is known of the future.
+    assert {float(one.com[1]) for each in found for one in each.deflections} == {0.0}
 
 
 @pytest.mark.slow
