@@ -40,7 +40,7 @@ def recordings(rng: np.random.Generator, off: dict[str, float], count: int = 3) 
         for law, error in off.items():
             A = rng.normal(size=(20, SIZE))
             r = A @ (x + error * rng.standard_normal(SIZE)) + 0.1 * rng.standard_normal(20)
-            parts.append(Part(law, np.arange(SIZE), 100.0 * A.T @ A, 100.0 * A.T @ r, 100.0 * float(r @ r), 20))
+            parts.append(Part(law, np.arange(SIZE), 100.0 * A.T @ A, 100.0 * A.T @ r, 100.0 * float(r @ r)))
         out.append(ByLaw(figures(), parts))
     return out
 
@@ -56,7 +56,7 @@ def test_evidence_about_other_values_is_that_of_the_shifted_residuals():
     A, r, x = rng.normal(size=(20, SIZE)), rng.normal(size=20), rng.normal(size=SIZE)
 
     def by_law(r: np.ndarray) -> ByLaw:
-        return ByLaw(figures(), [Part("law", np.arange(SIZE), A.T @ A, A.T @ r, float(r @ r), 20)])
+        return ByLaw(figures(), [Part("law", np.arange(SIZE), A.T @ A, A.T @ r, float(r @ r))])
 
     (moved,), (wanted,) = by_law(r).about(x).parts, by_law(r - A @ x).parts
     np.testing.assert_allclose(moved.moment, wanted.moment)
@@ -81,7 +81,7 @@ def test_few_robots_that_agree_with_nothing_change_little():
 
 
 def test_a_law_without_evidence_keeps_full_trust_and_none_has_more():
-    nothing = Part("law", np.arange(SIZE), np.zeros((SIZE, SIZE)), np.zeros(SIZE), 0.0, 0)
+    nothing = Part("law", np.arange(SIZE), np.zeros((SIZE, SIZE)), np.zeros(SIZE), 0.0)
     silent = [[ByLaw(figures(), [nothing])] * 2] * 3
     assert trust_of(silent)["law"] == pytest.approx(1.0, abs=0.02)
     rng = np.random.default_rng(2)
