@@ -22,6 +22,7 @@ from coman_reduced_model.core.effects.catalogue import CATALOGUE
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
 from coman_reduced_model.errors import ConfigError, OutputError
 from coman_reduced_model.judge import cases, families
+from coman_reduced_model.judge import run as judge_run
 from coman_reduced_model.judge.cases import BAGS, draw_case, write_case
 from coman_reduced_model.judge.families import FAMILIES, LEVELS, draw_effect
 from coman_reduced_model.judge.folder import RunFolder
@@ -227,6 +228,9 @@ out.mkdir()
 """
 
 
+NO_RANKING = (sys.executable, "-c", "import sys; sys.exit('no ranking')")  # as of bags that are empty
+
+
 @pytest.fixture
 def spy(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("tool") / "spy.py"
@@ -235,8 +239,9 @@ def spy(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def judged(tmp_path, spy) -> tuple[RunFolder, list[str], list[int]]:
+def judged(tmp_path, spy, monkeypatch) -> tuple[RunFolder, list[str], list[int]]:
     """A run whose bags exist already, as empty files: the recording is tested above."""
+    monkeypatch.setattr(judge_run, "RANK", NO_RANKING)
     layout = RunFolder(tmp_path / "run_of_the_judge")
     seeds = [next(s for s in REPORTED if draw_case(s).kind == kind) for kind in ("clean", "single", "unknown")]
     layout.sealed.mkdir(parents=True)

@@ -38,8 +38,9 @@ Path(a[a.index("--out") + 1]).write_text(" ".join(bags))
 
 
 @pytest.fixture
-def folder(tmp_path) -> RunFolder:
+def folder(tmp_path, monkeypatch) -> RunFolder:
     """A run whose bags exist already, as empty files."""
+    monkeypatch.setattr(judge_run, "RANK", (sys.executable, "-c", "import sys; sys.exit('no ranking')"))  # empty bags
     folder = RunFolder(tmp_path / "judged")
     folder.sealed.mkdir(parents=True)
     for case in map(draw_case, SEEDS):

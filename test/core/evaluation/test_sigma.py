@@ -80,7 +80,7 @@ def test_it_follows_a_robot_that_sets_off_or_stops(first, then):
         for _ in range(round(seconds / 0.02)):
             stamp += 20_000_000
             ahead = np.broadcast_to(rng.normal(0.0, size, 3), (6, 1, 3))
-            out = judge.update(stamp, np.eye(4), np.zeros(3), np.zeros(3), np.array(ahead), kind)
+            out = judge.update(stamp, np.eye(4), np.zeros(3), np.zeros(3), np.array(ahead, order="C"), kind)
     assert np.sqrt(np.diag(out[0, 1:4])) == pytest.approx(then[1], rel=0.35)
 
 

@@ -41,8 +41,14 @@ def run(walk: tuple[coman.Robot, coman.Config, list[Sample]], left: Array, right
     return predictor, np.array(phases)
 
 
-def test_good_sensors_are_left_alone(walk) -> None:
-    predictor, _ = run(walk, NONE, NONE)
+@pytest.fixture(scope="module")
+def good(walk) -> tuple[Predictor, Array]:
+    """By good sensors."""
+    return run(walk, NONE, NONE)
+
+
+def test_good_sensors_are_left_alone(good) -> None:
+    predictor, _ = good
     assert not predictor.zeros.active and not predictor.zeros.warnings()
 
 
@@ -50,8 +56,8 @@ def test_good_sensors_are_left_alone(walk) -> None:
 @pytest.mark.parametrize(
     ("left", "right"), [(LEFT, RIGHT), (LEFT, NONE), (NONE, RIGHT), (-LEFT, -RIGHT), (-2.0 * LEFT, 3.0 * RIGHT)]
 )
-def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, left: Array, right: Array) -> None:
-    _, expected = run(walk, NONE, NONE)
+def test_zeros_are_found_and_phases_are_those_of_good_sensors(walk, good, left: Array, right: Array) -> None:
+    _, expected = good
     predictor, phases = run(walk, left, right)
     assert set(expected) >= {Phase.LEFT, Phase.RIGHT, Phase.DOUBLE}
     assert np.mean(phases[LEARNT:] != expected[LEARNT:]) < 0.02
@@ -81,10 +87,10 @@ def test_zeros_that_leave_a_tenth_of_the_weight_are_not_taken_for_kilograms(walk
 
 
 @pytest.mark.slow
-def test_zeros_that_cancel_in_the_total_are_found_by_feet_in_the_air(walk) -> None:
+def test_zeros_that_cancel_in_the_total_are_found_by_feet_in_the_air(walk, good) -> None:
     """25 N too little on the left foot, 20 N too much on the right one: no foot ever seems to lift."""
     left, right = np.array([20.0, -12.0, -25.0, 1.0, -2.0, 0.3]), np.array([-15.0, 30.0, 20.0, -1.5, 0.5, -0.2])
-    _, expected = run(walk, NONE, NONE)
+    _, expected = good
     predictor, found = run(walk, left, right)
     assert predictor.zeros.active
     for foot, zero in ((Foot.LEFT, left), (Foot.RIGHT, right)):

@@ -61,7 +61,7 @@ class Motion:
             f = part * soles[foot][0].T @ force
             x, y = 0.03, EDGES[3] if self.rock and foot is Foot.LEFT else 0.01
             wrenches.append(np.array([*f, y * f[2], -x * f[2], 0.0]))
-        poses = [each for R, p in soles.values() for each in (base.T @ R, base.T @ (p - at))]
+        poses = [each for R, p in soles.values() for each in (np.asfortranarray(base.T @ R), base.T @ (p - at))]
         return Feet(*poses, base.T @ (self.com(t) - at), *wrenches), base
 
 

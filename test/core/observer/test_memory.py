@@ -11,7 +11,7 @@ from coman_reduced_model.core.observer.memory import BEGINS, CHANGES, GOES_ON, R
 DT, MASS, GRAVITY = 0.005, 30.0, 9.81  # [s], [kg], [m/s^2]
 STEP = 5e-4  # [m] of the measured position
 WEIGHT = MASS * GRAVITY
-WRENCH, LEVEL = np.zeros(6), np.eye(3)
+WRENCH, LEVEL = np.zeros(6), np.asfortranarray(np.eye(3))  # as views of the robot are
 PUSHED = slice(2000, 2400)  # samples: 10 s to 12 s
 
 

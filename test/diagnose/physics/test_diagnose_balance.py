@@ -132,7 +132,10 @@ def test_what_is_taken_over_from_another_hypothesis_is_what_it_would_be_alone(la
     recording, world = moving_about().changed(**dict.fromkeys(lacks)), standing()[1].changed(**believed)
     where = masks(recording, world)
     before = evaluate(recording, world, where)
+    every = not lacks and (not believed or "lead" in believed)  # else two joints stand for all, which are alike
     for unknown in unknowns(recording, world):
+        if not (every or unknown.where in ("LKneeSag", "RAnkLat") or unknown.where not in robot().joint_names):
+            continue
         moved = unknown.apply(recording, world, unknown.step)
         again = evaluate(*moved, where).residuals
         taken_over = evaluate(*moved, where, before).residuals
