@@ -31,7 +31,7 @@ from coman_reduced_model.core.evaluation.consistency import Consistency
 from coman_reduced_model.core.evaluation.statistics import RunStatistics
 from coman_reduced_model.judge.by_kind import new_kinds
 from coman_reduced_model.judge.cases import data_sheet
-from coman_reduced_model.sim.worlds import walks, world_of
+from coman_reduced_model.sim.worlds import can_walk, world_of
 from coman_reduced_model.sim.worlds.draw import draw_world, plain_kinds
 from coman_reduced_model.sim.worlds.kinds import kind_named
 
@@ -181,7 +181,7 @@ def recorded(name: str, made: Path) -> tuple[str, Path, Config] | None:
     if robot:
         world = replace(world, robot=robot)
     bag = made / name.replace(":", "_")
-    if not bag.is_dir() and not walks(world, bag, world.seed, force=True):
+    if not bag.is_dir() and not can_walk(world, bag, world.seed, force=True):
         shutil.rmtree(bag, ignore_errors=True)
         return None
     sheet = made / f"{bag.name}.sheet.yaml"

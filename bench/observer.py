@@ -44,6 +44,7 @@ from coman_reduced_model.core.evaluation.consistency import LEVELS, Consistency,
 from coman_reduced_model.core.evaluation.statistics import NINETY
 from coman_reduced_model.judge.by_kind import new_kinds
 from coman_reduced_model.sim.worlds.draw import world_of
+from coman_reduced_model.sim.worlds.run import can_walk
 
 HEAD = [
     "recording", "kinds", "NIS", "steps", "NIS of steps", "NEES position", "NEES velocity",
@@ -73,7 +74,7 @@ def main() -> int:
         for seed in arguments.worlds:
             bag = f"{folder}/{seed}"
             world = replace(world_of(seed), duration_s=DURATION)
-            if not walks(world, bag, world.seed, store=False):
+            if not can_walk(world, bag, world.seed, store=False):
                 lines.append([f"world {seed}", kinds(seed), *["fell"] * (len(HEAD) - 2)])
                 continue
             walks[seed] = judged(bag, arguments.config, forces)

@@ -73,13 +73,10 @@ class FootOdometry:
             (R_old, p_old), (R_new, p_new) = (left, right) if support_foot == Foot.RIGHT else (right, left)
             p = R_old.T @ (p_new - p_old)
             R, on_level = flat(R_old.T @ R_new, p)
-            up, down = (
-                p[2],
-                R_new[:, 2] @ (p_old - p_new),
-            )  # on a step one sole sees the other as far up as it is seen down
-            on_level[2] = (
-                0.5 * (up - down) if abs(up) > STEP and abs(up + down) < max(STEP, 0.5 * abs(up - down)) else 0.0
-            )
+            up, down = p[2], R_new[:, 2] @ (p_old - p_new)
+            # On a step one sole sees the other about as far up as it is seen down.
+            stepped = abs(up) > STEP and abs(up + down) < max(STEP, 0.5 * abs(up - down))
+            on_level[2] = 0.5 * (up - down) if stepped else 0.0
             self._T_odom_sole = self._T_odom_sole @ pose(R, on_level)
         self._foot = support_foot
         return self._T_odom_sole

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from .draw import PLAIN, draw_world, world_for, world_of
 from .kinds import AXES, Kind, kind_named
-from .run import record_world, robot_of, walks
+from .run import can_walk, record_world, robot_of
 from .world import World, read_world, world_yaml
 
 __all__ = [
@@ -20,12 +20,12 @@ __all__ = [
     "PLAIN",
     "Kind",
     "World",
+    "can_walk",
     "draw_world",
     "kind_named",
     "read_world",
     "record_world",
     "robot_of",
-    "walks",
     "world_for",
     "world_of",
     "world_yaml",

@@ -116,7 +116,7 @@ def record_world(
     return result
 
 
-def walks(world: World, out: str | Path, seed: int, **options: Any) -> bool:
+def can_walk(world: World, out: str | Path, seed: int, **options: Any) -> bool:
     """Record a walk, as `record_world`; False: the robot fell, or its engine could not go on."""
     try:
         return record_world(world, out, seed=seed, **options).fallen_s is None
