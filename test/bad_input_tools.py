@@ -17,7 +17,7 @@ from coman_reduced_model.core.base.limits import DIVERGED
 from coman_reduced_model.core.base.types import Flags
 
 SECONDS = 2.0
-few = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture
