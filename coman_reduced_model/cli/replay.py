@@ -23,8 +23,7 @@ _PATIENCE_S = 120.0  # a predictor that has never run on a machine compiles for 
 def replay(
     bag: BagArgument,
     rate: Annotated[
-        float,
-        typer.Option("--rate", metavar="R", min=0.0, help="Times as fast; 0: no waiting at all."),
+        float, typer.Option("--rate", metavar="R", min=0.0, help="Times as fast; 0: no waiting at all.")
     ] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
     wait: Annotated[

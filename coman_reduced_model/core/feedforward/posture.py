@@ -102,7 +102,7 @@ class PlannedPosture:
         if not (all_finite(plan.com) and all_finite(left.ravel()) and all_finite(right.ravel())):
             return False
         far = plan.com - pin.centerOfMass(model, data, self.q)
-        if np.abs(far).max() > _FAR:  # odom began anew, or elsewhere
+        if np.abs(far).max() > _FAR:  # odom has begun again, or elsewhere
             self.q = np.concatenate((self.q[:3] + far, self.q[3:]))
         for _ in range(_ITERATIONS):
             pin.jacobianCenterOfMass(model, data, self.q, False)

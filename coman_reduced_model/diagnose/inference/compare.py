@@ -104,8 +104,7 @@ class _Trial:
 
 
 def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
-    cases = [*trial.train, *trial.hold]
-    left = leftover(cases, judged.fit, trial.released)
+    left = leftover([*trial.train, *trial.hold], judged.fit, trial.released)
     pulled = pulls(trial.finding.known, judged.fit, trial.released)
     return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
 

@@ -109,7 +109,7 @@ def test_plans_that_are_none_give_nothing_and_do_no_harm():
 
 
 def test_a_plan_far_from_the_last_one_is_solved():
-    """Odom began anew, after a long walk."""
+    """After a long walk, odom begins again."""
     links, plan = plan_motion(COMAN, plan_walk(robot_gait(COMAN, "test1", steps=2)), 0.0)
     usual, made = feedforward(links), feedforward(links)
     t = np.arange(0.0, 0.3, 0.01)
