@@ -56,43 +56,45 @@ def names() -> tuple[str, ...]:
     return legs.left.joints + legs.right.joints
 
 
-def loads(t: float) -> tuple[float, float]:
-    """Share of the weight on each foot."""
+def loads(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Share of the weight on each foot at times (n,) [s]."""
     quarter = (t / CYCLE) % 1.0 * 4.0
     left = np.interp(quarter, [0.0, 0.6, 1.0, 2.0, 2.4, 3.0, 4.0], [0.0, 0.5, 1.0, 1.0, 0.5, 0.0, 0.0])
-    return float(left), float(1.0 - left)
+    return left, 1.0 - left
 
 
-def posture(t: float) -> np.ndarray:
-    """Joint positions (12,) [rad] in the order of `names`: the foot without load is lifted."""
-    q = np.zeros(12)
+def posture(t: np.ndarray) -> np.ndarray:
+    """Joint positions (n, 12) [rad] in the order of `names` at times (n,) [s]: the foot without load is lifted."""
+    q = 0.002 * np.sin(5.0 * t[:, None] + np.arange(12))
     for first, load in zip((0, 6), loads(t), strict=True):
-        u = max(0.0, 1.0 - load / 0.3)
+        u = np.maximum(0.0, 1.0 - load / 0.3)
         bend = 0.35 + 0.13 * (3.0 - 2.0 * u) * u * u
-        q[first + 0], q[first + 3], q[first + 4] = -bend, 2.0 * bend, -bend
-    return q + 0.002 * np.sin(5.0 * t + np.arange(12))
+        q[:, first + np.array([0, 3, 4])] += bend[:, None] * [-1.0, 2.0, -1.0]
+    return q
 
 
-def velocity(t: float) -> np.ndarray:
+def velocity(t: np.ndarray) -> np.ndarray:
     return (posture(t + 1e-5) - posture(t - 1e-5)) / 2e-5
 
 
 def walk(seconds: float = 3.0, rate: float = 200.0, offset_s: float = 0.0003, reference: bool = False) -> list[Message]:
     """All streams in the order of their stamps; each is `offset_s` later than the one before."""
-    weight, legs = robot().mass * 9.81, Config().robot
+    weight, legs, joints = robot().mass * 9.81, Config().robot, names()
     messages: list[tuple[int, str, Any]] = []
-    for k in range(round(seconds * rate)):
-        t = k / rate
+    times = np.arange(round(seconds * rate)) / rate
+    u = times + offset_s
+    # What stretches the springs by 10 mrad, and a little that does not go with it.
+    efforts = 0.01 * np.array(legs.left.stiffness + legs.right.stiffness) + 0.1 * np.cos(times[:, None] + np.arange(12))
+    at, motor_at = list(zip(posture(times), velocity(times), efforts, strict=True)), [posture(u) + 0.01, velocity(u)]
+    load = [loads(times + i * offset_s)[i - 2] for i in (2, 3)]
+    for k, t in enumerate(times.tolist()):
         stamps = [T0 + round((t + i * offset_s) * 1e9) for i in range(5)]
-        # What stretches the springs by 10 mrad, and a little that does not go with it.
-        effort = 0.01 * np.array(legs.left.stiffness + legs.right.stiffness) + 0.1 * np.cos(t + np.arange(12))
-        messages.append((stamps[0], JOINTS, JointMessage(stamps[0], names(), posture(t), velocity(t), effort)))
-        u = t + offset_s
-        motor = JointMessage(stamps[1], names(), posture(u) + 0.01, velocity(u), None)
+        messages.append((stamps[0], JOINTS, JointMessage(stamps[0], joints, *(each.copy() for each in at[k]))))
+        motor = JointMessage(stamps[1], joints, *(each[k].copy() for each in motor_at), None)
         messages.append((stamps[1], MOTORS, motor))
         for i, (foot, frame) in enumerate(((Foot.LEFT, "l_sole"), (Foot.RIGHT, "r_sole")), start=2):
-            load = loads(t + i * offset_s)[foot - 1]
-            wrench = WrenchMessage(stamps[i], frame, np.array([1.0, -0.5, weight * load]), np.array([0.1, -0.2, 0.0]))
+            force = np.array([1.0, -0.5, weight * load[i - 2][k]])
+            wrench = WrenchMessage(stamps[i], frame, force, np.array([0.1, -0.2, 0.0]))
             messages.append((stamps[i], WRENCHES[foot], wrench))
         if reference:
             com = np.array([0.03, 0.0, 0.4])

@@ -21,9 +21,11 @@ from coman_reduced_model.core.monitor.plausibility import Plausibility
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.resources import bag_path, config_path
 
+PLAIN = Config().replaced({"prediction.horizons": []})
+
 
 def warnings_of(change):
-    pipeline = Pipeline(robot(), Config())
+    pipeline = Pipeline(robot(), PLAIN)
     for stream, message in walk(6.0):
         stream, message = change(stream, message)
         pipeline.feed(stream, message, lambda message: message)
@@ -135,7 +137,7 @@ def test_other_units_are_reported(streams, field, factor, words):
 def warnings_of_walk(change):
     """Of the shipped walk, whose torques and IMU belong to its forces."""
     with Session(bag_path("test1"), Config()) as session:
-        decoders, pipeline = session.decoders, Pipeline(session.robot, Config())
+        decoders, pipeline = session.decoders, Pipeline(session.robot, PLAIN)
         for stream, _, raw in islice(session.messages(), 4000):
             pipeline.feed(stream, change(stream, decoders[stream](raw)), lambda message: message)
     return pipeline.status().warnings
