@@ -11,7 +11,7 @@ from typing import Any
 
 from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import LINKS, PLAN
-from ..inference.weight import LOADS, Weight
+from ..inference.weight import Weight
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -62,8 +62,7 @@ def sentence(result: Mapping[str, Any]) -> str:
     if apart := result["clocks_apart"]:
         more = f" (and {len(apart) - 1} more)" if len(apart) > 1 else ""
         text = f"check the clocks first: {apart[0]}{more}; beside that, {text}"
-    named = {each["name"] for each in result["effects"]}
-    off = "" if named & LOADS else off_weight(result["weight"])
+    off = off_weight(result["weight"])
     return f"{text}; {off}" if off else text
 
 
