@@ -56,6 +56,7 @@ class SensorOptions:
     wrench_zero: float = 0.0  # [N] largest zero of a force, drawn evenly; of a moment 0.05 m times that
     wrench_gain: float = 0.0  # relative error of the gain of each component
     cross_talk: float = 0.0  # share of each component that shows in each other one (moments count at 0.1 m)
+    gains_seed: int = 0  # of gains and cross-talk, the same in all recordings of a robot; 0: others in each recording
     force_noise: tuple[float, float, float] = (1.0, 1.0, 1.5)  # [N]
     force_bias: tuple[float, float, float] = (0.7, 0.7, 1.5)  # [N]
     force_walk: float = 0.1  # [N]
@@ -179,11 +180,12 @@ class Sensors:
         self._wrench_noise = np.array([*o.force_noise, *o.moment_noise])
         self._wrench_walk = np.repeat([o.force_walk, o.moment_walk], 3) * np.sqrt(self.steps * dt)
         bias = np.array([*o.force_bias, *o.moment_bias])
-        feet, gains = ("left_wrench", "right_wrench"), self._rng["gains"]
+        feet, zeros = ("left_wrench", "right_wrench"), self._rng["gains"]
+        gains = np.random.default_rng([43, o.gains_seed]) if o.gains_seed else zeros
         self._wrench_bias = {foot: bias * rng.standard_normal(6) for foot in feet}
         self._wrench_gain = {}
         for foot in feet:
-            self._wrench_bias[foot] += o.wrench_zero * _ZERO * gains.uniform(-1.0, 1.0, 6)
+            self._wrench_bias[foot] += o.wrench_zero * _ZERO * zeros.uniform(-1.0, 1.0, 6)
             self._wrench_gain[foot] = np.diag(
                 1.0 + o.wrench_gain * gains.standard_normal(6)
             ) + o.cross_talk * _CROSS * (gains.standard_normal((6, 6)))

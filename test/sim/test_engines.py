@@ -183,3 +183,13 @@ def test_where_drake_cannot_go_on_it_is_said_in_one_line(standing):
     robot._engine.reset(robot.data)  # noqa: SLF001
     with pytest.raises(EngineError, match="drake cannot go on"):
         steps(robot, 0.01)
+
+
+def test_where_mujoco_diverges_it_is_said_in_one_line(standing):
+    """MuJoCo itself would go on from where the robot began, as if it had not fallen."""
+    robot, _ = run("mujoco", standing, 0.05)
+    robot.data.qvel[10] = 1e11
+    with pytest.raises(EngineError, match=r"mujoco cannot go on: the simulation diverged at 0\.05 s"):
+        robot.step()
+    robot.reset(standing, settle_s=0.3)
+    robot.step()

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sim_runs import Run
@@ -235,6 +237,16 @@ def test_a_slow_clock_makes_forces_the_later_the_longer_it_runs(walking):
         near = np.abs(t - at) < 0.12
         shifted = np.interp(t[near] - 0.02 * at, t, true)
         assert np.abs(measured[near] - shifted).max() < 0.25 * np.abs(measured[near] - true[near]).max() + 1.0
+
+
+def test_a_late_clock_is_not_late_at_first():
+    """Periods of 10 ms and 2 ms a second: what is nearest is the present value, until half a period is lost."""
+    clock = parse("late_clock:rate=0.002")
+    clock.start(None, None, None)
+    for k in range(400):
+        signals = SimpleNamespace(left_wrench=np.full(6, float(k)), right_wrench=np.full(6, float(k)))
+        clock.sense(0.01 * k, signals)
+        assert signals.left_wrench[0] == pytest.approx(0.998 * k, abs=0.5 + 1e-9)
 
 
 @pytest.mark.parametrize("text", ["spring_nonlinearity:form=odd", "foot_slip:form=odd", "touchdown_impact:form=odd"])

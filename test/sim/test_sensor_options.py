@@ -72,6 +72,17 @@ def test_cross_talk_and_gains_are_linear_in_the_load(standing):
         assert 0.0 < np.abs(errors[0, :3]).max() < 0.1 * 86.0  # half the weight
 
 
+def test_gains_are_those_of_a_robot_and_zeros_those_of_a_recording(standing):
+    gains = {"gains_seed": 7, "wrench_gain": 0.05, "cross_talk": 0.02}
+    first, second = (wrench_errors(*read(standing, 3, seed=seed, **gains), "left") for seed in (1, 2))
+    assert np.abs(first).max() > 1.0
+    np.testing.assert_allclose(first, second, atol=1e-9)
+    other = wrench_errors(*read(standing, 3, seed=1, **{**gains, "gains_seed": 8}), "left")
+    assert np.abs(other - first).max() > 1.0
+    zeros = [wrench_errors(*read(standing, 1, seed=seed, gains_seed=7, wrench_zero=100.0), "left") for seed in (1, 2)]
+    assert np.abs(zeros[0] - zeros[1]).max() > 1.0
+
+
 @pytest.mark.parametrize("engine", ["mujoco", "drake"])
 def test_a_foot_sensor_that_averages_reads_the_mean_of_the_steps_of_a_period(standing, engine):
     if engine == "drake":

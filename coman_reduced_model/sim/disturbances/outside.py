@@ -221,6 +221,6 @@ class LateClock(Disturbance):
         late = t - self.rate * max(t, 0.0)
         for name, past in self._past.items():
             past.append((t, getattr(signals, name).copy()))
-            while len(past) > 1 and past[1][0] <= late:
+            while len(past) > 1 and past[1][0] - late <= late - past[0][0]:
                 past.pop(0)
             setattr(signals, name, past[0][1].copy())

@@ -8,7 +8,10 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from ...errors import EngineError
 from ..physics import Body, Drive, Sampled, mujoco_steps
+
+_BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 class MujocoEngine:
@@ -16,13 +19,21 @@ class MujocoEngine:
 
     def __init__(self, feet: Sequence[Sequence[int]]) -> None:
         """See make_engine."""
+        self._data: mujoco.MjData | None = None
         self._feet = np.full((2, max(map(len, feet))), -1)
         for row, bodies in zip(self._feet, feet, strict=True):
             row[: len(bodies)] = bodies
 
     def reset(self, data: mujoco.MjData) -> None:
         """See Engine."""
+        self._data = data
 
     def steps(self, first: int, last: int, t: float, body: Body, drive: Drive, sampled: Sampled, forced: bool) -> None:
-        """See Engine."""
+        """See Engine.
+
+        Raises:
+            EngineError: the simulation diverged; MuJoCo would go on from where the robot began.
+        """
         mujoco_steps(first, last, t, body, drive, sampled, self._feet, forced)
+        if self._data is not None and any(self._data.warning[each].number for each in _BAD):
+            raise EngineError(f"engine: mujoco cannot go on: the simulation diverged at {t:.2f} s")

@@ -19,6 +19,7 @@ from ..disturbances import Disturbance, GroundSlope, Imperfections, Scatter
 from ..motion import MotorMotion
 from ..record import RecordedBag, plan_recording, record, robot_gait
 from ..robot_table import UpperBody
+from ..sensors import SensorOptions
 from ..upper_motion import UpperMotion
 from ..virtual_robot import START_NS, VirtualRobot
 from .kinds import GAITS
@@ -51,7 +52,7 @@ def robot_of(
     """
     return VirtualRobot(
         world.table,
-        world.sensors,
+        _sensors(world),
         [*clean_variations(world), *hidden],
         seed=seed,
         contact=world.contact,
@@ -60,6 +61,11 @@ def robot_of(
         engine=world.engine,
         start_ns=START_NS if start_ns is None else start_ns,
     )
+
+
+def _sensors(world: World) -> SensorOptions:
+    """Those of this robot: their gains are the same in all its recordings."""
+    return replace(world.sensors, gains_seed=world.seed + 1)
 
 
 def with_gait(world: World, kind: str, duration_s: float) -> World:
@@ -99,7 +105,7 @@ def record_world(
         _walk(world),
         out,
         robot=world.table,
-        sensors=world.sensors,
+        sensors=_sensors(world),
         disturbances=[*clean_variations(world), *hidden],
         seed=seed,
         contact=world.contact,
