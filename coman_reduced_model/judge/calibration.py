@@ -15,27 +15,13 @@ from scipy.optimize import minimize
 
 from ..core.base.types import Array
 from .families import class_of
+from .hidden import NOMINAL, compared, in_all
 
 BINS = 10
 FALSE_ALARMS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # of clean robots, at which the others are counted
 POWER = 0.9
-NOMINAL = {"scale": 1.0}  # of every other parameter: 0
-UNLIKE = {"hysteresis": ("friction",), "stiffness_drift": ("time",)}  # parameters that the hidden forms do not share
+OF_EACH_JOINT = ("cubic",)  # parameters that mean as much at one joint as another value does at the next one
 Case = Mapping[str, Any]
-
-
-def compared(effect: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters of a hidden effect that mean the same in the form that the diagnosis has."""
-    others = UNLIKE.get(str(effect["name"]), ())
-    return {name: value for name, value in effect["parameters"].items() if name not in others}
-
-
-def as_fitted(effect: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a hidden effect as the unknowns have them: of a load, its moment about the trunk [kg m]."""
-    found = compared(effect)
-    if effect["name"] == "payload":
-        found |= {key: found[key] * found["mass"] for key in "xyz" if key in found}
-    return found
 
 
 def calibration(cases: Sequence[Case]) -> dict[str, Any]:
@@ -137,7 +123,7 @@ def roc(clean: Sequence[float], others: Sequence[float]) -> dict[str, Any]:
 
 def within(case: Case) -> list[bool]:
     """Whether the parameters of right names, named or suspected, are within their intervals."""
-    hidden = {(effect["name"], effect["where"]): compared(effect) for effect in case["answer"]["effects"]}
+    hidden = {(effect["name"], effect["where"]): compared(effect) for effect in in_all(case["answer"])}
     found = []
     for effect in [*case["verdict"]["effects"], *(case["verdict"].get("suspected") or [])]:
         real = hidden.get((effect["name"], effect.get("where", "")), {})
@@ -149,7 +135,11 @@ def within(case: Case) -> list[bool]:
 
 
 def size_of(case: Case) -> tuple[float, bool] | None:
-    """Of a single effect of the catalogue: its size over that which its diagnosis says is seen, and whether it was."""
+    """Of a single effect of the catalogue: its size over that which its diagnosis says is seen, and whether it was.
+
+    What is seen is said for the place at which least is enough: nothing of parameters whose size means another thing at
+    each joint.
+    """
     answer, verdict = case["answer"], case["verdict"]
     if answer["kind"] != "single":
         return None
@@ -157,8 +147,8 @@ def size_of(case: Case) -> tuple[float, bool] | None:
     seen_from = (verdict.get("undetectable_below") or {}).get(effect["name"], {})
     ratios = [
         abs(value - NOMINAL.get(name, 0.0)) / seen_from[name]
-        for name, value in effect["parameters"].items()
-        if isinstance(value, float) and (seen_from.get(name) or 0.0) > 0.0
+        for name, value in compared(effect).items()
+        if isinstance(value, float) and name not in OF_EACH_JOINT and (seen_from.get(name) or 0.0) > 0.0
     ]
     return (max(ratios), verdict["verdict"] in ("effect", "unknown")) if ratios and max(ratios) > 0.0 else None
 

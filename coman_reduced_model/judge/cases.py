@@ -28,7 +28,7 @@ from ..sim.worlds import World, draw_world, record_world, world_yaml
 from ..sim.worlds.kinds import GAITS
 from ..sim.worlds.run import with_gait
 from .families import CATALOGUED, FAMILIES, LEVELS, OUTSIDE, STREAMS, class_of, draw_effect
-from .sizes import times_to_show
+from .sizes import Draw, times_to_show
 
 KINDS = ("clean", "single", "pair", "unknown")
 BAGS = ("train", "hold1", "hold2")
@@ -180,8 +180,9 @@ def _seeds(case: HiddenCase) -> list[int]:
     return [int(seed) for seed in np.random.default_rng([18, case.seed]).integers(0, 2**31, len(BAGS))]
 
 
-def times_of(world: World, effects: Sequence[Mapping[str, Any]], levels: Sequence[str], seed: int) -> tuple[float, ...]:
+def times_of(world: World, draw: Draw, seed: int) -> tuple[float, ...]:
     """`sizes.times_to_show` by a recording of a robot before anything was hidden in it; 1 each if it falls."""
+    effects, _ = draw(())
     if not any(DISTURBANCES[effect["name"]].catalogued for effect in effects):
         return (1.0,) * len(effects)
     with tempfile.TemporaryDirectory() as temporary:
@@ -189,7 +190,7 @@ def times_of(world: World, effects: Sequence[Mapping[str, Any]], levels: Sequenc
         (folder / "robot.yaml").write_text(data_sheet(world), encoding="utf-8")
         if not _walks(world, folder / BAGS[0], (), seed):
             return (1.0,) * len(effects)
-        return times_to_show(folder, world, effects, levels)
+        return times_to_show(folder, world, draw)
 
 
 def write_healthy(world: World, seed: int, folder: str | Path, force: bool = False) -> None:
@@ -215,8 +216,11 @@ def _walks(world: World, bag: Path, hidden: Sequence[Disturbance], seed: int) ->
 
 
 def hidden_effects(case: HiddenCase) -> list[Disturbance]:
-    """The hidden effects of a case, as the virtual robot takes them."""
-    return [make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})}) for e in case.effects]
+    """The hidden effects of a case, as the virtual robot takes them: zeros of sensors are added to what they read."""
+    return [
+        make(e["name"], {**e["parameters"], **({"where": e["where"]} if e["where"] else {})})
+        for e in sorted(case.effects, key=lambda e: e["name"] == "wrench_bias")
+    ]
 
 
 def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any) -> tuple[HiddenCase, dict[str, Any]]:
@@ -229,7 +233,12 @@ def write_seed(seed: int, folder: str | Path, force: bool = False, **fixed: Any)
         case = draw_case(seed, attempt, **fixed)
         if case.effects:
             walk = with_gait(case.world, case.gaits[BAGS[0]], case.world.duration_s)
-            times = times_of(walk, case.effects, case.levels, _seeds(case)[0])
+
+            def draw(times: Sequence[float], attempt: int = attempt) -> tuple[Sequence[dict[str, Any]], Sequence[str]]:
+                drawn = draw_case(seed, attempt, times=times, **fixed)
+                return drawn.effects, drawn.levels
+
+            times = times_of(walk, draw, _seeds(case)[0])
             case = draw_case(seed, attempt, times=times, **fixed)
         if found := write_case(case, Path(folder) / case.name, force):
             return case, found

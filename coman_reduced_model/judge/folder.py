@@ -38,7 +38,7 @@ def read_verdict(path: Path) -> Any:
     except (AttributeError, KeyError, TypeError):
         return None
     known = all(isinstance(name, str) for name in names) and all(isinstance(each, int | float) for each in numbers)
-    return said if known else None
+    return {**said, "effects": list(said.get("effects") or ())} if known else None
 
 
 def _with_option(name: str, value: str | bool) -> str:

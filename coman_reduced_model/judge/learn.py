@@ -47,8 +47,8 @@ from ..errors import ComanError
 from ..output import to_json, write_file
 from ..processes import workers
 from .by_kind import kinds_of
-from .calibration import as_fitted
 from .families import of_this_catalogue
+from .hidden import as_fitted, in_all
 from .learn_variability import checked_case, learn_variability
 from .score import rate
 from .seeds import commit
@@ -129,7 +129,7 @@ def parameter_errors(examples: Sequence[Example]) -> dict[str, list[float]]:
     """
     errors: dict[str, list[float]] = {}
     for example in examples:
-        for effect in example.answer["effects"] if example.answer["kind"] in ("single", "pair") else ():
+        for effect in in_all(example.answer) if example.answer["kind"] in ("single", "pair") else ():
             place = effect["name"], effect["where"] or ""
             ways = [row for row in example.rows[1:] if (row["name"], row["where"]) == place]
             for row in sorted(ways, key=lambda way: -way["gain"])[:1]:

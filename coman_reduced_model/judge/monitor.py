@@ -98,7 +98,12 @@ def _watch_seed(folder: RunFolder, seed: int, fixed: Mapping[str, Any]) -> None:
         return
     for attempt in range(ATTEMPTS):
         onset = draw_onset(seed, attempt, **fixed)
-        (times,) = times_of(onset.world, [onset.hidden], [LEVELS[onset.level]], seed)
+
+        def draw(times: Sequence[float], attempt: int = attempt) -> tuple[Sequence[dict[str, Any]], Sequence[str]]:
+            drawn = draw_onset(seed, attempt, times=times[0] if times else 1.0, **fixed)
+            return [drawn.hidden], [LEVELS[drawn.level]]
+
+        (times,) = times_of(onset.world, draw, seed)
         onset = draw_onset(seed, attempt, times=times, **fixed)
         with tempfile.TemporaryDirectory() as temporary:
             found = watch(onset, Path(temporary) / "walk")

@@ -7,7 +7,7 @@ All candidates of the diagnosis are ranked by their evidence on all bags at once
 the true standard deviations of what varies on clean robots of this world instead of the diagnosis' own. Nothing is
 decided. It is what a diagnosis could reach at most with these residuals; printed as JSON, best first:
 
-    [{"name", "where", "evidence": nats, "parameters": {key: {"value", "deviation"}}}, ...]
+    [{"name", "where", "evidence": nats, "parameters": {key: {"value", "deviation", "logarithmic"}}}, ...]
 """
 
 from __future__ import annotations
@@ -69,7 +69,11 @@ def ranking(evidence: Evidence) -> list[dict[str, Any]]:
         indices = list(score.option.unknowns)
         spread = np.sqrt(np.diag(evidence.fit(indices).covariance)[indices])
         parameters = {
-            known[i].key: {"value": float(value), "deviation": float(deviation)}
+            known[i].key: {
+                "value": float(value),
+                "deviation": float(deviation),
+                "logarithmic": known[i].logarithmic,
+            }
             for i, value, deviation in zip(indices, score.values, spread, strict=True)
         }
         row = {"name": score.option.effect, "where": score.option.place, "evidence": score.gain}

@@ -23,9 +23,10 @@ from ..core.effects.unknown import LINKS, PLAN
 from ..output import write_file
 from ..resources import version
 from .by_kind import by_kind, by_what_was_learnt
-from .calibration import NOMINAL, calibration, compared
+from .calibration import calibration
 from .families import CLASSES, class_of, of_this_catalogue
 from .folder import RunFolder, read_verdict, stored
+from .hidden import NOMINAL, compared, in_all
 from .run import seal
 from .seeds import commit, summary
 from .sizes import shown
@@ -53,7 +54,7 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     named = [str(effect["name"]) for effect in verdict["effects"]]
     if not named:
         return {"result": "failed", "named": ["failed"], "place": [], "error": {}}
-    true = {_class(effect): effect for effect in answer["effects"] if answer["kind"] != "unknown"}
+    true = {_class(effect): effect for effect in in_all(answer) if answer["kind"] != "unknown"}
     classes = {_class(effect) for effect in verdict["effects"]}
     result = "wrong" if classes - set(true) else "right" if classes == set(true) else "partly"
     places: list[bool] = []

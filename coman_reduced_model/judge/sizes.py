@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,13 @@ import numpy as np
 
 from ..errors import ComanError
 from ..sim.worlds import World
-from .calibration import as_fitted
 from .families import LEVELS, MULTIPLES
+from .hidden import NOMINAL, as_fitted
 from .rank import evidence_with, ranking
 from .variability import true_deviations
 
-_TURNED = {"x": "roll", "y": "pitch", "z": "yaw"}  # of a sensor, in the diagnosis
+ROUNDS, ENOUGH = 6, 1.02  # of growing, as factors are not in proportion to their logarithms; and the last growth
+Draw = Callable[[Sequence[float]], tuple[Sequence[Mapping[str, Any]], Sequence[str]]]
 
 
 def shown(effect: Mapping[str, Any], ranked: Any) -> float | None:
@@ -34,36 +35,44 @@ def shown(effect: Mapping[str, Any], ranked: Any) -> float | None:
     if not isinstance(ranked, list):
         return None
     values, sizes = as_fitted(effect), []
-    if "angle" in values:
-        values[_TURNED[values["axis"]]] = values["angle"]
     for row in ranked:
         if (row["name"], row["where"] or "") == (effect["name"], effect["where"] or ""):
             for name, found in row["parameters"].items():
                 value = values.get(name)
                 if isinstance(value, float) and found["deviation"] > 0.0:
-                    distance = np.log(value) if name == "scale" and value > 0.0 else value
+                    # Rankings of earlier versions do not say which are logarithms.
+                    logarithm = found.get("logarithmic", name == "scale") and value > 0.0
+                    distance = np.log(value) if logarithm else value - NOMINAL.get(name, 0.0)
                     sizes.append(abs(float(distance)) / float(found["deviation"]))
     return max(sizes, default=None)
 
 
-def times_to_show(
-    folder: Path, world: World, effects: Sequence[Mapping[str, Any]], levels: Sequence[str]
-) -> tuple[float, ...]:
+def times_to_show(folder: Path, world: World, draw: Draw) -> tuple[float, ...]:
     """By how much effects must grow to be as many deviations of what a clean recording leaves open as of clean robots.
 
     Args:
         folder: with `train`, a recording of the robot in which nothing is hidden, and robot.yaml.
         world: of the robot.
-        effects: as they are by what clean robots vary by.
-        levels: theirs.
+        draw: by how much larger each is (none: as large as by what clean robots vary by), the effects and their levels.
 
     Returns:
         At least 1 each; 1 where the diagnosis knows no such effect, or cannot use the recording.
     """
+    effects, levels = draw(())
+    times = (1.0,) * len(effects)
     try:
         ranked = ranking(evidence_with(folder, true_deviations(world)))
     except ComanError:
-        return (1.0,) * len(effects)
-    sizes = [shown(effect, ranked) for effect in effects]
-    least = [MULTIPLES[LEVELS.index(level)][0] for level in levels]
-    return tuple(max(1.0, low / size) if size else 1.0 for low, size in zip(least, sizes, strict=True))
+        return times
+    for _ in range(ROUNDS):
+        sizes = [shown(effect, ranked) for effect in effects]
+        least = [MULTIPLES[LEVELS.index(level)][0] for level in levels]
+        grown = [max(1.0, low / size) if size else 1.0 for low, size in zip(least, sizes, strict=True)]
+        times = tuple(known * more for known, more in zip(times, grown, strict=True))
+        if max(grown) <= ENOUGH:
+            break
+        before = effects, levels
+        effects, levels = draw(times)
+        if (effects, levels) == before:  # as large as they can be
+            break
+    return times

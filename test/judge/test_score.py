@@ -84,6 +84,14 @@ def test_what_another_tool_writes_in_another_form_is_no_verdict(tmp_path, text):
     assert read_verdict(tmp_path / "diagnosis.json") is None
 
 
+@pytest.mark.parametrize("text", ['{"verdict": "none"}', '{"verdict": "effect", "effects": null}'])
+def test_a_verdict_without_effects_has_none(tmp_path, text):
+    (tmp_path / "diagnosis.json").write_text(text)
+    found = read_verdict(tmp_path / "diagnosis.json")
+    assert found["effects"] == []
+    assert outcome(hidden("clean"), found)["result"] == ("none" if "none" in text else "failed")
+
+
 def test_a_clean_robot_without_a_verdict_is_neither_an_alarm_nor_quiet():
     rows = [(hidden("clean"), {"verdict": "none"}), (hidden("clean"), {"verdict": "unknown"}), (hidden("clean"), None)]
     found = score([{"name": str(k), "answer": a, "verdict": v} for k, (a, v) in enumerate(rows)])["workflow"]

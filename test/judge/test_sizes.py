@@ -103,8 +103,12 @@ def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_
     row = {"name": "encoder_delay", "where": "", "parameters": {"delay": {"value": 0.0, "deviation": 0.02}}}
     monkeypatch.setattr(sizes, "evidence_with", lambda folder, deviations: None)
     monkeypatch.setattr(sizes, "ranking", lambda evidence: [row])
-    found = times_to_show(tmp_path, World(), [late, {**late, "name": "cogging"}], ["medium", "medium"])
-    assert found == pytest.approx((10.0, 1.0))
+
+    def drawn(times):
+        larger = times[0] if times else 1.0
+        return [{**late, "parameters": {"delay": larger * 0.01}}, {**late, "name": "cogging"}], ["medium", "medium"]
+
+    assert times_to_show(tmp_path, World(), drawn) == pytest.approx((10.0, 1.0))
     draws = [draw_effect("com_offset", np.random.default_rng(2), 1, World(), times)[0] for times in (1.0, 2.0)]
     assert draws[1] == pytest.approx({axis: 2.0 * value for axis, value in draws[0].items()})
 
@@ -112,7 +116,38 @@ def test_an_effect_grows_until_its_own_recording_would_show_it(monkeypatch, tmp_
         raise BagError("no step")
 
     monkeypatch.setattr(sizes, "evidence_with", refuse)
-    assert times_to_show(tmp_path, World(), [late], ["medium"]) == (1.0,)
+    assert times_to_show(tmp_path, World(), drawn) == (1.0, 1.0)
+
+
+def test_a_factor_grows_until_its_logarithm_shows(monkeypatch, tmp_path):
+    """Dampers four tenths stronger show 1.7 deviations; of three times that change, the logarithm is 3.9 of them."""
+    open_of = {"scale": {"value": 0.0, "deviation": 0.2, "logarithmic": True}}
+    row = {"name": "joint_damping", "where": "", "parameters": open_of}
+    monkeypatch.setattr(sizes, "evidence_with", lambda folder, deviations: None)
+    monkeypatch.setattr(sizes, "ranking", lambda evidence: [row])
+
+    def drawn(times):
+        scale = 1.0 + 0.4 * (times[0] if times else 1.0)
+        return [{"name": "joint_damping", "where": "", "parameters": {"scale": scale}}], ["medium"]
+
+    effects, _ = drawn(times_to_show(tmp_path, World(), drawn))
+    assert sizes.shown(effects[0], [row]) == pytest.approx(5.0, rel=0.03)
+    gain = {"name": "wrench_scale", "where": "", "parameters": {"scale": 0.75}}
+    open_of = {"scale": {"value": 0.0, "deviation": 0.05, "logarithmic": False}}
+    assert sizes.shown(gain, [{**gain, "parameters": open_of}]) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_grows_stays_where_it_is(seed):
+    """A mass that is hidden in an arm does not move to a leg, and one that is missing is not one too much."""
+    world = draw_world(seed, {"body": "whole_body" if seed % 2 else "legs"})
+    first, *others = (
+        draw_effect("body_mass", np.random.default_rng(seed), 1, world, times)[0] for times in (1.0, 1.5, 2.5)
+    )
+    sizes_of = [abs(np.log(each["scale"])) for each in (first, *others)]
+    assert {each["where"] for each in others} == {first["where"]}
+    assert {each["scale"] > 1.0 for each in others} == {first["scale"] > 1.0}
+    assert sizes_of == sorted(sizes_of)
 
 
 def test_a_load_shows_by_its_moment_and_drift_by_its_size():

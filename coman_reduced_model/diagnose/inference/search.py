@@ -151,15 +151,15 @@ def total(cases: Sequence[Case], options: Sequence[Candidate]) -> list[Score]:
 
 
 def smallest(finding: Finding) -> list[tuple[Unknown, float]]:
-    """By parameter of an effect, the deviation from nominal that would raise an alarm, beside the chosen effects."""
-    fit = evidence_of(finding.train).fit(finding.released)
-    before = prior_variance(finding.known, finding.released, fit.precise)
+    """By parameter of an effect, the deviation from nominal that would raise an alarm: before anything was chosen."""
+    fit = evidence_of(finding.before[0]).fit()
+    before = prior_variance(finding.known, precise=fit.precise)
     variance, places = np.diag(fit.covariance), places_of(finding.known)
     compared = finding.steps[0][0] if finding.steps else ()
     selected = not np.isnan(compared[0].confirmed) if compared else bool(finding.hold)  # others helped to choose
     out = []
     for i, unknown in enumerate(finding.known):
-        if not unknown.effect or not unknown.offered or unknown.shape or i in finding.released:
+        if not unknown.effect or not unknown.offered or unknown.shape:
             continue
         information = 1.0 / variance[i] - 1.0 / before[i]
         if information < 1e-6 / unknown.reach**2:  # the recordings do not depend on it
