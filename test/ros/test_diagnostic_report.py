@@ -3,17 +3,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from synthetic import LEFT, robot, walk
 
 from coman_reduced_model.bag.session import Session
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.evaluation.baselines import BASELINES
 from coman_reduced_model.core.model.trunk.adaptation import Adapted
+from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.resources import bag_path
 from coman_reduced_model.ros.interface.diagnostic_report import (
     Level,
@@ -92,3 +95,19 @@ def test_the_report_says_when_simpler_predictions_have_taken_over(rotation, take
     names = {key.split()[-1]: name for key, name in values.items() if key.startswith("simpler ahead ")}
     assert bool(names) == taken_over and {*names.values()} <= {*BASELINES}
     assert all(axis in prediction.message.rpartition("model in ")[2].split(", ") for axis in names)
+
+
+def test_the_report_counts_looks_that_found_wrenches_implausible():
+    """Of a left foot sensor of the wrong sign, beside the sentence that says so."""
+    node = MagicMock()
+    node.config, node.get_fully_qualified_name.return_value = Config(), "/predictor"
+    node.get_clock.return_value.now.return_value.to_msg.return_value = Time()
+    node.pipeline = Pipeline(robot(), Config().replaced({"prediction.horizons": []}))
+    Diagnostics(node)
+    for stream, message in walk(4.0):
+        flipped = replace(message, force=-message.force) if stream == LEFT else message
+        node.pipeline.feed(stream, flipped, lambda message: message)
+    node.create_timer.call_args.args[1]()
+    (array,) = node.create_publisher.return_value.publish.call_args.args
+    values = {each.key: each.value for status in array.status for each in status.values}
+    assert int(values[f"implausible: {LEFT}/negative"]) > 50

@@ -22,7 +22,9 @@ class StreamsConfig:
         choices=WRENCH_SOURCES,
     )
     max_wait: float = par(0.05, "s", "longest that a joint state waits (in stamps) for the other streams", 0.0, 2.0)
-    max_wrench_age: float = par(0.05, "s", "a wrench farther than this from the joint state is stale", 1e-4, 2.0)
+    max_wrench_age: float = par(
+        0.05, "s", "a wrench, contact or IMU message farther than this from the joint state is stale", 1e-4, 2.0
+    )
     max_motor_age: float = par(0.05, "s", "the same for the motor states", 1e-4, 2.0)
     max_reference_age: float = par(0.1, "s", "the same for com/reference", 1e-4, 5.0)
     restart_gap: float = par(

@@ -150,6 +150,7 @@ class Diagnostics:
         values["samples"] = status.samples
         values["waiting"] = status.waiting
         values |= rejected_values(status.rejected, status.last_rejection)
+        values |= {f"implausible: {what}": count for what, count in status.suspect.items()}
         new = [
             status.last_rejection[reason]
             for reason, count in status.rejected.items()
