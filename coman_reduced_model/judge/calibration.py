@@ -137,8 +137,7 @@ def within(case: Case) -> list[bool]:
 def size_of(case: Case) -> tuple[float, bool] | None:
     """Of a single effect of the catalogue: its size over that which its diagnosis says is seen, and whether it was.
 
-    What is seen is said for the place at which least is enough: nothing of parameters whose size means another thing at
-    each joint.
+    `undetectable_below` is that of the most sensitive place: parameters whose size depends on the joint are left out.
     """
     answer, verdict = case["answer"], case["verdict"]
     if answer["kind"] != "single":

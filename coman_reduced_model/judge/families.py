@@ -39,7 +39,6 @@ CLASSES = {  # effects that a walk alone cannot distinguish; the judge's own, in
 Draw = Callable[[np.random.Generator, float, RobotTable], dict[str, Any]]
 JOINTS = ("HipSag", "HipLat", "HipYaw", "KneeSag", "AnkSag", "AnkLat")  # each moves a link of a leg
 ABOVE = {"", *(joint.name for joint in with_upper_body(COMAN, UpperBody(3, 6, 3)).upper)}  # trunk, waist, arms, head
-LIGHT = 0.01  # share of a robot's mass, below which nothing is hidden in the mass of a link of the upper body
 SOFT = ("KneeSag", "AnkSag")
 SPRINGS = ("HipSag", "HipYaw", *SOFT)  # whose spring or damper alone may differ; those of roll: soft_roll
 BENT = {"HipSag": 0.41, "KneeSag": 0.14, "AnkSag": 0.065}  # springs that may be bent: torque / (weight * COM height)
@@ -208,10 +207,11 @@ def link_mass(table: RobotTable, joint: str) -> float:
 
 def _body_mass(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:
     """`mass` [kg] more, or less, of a link of a leg, of the trunk, or of an arm, the waist or the head."""
-    upper = [joint.name for joint in table.upper if joint.link.mass > LIGHT * table.mass]
+    upper = [joint.name for joint in table.upper if joint.link.mass > 0.01 * table.mass]
     where = str(rng.choice(["", _joint(rng), *([str(rng.choice(upper))] if upper else [])]))
-    factor = 1.0 + mass / link_mass(table, where)
-    return {"where": where, "scale": factor if rng.random() < 0.5 else 1.0 / factor}
+    heavy, most = link_mass(table, where), 2.5 * table.mass / COMAN.mass  # that is ever hidden
+    less = rng.random() < 0.5 and most < 0.7 * heavy  # whatever is hidden now: what grows keeps its sign
+    return {"where": where, "scale": 1.0 - mass / heavy if less else 1.0 + mass / heavy}
 
 
 def _arms(rng: np.random.Generator, mass: float, table: RobotTable) -> dict[str, Any]:

@@ -183,7 +183,7 @@ def _kinds_of(answer: Mapping[str, Any]) -> dict[str, str]:
 def _true_of(kinds: Mapping[str, str], answers: Mapping[str, Mapping[str, Any]]) -> set[str]:
     """Names that are right for a clean case of the same kind."""
     clean = [
-        a for a in answers.values() if a["hidden"] is None and all(a.get(key) == kind for key, kind in kinds.items())
+        a for a in answers.values() if a["hidden"] is None and any(a.get(key) == kind for key, kind in kinds.items())
     ]
     return {name for answer in clean for name in answer["right"]}.difference(OTHER)
 

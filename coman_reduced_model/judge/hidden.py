@@ -16,7 +16,8 @@ from ..sim.worlds.world import World, world_from_yaml
 NOMINAL = {"scale": 1.0}  # of every other parameter: 0
 UNLIKE = {"hysteresis": ("friction",), "stiffness_drift": ("time",)}  # parameters that the hidden forms do not share
 TURNED = {"x": "roll", "y": "pitch", "z": "yaw"}  # of a sensor, by the axis of the hidden turn
-ANYWAY = {  # what a robot has of an effect before it is hidden in it: parameter, and names of `Imperfections.drawn`
+# What a robot has of an effect before it is hidden in it: parameter, and names of `Imperfections.drawn`.
+ANYWAY = {
     "backlash": ("width", ("play",)),
     "encoder_bias": ("bias", ("encoder_zero",)),
     "motor_lag": ("time_constant", ("lag", "delay")),  # which walks do not distinguish
@@ -44,19 +45,30 @@ def as_fitted(effect: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def in_all(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The hidden effects of an answer, with what their robot has of the same anyway: a diagnosis sees the sum."""
+    """The hidden effects of an answer, with what their robot has of the same anyway: a diagnosis sees the sum.
+
+    Counted are play, zeros of encoders, lags and delays, slopes, turns and vertical gains of foot sensors; not the
+    scatter of springs, dampers and masses.
+    """
     if "world" not in answer:
         return [dict(effect) for effect in answer["effects"]]
     return [_in_all(effect, answer["world"]) for effect in answer["effects"]]
 
 
 def _in_all(effect: Mapping[str, Any], world: str) -> dict[str, Any]:
-    parameter, names = ANYWAY.get(effect["name"], ("", ()))
-    if parameter not in effect["parameters"]:
-        return dict(effect)
     found, drawn = _imperfections(world)
-    more = sum(_at(drawn[name], str(effect["where"] or ""), found) for name in names)
-    return {**effect, "parameters": {**effect["parameters"], parameter: effect["parameters"][parameter] + more}}
+    where, values = str(effect["where"] or ""), dict(effect["parameters"])
+    parameter, names = ANYWAY.get(effect["name"], ("", ()))
+    if parameter in values:
+        values[parameter] += sum(_at(drawn[name], where, found) for name in names)
+    elif effect["name"] == "ground_slope":
+        slope = dict(zip(("roll", "pitch"), map(float, drawn["slope"]), strict=True))
+        values = {name: value + slope.get(name, 0.0) for name, value in values.items()}
+    elif effect["name"] == "sensor_rotation":
+        values["angle"] += _at(drawn["wrench_turn"][:, "xyz".index(values["axis"])], where, found)
+    elif effect["name"] == "wrench_scale":
+        values["scale"] *= _at(drawn["wrench_gain"][:, 2], where, found)
+    return {**effect, "parameters": values}
 
 
 def _at(values: Any, where: str, world: World) -> float:
@@ -70,8 +82,8 @@ def _at(values: Any, where: str, world: World) -> float:
     else:
         places = [joint.name for joint in world.table.joints()]
         chosen = [name == where or (name in legs and where in ("", _side(name))) for name in places]
-    found: Array = np.asarray(values, dtype=float)[: len(places)]
-    return float(found[np.array(chosen)[: len(found)]].mean())
+    found: Array = np.asarray(values, dtype=float)
+    return float(found[np.array(chosen)].mean())
 
 
 def _side(joint: str) -> str:

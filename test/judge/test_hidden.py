@@ -28,7 +28,7 @@ def test_play_and_zeros_of_a_joint_add_up():
     assert OWN["play"].min() > 0.0
     assert with_own("backlash", "RKneeSag", width=0.01)["width"] == pytest.approx(0.01 + OWN["play"][knee])
     assert with_own("encoder_bias", "RKneeSag", bias=-0.02)["bias"] == pytest.approx(-0.02 + OWN["encoder_zero"][knee])
-    left = [joint.name in JOINTS and joint.name[0] == "L" for joint in WORLD.table.leg_joints()]
+    left = [joint.name[0] == "L" for joint in WORLD.table.leg_joints()]
     side = 0.01 + OWN["play"][: len(left)][left].mean()
     assert with_own("backlash", "left", width=0.01)["width"] == pytest.approx(side)
     legs = 0.01 + OWN["play"][: len(left)].mean()
@@ -42,6 +42,15 @@ def test_delays_add_up_and_a_lag_counts_as_a_delay():
     assert with_own("encoder_delay", "", delay=0.01)["delay"] == pytest.approx(0.01 + OWN["link_late"])
     for where, own in (("right", OWN["wrench_late"][1]), ("", OWN["wrench_late"].mean())):
         assert with_own("wrench_delay", where, delay=0.01)["delay"] == pytest.approx(0.01 + own)
+
+
+def test_slopes_add_up_and_so_do_turns_and_gains_of_foot_sensors():
+    slope = with_own("ground_slope", "", pitch=0.03)
+    assert slope == {"pitch": pytest.approx(0.03 + OWN["slope"][1])}
+    turned = with_own("sensor_rotation", "right", axis="y", angle=-0.1)
+    assert turned == {"axis": "y", "angle": pytest.approx(-0.1 + OWN["wrench_turn"][1, 1])}
+    for where, own in (("left", OWN["wrench_gain"][0, 2]), ("", OWN["wrench_gain"][:, 2].mean())):
+        assert with_own("wrench_scale", where, scale=1.2)["scale"] == pytest.approx(1.2 * own)
 
 
 def test_what_the_robot_has_nothing_of_stays_as_it_is():

@@ -144,7 +144,10 @@ def test_what_grows_stays_where_it_is(seed):
     first, *others = (
         draw_effect("body_mass", np.random.default_rng(seed), 1, world, times)[0] for times in (1.0, 1.5, 2.5)
     )
-    sizes_of = [abs(np.log(each["scale"])) for each in (first, *others)]
+    sizes_of = [abs(each["scale"] - 1.0) for each in (first, *others)]
+    low, high = (multiple * families.deviations()["body_mass"] for multiple in MULTIPLES[1])
+    mass = sizes_of[0] * families.link_mass(world.table, first["where"])
+    assert low - 1e-9 <= mass * 17.3 / world.table.mass <= max(high, FAMILIES["body_mass"].most) + 1e-9
     assert {each["where"] for each in others} == {first["where"]}
     assert {each["scale"] > 1.0 for each in others} == {first["scale"] > 1.0}
     assert sizes_of == sorted(sizes_of)

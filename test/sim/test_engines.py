@@ -185,8 +185,9 @@ def test_where_drake_cannot_go_on_it_is_said_in_one_line(standing):
         steps(robot, 0.01)
 
 
-def test_where_mujoco_diverges_it_is_said_in_one_line(standing):
+def test_where_mujoco_diverges_it_is_said_in_one_line(standing, monkeypatch, tmp_path):
     """MuJoCo itself would go on from where the robot began, as if it had not fallen."""
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes a log of its own
     robot, _ = run("mujoco", standing, 0.05)
     robot.data.qvel[10] = 1e11
     with pytest.raises(EngineError, match=r"mujoco cannot go on: the simulation diverged at 0\.05 s"):

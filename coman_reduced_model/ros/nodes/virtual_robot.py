@@ -24,7 +24,7 @@ from ...core.base.types import Foot, Reference
 from ...core.config.schema import Config
 from ...core.gait.walk import Walk, gait_of
 from ...core.streams.stream import Refused
-from ...errors import ConfigError
+from ...errors import ConfigError, EngineError
 from ...messages import contacts_to, imu_to, joint_from, joint_to, reference_from, ros_types, stamp_of, wrench_to
 from ...sim.describe import urdf
 from ...sim.motion import LegKinematics
@@ -171,7 +171,14 @@ class VirtualRobotNode(ConfiguredNode):
         for _ in range(20):  # then other callbacks have their turn
             if self._stamp() > target:
                 break
-            self._publish(self.robot.step())
+            try:
+                readings = self.robot.step()
+            except EngineError as error:
+                self.get_logger().warning(f"{error}; the robot stands again")
+                self._place(replace(self.motion.last, stamp_ns=0))
+                self._following = False
+                break
+            self._publish(readings)
             self._periods += 1
 
     def _stamp(self) -> int:

@@ -65,7 +65,7 @@ def robot_of(
 
 def _sensors(world: World) -> SensorOptions:
     """Those of this robot: their gains are the same in all its recordings."""
-    return replace(world.sensors, gains_seed=world.seed + 1)
+    return replace(world.sensors, gains_seed=world.sensors.gains_seed or world.seed + 1)
 
 
 def with_gait(world: World, kind: str, duration_s: float) -> World:

@@ -68,6 +68,15 @@ def test_with_nominal_figures_all_effects_change_nothing_whatever_the_options(op
     same(walked(settings), walked(base), 1e-12)
 
 
+@pytest.mark.slow
+def test_all_effects_change_nothing_on_both_legs():
+    base = PAPER.replaced({"model.double_support": "both_legs"})
+    settings = base
+    for name in CATALOGUE:
+        settings = config(name, PLACES[CATALOGUE[name].place][-1], settings)
+    same(walked(settings), walked(base), 1e-12)
+
+
 def test_the_catalogue_is_the_vocabulary():
     assert sorted(CATALOGUE) == sorted(VOCABULARY)
     for name, effect in CATALOGUE.items():
