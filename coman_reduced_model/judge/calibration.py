@@ -155,7 +155,8 @@ def size_of(case: Case) -> tuple[float, bool] | None:
 def power(sizes: Sequence[tuple[float, bool]]) -> dict[str, Any]:
     """The size that raises an alarm in 90 of 100 robots, over that which diagnoses say raises one.
 
-    By a logistic curve over the logarithm of the size; none where it does not rise, or fewer than ten sizes are known.
+    By a logistic curve over the logarithm of the size; none where it does not rise, where fewer than ten sizes are
+    known, or where the largest of them is too small for that.
     """
     if len(sizes) < 10 or len({seen for _, seen in sizes}) < 2:
         return {"of": len(sizes), "factor": None}
@@ -167,7 +168,8 @@ def power(sizes: Sequence[tuple[float, bool]]) -> dict[str, Any]:
         return float(np.sum(np.logaddexp(0.0, z) - seen * z) + 0.5 * 0.01 * ab[1] ** 2)
 
     a, b = minimize(loss, np.array([0.0, 1.0])).x
-    return {"of": len(sizes), "factor": float(np.exp((np.log(POWER / (1.0 - POWER)) - a) / b)) if b > 0.0 else None}
+    wanted = (np.log(POWER / (1.0 - POWER)) - a) / b if b > 0.0 else np.inf
+    return {"of": len(sizes), "factor": float(np.exp(wanted)) if wanted <= x.max() else None}
 
 
 def _class(name: str) -> str:

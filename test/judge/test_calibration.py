@@ -71,6 +71,8 @@ def test_the_size_that_is_seen_nine_times_in_ten():
     assert found["of"] == 3000
     assert found["factor"] == pytest.approx(1.2 * np.exp(np.log(9.0) / 3.0), rel=0.08)
     assert power([(1.0, True)] * 20)["factor"] is None and power([])["factor"] is None
+    small = [(size, hit) for size, hit in zip(sizes, seen, strict=True) if size < 2.0]
+    assert power(small) == {"of": len(small), "factor": None}, "no size there is seen nine times in ten"
 
 
 def test_the_figures_of_a_run_are_printed(capsys, tmp_path):
