@@ -56,24 +56,27 @@ def names() -> tuple[str, ...]:
     return legs.left.joints + legs.right.joints
 
 
-def loads(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Share of the weight on each foot at times (n,) [s]."""
+Times = float | np.ndarray  # one, or several (n,) [s]
+
+
+def loads(t: Times) -> tuple[Times, Times]:
+    """Share of the weight on each foot."""
     quarter = (t / CYCLE) % 1.0 * 4.0
     left = np.interp(quarter, [0.0, 0.6, 1.0, 2.0, 2.4, 3.0, 4.0], [0.0, 0.5, 1.0, 1.0, 0.5, 0.0, 0.0])
     return left, 1.0 - left
 
 
-def posture(t: np.ndarray) -> np.ndarray:
-    """Joint positions (n, 12) [rad] in the order of `names` at times (n,) [s]: the foot without load is lifted."""
-    q = 0.002 * np.sin(5.0 * t[:, None] + np.arange(12))
+def posture(t: Times) -> np.ndarray:
+    """Joint positions (12,) or (n, 12) [rad] in the order of `names`: the foot without load is lifted."""
+    q = 0.002 * np.sin(5.0 * np.asarray(t)[..., None] + np.arange(12))
     for first, load in zip((0, 6), loads(t), strict=True):
         u = np.maximum(0.0, 1.0 - load / 0.3)
-        bend = 0.35 + 0.13 * (3.0 - 2.0 * u) * u * u
-        q[:, first + np.array([0, 3, 4])] += bend[:, None] * [-1.0, 2.0, -1.0]
+        bend = np.asarray(0.35 + 0.13 * (3.0 - 2.0 * u) * u * u)
+        q[..., first + np.array([0, 3, 4])] += bend[..., None] * [-1.0, 2.0, -1.0]
     return q
 
 
-def velocity(t: np.ndarray) -> np.ndarray:
+def velocity(t: Times) -> np.ndarray:
     return (posture(t + 1e-5) - posture(t - 1e-5)) / 2e-5
 
 
