@@ -117,7 +117,7 @@ class VirtualRobotNode(ConfiguredNode):
         self._timer.set_rate(config.output.diagnostics_rate)
 
     def _place(self, reference: Reference) -> None:
-        """Put the robot where a reference has it, at rest."""
+        """Put the robot where a reference has it, at rest: it waits for a plan that stands still."""
         began = time.monotonic()
         start = self._now() - DELAY_NS + self._placing_ns  # from when on it can walk
         seed = self.config.virtual_robot.seed + self._places
@@ -126,7 +126,7 @@ class VirtualRobotNode(ConfiguredNode):
         lead = self.config.virtual_robot.lead
         self.motion = StreamMotion(self._legs, reference, start, self.world.upper, stride, lead, self._planned)
         self.robot.reset(self.motion, self.motion.start)
-        self._start = start
+        self._start, self._following = start, False
         self._places += 1
         self._placing_ns = round(1.2e9 * (time.monotonic() - began))
 
@@ -167,7 +167,6 @@ class VirtualRobotNode(ConfiguredNode):
             self._skip(lag)
         elif lag < -_HOPELESS_NS:  # the clock was set back: its stamp would be later than those of the next plan
             self._place(replace(self.motion.last, stamp_ns=0))
-            self._following = False
         for _ in range(20):  # then other callbacks have their turn
             if self._stamp() > target:
                 break
@@ -175,8 +174,7 @@ class VirtualRobotNode(ConfiguredNode):
                 readings = self.robot.step()
             except EngineError as error:
                 self.get_logger().warning(f"{error}; the robot stands again")
-                self._place(replace(self.motion.last, stamp_ns=0))
-                self._following = False
+                self._place(self.motion.last)
                 break
             self._publish(readings)
             self._periods += 1
@@ -192,7 +190,6 @@ class VirtualRobotNode(ConfiguredNode):
             "machine)"
         )
         self._place(self.motion.last)
-        self._following = False
 
     def _publish(self, readings: Readings) -> None:
         types = self.types

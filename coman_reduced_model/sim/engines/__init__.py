@@ -46,7 +46,7 @@ def make_engine(
         ConfigError: there is no such engine, it is not installed, or it cannot simulate this model.
     """
     if name == "mujoco":
-        return MujocoEngine(feet)
+        return MujocoEngine(data, feet)
     if name != "drake":
         raise ConfigError(f"engine: {name!r}: allowed: {', '.join(ENGINES)}")
     check_engine(name)

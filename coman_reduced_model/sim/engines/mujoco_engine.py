@@ -17,16 +17,15 @@ _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujo
 class MujocoEngine:
     """See Engine."""
 
-    def __init__(self, feet: Sequence[Sequence[int]]) -> None:
+    def __init__(self, data: mujoco.MjData, feet: Sequence[Sequence[int]]) -> None:
         """See make_engine."""
-        self._data: mujoco.MjData | None = None
+        self._warnings = [data.warning[each] for each in _BAD]
         self._feet = np.full((2, max(map(len, feet))), -1)
         for row, bodies in zip(self._feet, feet, strict=True):
             row[: len(bodies)] = bodies
 
     def reset(self, data: mujoco.MjData) -> None:
         """See Engine."""
-        self._data = data
 
     def steps(self, first: int, last: int, t: float, body: Body, drive: Drive, sampled: Sampled, forced: bool) -> None:
         """See Engine.
@@ -35,5 +34,5 @@ class MujocoEngine:
             EngineError: the simulation diverged; MuJoCo would go on from where the robot began.
         """
         mujoco_steps(first, last, t, body, drive, sampled, self._feet, forced)
-        if self._data is not None and any(self._data.warning[each].number for each in _BAD):
+        if any(each.number for each in self._warnings):
             raise EngineError(f"engine: mujoco cannot go on: the simulation diverged at {t:.2f} s")
