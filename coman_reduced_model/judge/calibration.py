@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from ..core.base.types import Array
 from .families import class_of
+from .folder import names_effects
 from .hidden import NOMINAL, compared, in_all
 
 BINS = 10
@@ -149,7 +150,8 @@ def size_of(case: Case) -> tuple[float, bool] | None:
         for name, value in compared(effect).items()
         if isinstance(value, float) and name not in OF_EACH_JOINT and (seen_from.get(name) or 0.0) > 0.0
     ]
-    return (max(ratios), verdict["verdict"] in ("effect", "unknown")) if ratios and max(ratios) > 0.0 else None
+    seen = names_effects(verdict) or verdict["verdict"] == "unknown"
+    return (max(ratios), seen) if ratios and max(ratios) > 0.0 else None
 
 
 def power(sizes: Sequence[tuple[float, bool]]) -> dict[str, Any]:

@@ -41,6 +41,11 @@ def read_verdict(path: Path) -> Any:
     return {**said, "effects": list(said.get("effects") or ())} if known else None
 
 
+def names_effects(said: Mapping[str, Any]) -> bool:
+    """Whether a verdict names effects, some that matter or minor ones alone (`none` with `only_minor`)."""
+    return said["verdict"] == "effect" or bool(said.get("only_minor") and said.get("effects"))
+
+
 def _with_option(name: str, value: str | bool) -> str:
     if isinstance(value, bool):
         return f"{'with' if value else 'without'} --{name}"

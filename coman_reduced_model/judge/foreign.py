@@ -23,7 +23,7 @@ from ..progress import Progress
 from ..resources import config_path, version
 from .by_kind import by_kind
 from .commands import run_diagnosis
-from .folder import RunFolder, read_verdict, stored
+from .folder import RunFolder, names_effects, read_verdict, stored
 from .monitor import alarms
 from .prediction import figures_of, predict_walk
 from .prediction import measure as measure_walks
@@ -199,7 +199,7 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None, also_t
     kind = (verdict or {}).get("verdict")
     if verdict is None or kind not in ("effect", *OTHER):
         return {"result": "failed", "named": []}
-    if kind in OTHER:
+    if not names_effects(verdict):
         return {"result": "right" if kind in answer["right"] else "miss", "named": [kind]}
     named = sorted({str(effect["name"]) for effect in verdict["effects"]})
     right = set(answer["right"])

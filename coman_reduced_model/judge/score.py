@@ -3,7 +3,7 @@
 
 A verdict is *right* if it names exactly what is hidden, by name or class; *partly* if it names some of it and nothing
 else; *wrong* if it names anything that is not there, whatever else it names; else it is *none*, *unknown*,
-*not_excited* or *failed* (no readable verdict).
+*not_excited* or *failed* (no readable verdict). Effects that a verdict lists as minor alone are named as any other.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..resources import version
 from .by_kind import by_kind, by_what_was_learnt
 from .calibration import calibration
 from .families import CLASSES, class_of, of_this_catalogue
-from .folder import RunFolder, read_verdict, stored
+from .folder import RunFolder, names_effects, read_verdict, stored
 from .hidden import NOMINAL, compared, in_all
 from .run import seal
 from .seeds import commit, summary
@@ -49,7 +49,7 @@ def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None) -> dic
     kind = (verdict or {}).get("verdict")
     if verdict is None or kind not in ("effect", *OTHER):
         return {"result": "failed", "named": ["failed"], "place": [], "error": {}}
-    if kind in OTHER:
+    if not names_effects(verdict):
         return {"result": kind, "named": [kind], "place": [], "error": {}}
     named = [str(effect["name"]) for effect in verdict["effects"]]
     if not named:

@@ -40,11 +40,17 @@ def hidden(kind: str, *effects: tuple[str, str], level: str = "medium", **values
     }
 
 
+def minor_of(*effects):
+    return {**verdict_of(*effects), "verdict": "none", "only_minor": True}
+
+
 @pytest.mark.parametrize(
     ("answer", "verdict", "result"),
     [
         (hidden("clean"), {"verdict": "none"}, "none"),
         (hidden("clean"), verdict_of(("payload", "")), "wrong"),
+        (hidden("clean"), minor_of(("payload", "")), "wrong"),
+        (hidden("single", ("payload", "")), minor_of(("payload", "")), "right"),
         (hidden("single", ("backlash", "LKneeSag")), verdict_of(("backlash", "RKneeSag")), "right"),
         (hidden("single", ("backlash", "LKneeSag")), verdict_of(("backlash", "LKneeSag"), ("payload", "")), "wrong"),
         (hidden("single", ("motor_lag", "")), verdict_of(("transport_delay", "")), "right"),

@@ -55,6 +55,10 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     if not named:
         for effect, chosen in zip(effects, finding.chosen, strict=True):
             effect.update(in_model=False, left_out=_why_suspected(found, chosen.option.name))
+    minor = named and only_minor(effects)
+    pulled_too_far = bool(finding.steps and finding.steps[0][1].pulled)
+    # What was assumed was not asked for; a weight that is off, and all that is pulled, are never nothing.
+    word = "none" if minor and found.probabilities and not (found.weight.off or pulled_too_far) else found.verdict
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
     if not held:
@@ -64,10 +68,10 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
     result = {
         "schema_version": SCHEMA_VERSION,
-        "verdict": found.verdict,
+        "verdict": word,
         "effects": effects if named else [],
         "suspected": [] if named else effects,
-        "only_minor": named and only_minor(effects),
+        "only_minor": minor,
         "ranking": ranking(finding),
         "laws": laws(finding.before[0]),
         "localisation": localisation(finding),
@@ -84,7 +88,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         "probabilities": found.probabilities,
         "precise": list(finding.fit.precise if finding.fit else ()),
         "pulled": pulled(finding),
-        "pulled_too_far": bool(finding.steps and finding.steps[0][1].pulled),
+        "pulled_too_far": pulled_too_far,
         # Of a robot that only stands, what fits best is settling rather than its parameters.
         "far_from_nominal": [] if found.verdict == "not_excited" else far_from_nominal(finding),
         "weight": asdict(found.weight),
@@ -140,8 +144,8 @@ def explained(finding: Finding, chosen: ChosenEffect, entry: Mapping[str, Any]) 
 
 
 def only_minor(effects: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether no effect matters to the prediction; one that the model would have but for its errors may well do."""
-    return bool(effects) and all(each["minor"] and each["left_out"] in ("", MEASURED) for each in effects)
+    """Whether there are effects, and none of them explains a share that matters."""
+    return bool(effects) and all(each["minor"] for each in effects)
 
 
 def could_be(

@@ -80,7 +80,7 @@ def _verdict(result: Mapping[str, Any]) -> str:
     most = most or (f"more is left in the {worst}, than on nominal robots" if worst else "")
     likely = _likely(result["probabilities"])
     denied = " and ".join(spaced(name) for name in result["contradicted"])
-    if result["verdict"] == "none":
+    if result["verdict"] == "none" and not result["only_minor"]:
         text = "nothing is missing that this data could show"
         if doubtful(result):
             text = "no alarm, as some nominal robots look like this too; but perhaps something is missing"
@@ -108,7 +108,7 @@ def meaning(result: Mapping[str, Any]) -> str:
     verdict = str(result["verdict"])
     if verdict == "unknown" and result["contradicted"]:
         verdict = "contradicted"
-    if verdict == "effect" and result["only_minor"]:
+    if result["only_minor"]:
         verdict = "minor"
     return _MEANING.get("doubtful" if verdict == "none" and doubtful(result) else verdict, "")
 

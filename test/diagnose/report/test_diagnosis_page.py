@@ -142,6 +142,7 @@ def diagnosis(
     against: tuple[str, ...] = (),
     made_worse: bool = False,
     group: tuple[str, ...] = (),
+    weight: float = 0.0,
     **recording: Any,
 ) -> Diagnosis:
     """The last two steps on made-up recordings and findings; the play makes the predicted COM better or worse."""
@@ -168,7 +169,7 @@ def diagnosis(
     finding.steps.append(([], Odds(0.02 if found else 0.9 - unknown, unknown, (), (), 0.5)))
     word = verdict(finding, checked.recordings[:1], False, against)
     probabilities = {"none": 0.9 - unknown, "unknown": unknown, "backlash@LKneeSag": 0.1}
-    result = Found(finding, finding.leftover(), word, probabilities, against, Weight(0.0, 0.01, 0.03))
+    result = Found(finding, finding.leftover(), word, probabilities, against, Weight(weight, 0.01, 0.03))
     return build_diagnosis(checked, result, predicted, config, began=0.0)
 
 
@@ -218,7 +219,7 @@ def test_the_result_says_what_confirms(train, hold, on):
 def test_an_effect_that_makes_the_predicted_com_worse_is_named_but_not_in_the_model(hold, made_worse):
     made = diagnosis(hold=hold, made_worse=made_worse)
     (effect,) = made.result["effects"]
-    assert made.result["verdict"] == "effect" and effect["name"] == "backlash"
+    assert made.result["verdict"] == ("none" if made_worse else "effect") and effect["name"] == "backlash"
     assert effect["in_model"] == ("backlash" in [each.name for each in made.model.effects]) == (not made_worse)
     com = effect["com"]
     for axis in "xyz":
@@ -276,18 +277,28 @@ def test_a_recording_without_torques_has_a_page_that_says_so():
     assert "No joint torques were recorded" in html
 
 
-@pytest.mark.parametrize("size", [0.999, 1.5])
-def test_where_all_effects_are_minor_the_headline_begins_with_that(monkeypatch, size):
+@pytest.mark.parametrize(
+    ("size", "said", "in_model"),
+    [(0.999, "it explains 0% of the error of the predicted COM", True), (1.5, "not in the model: it makes", False)],
+)
+def test_what_explains_next_to_nothing_is_listed_as_minor_and_is_no_verdict(monkeypatch, size, said, in_model):
     monkeypatch.setitem(globals(), "WITH_PLAY", size)  # it explains 0.2 % of the COM's squared error, or spoils it
     made = diagnosis()
     (effect,) = made.result["effects"]
-    minor = size < 1.0
-    assert effect["minor"] and made.verdict == "effect" and made.result["only_minor"] == minor
-    assert made.sentence.startswith("no effect that matters to the prediction was found; minor: the left knee") == minor
-    assert ("degrees of backlash (it explains 0% of the error of the predicted COM)" in made.sentence) == minor
+    assert made.verdict == "none" and made.result["only_minor"] and not made.result["suspected"]
+    assert effect["minor"] and effect["in_model"] == in_model == bool(made.model.effects)
+    assert made.sentence.startswith("no effect that matters to the prediction was found; minor: the left knee")
+    assert f"degrees of backlash ({said}" in made.sentence
     html = diagnosis_page(made)
-    assert ("Nothing that matters to the prediction" in html) == minor == ("What is missing" not in html)
-    assert ("What was found is there, but" in html) == minor
+    assert "Nothing that matters to the prediction" in html and "What is missing" not in html
+    assert "What was found is there, but" in html
+
+
+def test_what_explains_the_weight_is_no_minor_matter(monkeypatch):
+    monkeypatch.setitem(globals(), "WITH_PLAY", 0.999)
+    made = diagnosis(weight=0.09)
+    assert made.verdict == "effect" and made.result["only_minor"]
+    assert made.sentence.endswith("by its forces, the robot weighs 9% more than by its URDF")
 
 
 def test_a_robot_that_only_stands_is_not_said_to_be_far_from_nominal():

@@ -74,7 +74,7 @@ def test_places_are_said_as_people_say_them_where_the_name_tells(where, said):
 def test_a_sentence_without_a_name_says_what_is_likely(verdict, probabilities, more, said):
     result = {"verdict": verdict, "probabilities": probabilities, "too_much": [], "apart": {}, "effects": [],
               "suspected": [], "contradicted": [], "weight": {"share": 0.0, "deviation": 0.01, "allowed": 0.03},
-              "clocks_apart": [], "pulled_too_far": False, **more}  # fmt: skip
+              "only_minor": False, "clocks_apart": [], "pulled_too_far": False, **more}  # fmt: skip
     assert said in sentence(result)
     assert meaning(result)
 
