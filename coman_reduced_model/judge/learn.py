@@ -322,6 +322,9 @@ def header() -> str:
 #     masses of the robot: loads, blows. All else in SI.
 # precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
+# limits: chosen by hand, not learnt.
+#     experiment: standard deviation of a parameter by an experiment that measures it [of its reach]: by a scale to 1 %,
+#     a gauge to 1 mrad, a tap to 1 ms
 # floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]. A simulator whose sensors have no
 #     noise at all must not make every hair's breadth an effect.
 # sensors: the least noise that any sensor is taken to have: force in weights, moment in weights times the length of a

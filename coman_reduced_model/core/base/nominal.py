@@ -20,8 +20,8 @@ from ...resources import config_path
 
 OTHER_ROBOT = 0.01  # of its mass, by which the robot of a baseline may differ
 SECTIONS = (
-    "source", "widths", "precise", "sheets", "most", "floor", "sensors", "repeats", "trust", "leftover", "decision",
-    "interval_factor", "with_baseline", "parameters", "monitor",
+    "source", "widths", "precise", "sheets", "most", "limits", "floor", "sensors", "repeats", "trust", "leftover",
+    "decision", "interval_factor", "with_baseline", "parameters", "monitor",
 )  # fmt: skip
 
 
@@ -36,6 +36,7 @@ class Nominal:
         most: by the same names, what physics allows at most.
         source: where the figures come from; `kinds`: by axis, the kinds of worlds (sim/worlds) that they were learnt
             on, all but those of `monitor`, which has its own.
+        limits: by name, figures that were chosen by hand, as the file says.
         floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]: quieter ones do not count.
         sensors: the least noise that any sensor is taken to have: `force` in weights, `moment` in weights times the
             length of a foot, `count` of an encoder [rad], `tilt` of a direction [1], `com` of the measured COM [m].
@@ -57,6 +58,7 @@ class Nominal:
     sheets: Mapping[str, float] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
     floor: Mapping[str, float] = field(default_factory=dict)
     sensors: Mapping[str, float] = field(default_factory=dict)
     repeats: Mapping[str, float] = field(default_factory=dict)
@@ -123,7 +125,7 @@ def load_nominal(path: str | Path = "") -> Nominal:
     nominal = _read(path)  # each time: a baseline may be learnt again while a node runs
     if nominal.widths.get("external_force.reach", 0.0) > 1.0:  # in weights
         raise ConfigError(f"{path}: of an earlier version, with widths in N and Nm: learn it again (coman baseline)")
-    names = ("widths", "floor", "sensors", "trust", "repeats", "leftover", "most")
+    names = ("widths", "limits", "floor", "sensors", "trust", "repeats", "leftover", "most")
     both = {name: {**getattr(population, name), **getattr(nominal, name)} for name in names}
     nominal = replace(nominal, **both)
     if _known(nominal.decision):
@@ -224,6 +226,7 @@ def _read(path: str | Path) -> Nominal:
             precise=_finite(document.get("precise")),
             sheets=_finite(document.get("sheets")),
             most=_finite(document.get("most")),
+            limits=_finite(document.get("limits")),
             floor=_finite(document.get("floor")),
             sensors=_finite(document.get("sensors")),
             source=dict(document.get("source") or {}),

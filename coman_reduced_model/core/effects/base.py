@@ -44,6 +44,7 @@ class Effect:
         opposite: the same where the first parameter is not above nominal; "": no other sentence.
         further: what follows where parameters are known that the sentence does not name (`{key}`, `{rest}`: all).
         experiment: what would decide between the effect and those that look like it.
+        absent: whether that is another walk, in which the effect is not there; else it measures the parameters.
         ambiguity: the class of effects that walking hardly distinguishes from it.
         exact: whether real robots have it in the form that it has here; else a small part of it stays unexplained.
         clock: whether it shifts a stream in time: such effects look alike until they are compared closely.
@@ -61,6 +62,7 @@ class Effect:
     opposite: ClassVar[str] = ""
     further: ClassVar[str] = ""
     experiment: ClassVar[str]
+    absent: ClassVar[bool] = False
     ambiguity: ClassVar[Ambiguity | None] = None
     exact: ClassVar[bool]
     clock: ClassVar[bool] = False

@@ -32,6 +32,7 @@ class FootSlip(Effect):
     )
     sentence: ClassVar[str] = "{at} slips back by {distance} in each step"
     experiment: ClassVar[str] = "the same walk on a rough floor"
+    absent: ClassVar[bool] = True
     exact: ClassVar[bool] = False
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:

@@ -37,6 +37,7 @@ class GroundCompliance(Effect):
     )
     sentence: ClassVar[str] = "the ground or the soles give way more than usual ({listed})"
     experiment: ClassVar[str] = "the same walk on a hard floor"
+    absent: ClassVar[bool] = True
     exact: ClassVar[bool] = False
 
     def bind(self, robot: Robot) -> None:

@@ -23,7 +23,9 @@ class JointDamping(Effect):
         Parameter("scale", "float", 1.0, "1", "real damping over that of the configuration", 0.0, 20.0),
     )
     sentence: ClassVar[str] = "the damping of {at} is {scale} of nominal"
-    experiment: ClassVar[str] = "the same gait at half and at twice the speed"
+    experiment: ClassVar[str] = (
+        "all other joints held, small pushes after which the robot swings about this one (the decay of coman identify)"
+    )
     exact: ClassVar[bool] = False
     law: ClassVar[tuple[str, str] | None] = ("spring", "torque rate")
 

@@ -35,6 +35,7 @@ class TouchdownImpact(Effect):
     )
     sentence: ClassVar[str] = "each touchdown is a blow of {impulse}"
     experiment: ClassVar[str] = "the same walk with slower steps, or on a soft mat: the blow gets smaller"
+    absent: ClassVar[bool] = True
     exact: ClassVar[bool] = False
 
     def __init__(self, where: str, values: Mapping[str, float]) -> None:

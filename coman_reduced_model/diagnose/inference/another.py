@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What another recording would add: the information of one that is like those at hand, of a common length."""
+"""What another recording would add: one that is like those at hand, of a common length, or an experiment."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 
 from ...core.base.nominal import Nominal
 from ...core.base.types import Array
+from ...core.effects.catalogue import CATALOGUE
 from ...core.effects.unknown import Unknown
 from ..data.masks import TICKS
-from ..physics.hypotheses import unknowns
+from ..physics.hypotheses import Candidate, unknowns
 from .case import Case, Prepared, examine
 from .check import with_common_streams
 from .evidence import Problem, weighed
@@ -83,6 +84,24 @@ def _of_more(problem: Problem, noise: Mapping[str, Noise], n: float) -> dict[str
     for key, each in noise.items():
         offset = each.offset * (more if len(problem.pieces[key]) == 1 else 1.0)
         out[key] = Noise(each.autoregression, offset, more * each.repeats)
+    return out
+
+
+def shown_by(effects: Sequence[Candidate], known: Sequence[Unknown], again: Array, nominal: Nominal) -> Array:
+    """Information (P, P) of an experiment, which measures parameters, or is another walk without the effects.
+
+    Args:
+        effects: whose experiment it is, each at its place.
+        known: all parameters; again: information of another recording like one of those at hand.
+    """
+    mine = [i for option in effects for i in option.unknowns]
+    if CATALOGUE[effects[0].effect].absent:
+        there = np.ones(len(known))
+        there[mine] = 0.0
+        return np.asarray(again * np.outer(there, there))
+    out = np.zeros_like(again)
+    for i in mine:
+        out[i, i] = (nominal.limits["experiment"] * known[i].reach) ** -2
     return out
 
 

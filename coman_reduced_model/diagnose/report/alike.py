@@ -37,14 +37,14 @@ def decides(each: Mapping[str, Any]) -> str:
     """What would split a group of effects (of `decides` in diagnosis.json), and what more of a recording would add."""
     names = [spaced(name) for name in each["group"]]
     more = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
+    best, open_yet = each["again"][0], each["factor"] < APART
+    offers = [(one["sentence"], one["factor"]) for one in each["manoeuvres"][:_MANOEUVRES]]
+    offers.append((f"{each['seconds']:.0f} s more like {best['bag']}", best["factor"]))
     text = f"To decide between {', '.join(names[:_NAMES])}{more}: "
-    text += "; or ".join(manoeuvre["sentence"] for manoeuvre in each["manoeuvres"][:_MANOEUVRES]) + "."
-    best, length = each["again"][0], f"{each['seconds']:.0f} s"
-    open_yet = each["factor"] < APART
+    text += "; or ".join(f"{offer} ({factor:.1f} nats)" for offer, factor in offers)
     text += (
-        f" The expected log Bayes factor of {names[0]} against what is most like it here is {each['factor']:.1f} nats, "
-        f"and {APART:g} are {'needed' if open_yet else 'enough'}; with {length} more like {best['bag']} it is "
-        f"{best['factor']:.1f}."
+        f". In brackets: the expected log Bayes factor of {names[0]} against what is most like it, with that; without "
+        f"it is {each['factor']:.1f} nats, and {APART:g} are {'needed' if open_yet else 'enough'}."
     )
     if not open_yet:
         text += (

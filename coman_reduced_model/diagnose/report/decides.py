@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ...core.base.nominal import Nominal
 from ...core.base.types import Array
 from ...core.effects.catalogue import CATALOGUE
-from ..inference.another import LENGTH, like
+from ..inference.another import LENGTH, like, shown_by
 from ..inference.at_size import at_values
 from ..inference.case import Case, evidence_of
 from ..inference.explanation import Explanation, Odds
@@ -35,14 +36,14 @@ def decides(
         assert finding.fit is not None
         same = [each for each in options if entry["class"] and CLASSES.get(each.effect) == entry["class"]]
         names = [*chosen.group, *(each.name for each in same if each.place == chosen.option.place)]
-        out.append(_group(cases, options, chosen.option, finding.fit.x, names))
+        out.append(_group(cases, options, chosen.option, finding.fit.x, names, finding.nominal))
     if undecided and not finding.chosen and finding.steps:
         explanations, found = finding.steps[0]
         if likely := _likely(explanations[1:], found):
             first = likely[0]
             assert first.option is not None
             names = [each.option.name for each in likely if each.option]
-            out.append(_group(cases, options, first.option, first.fit.x, names))
+            out.append(_group(cases, options, first.option, first.fit.x, names, finding.nominal))
     return [each for each in out if len(each["group"]) > 1]
 
 
@@ -54,7 +55,12 @@ def _likely(effects: Sequence[Explanation], found: Odds) -> list[Explanation]:
 
 
 def _group(
-    cases: Sequence[Case], options: Sequence[Candidate], first: Candidate, values: Array, others: Iterable[str]
+    cases: Sequence[Case],
+    options: Sequence[Candidate],
+    first: Candidate,
+    values: Array,
+    others: Iterable[str],
+    nominal: Nominal,
 ) -> dict[str, Any]:
     """The effect `first`, its parameters off by `values` (P,), with other options and what it could be taken for."""
     cases = at_values(cases, first, values)
@@ -72,16 +78,18 @@ def _group(
     recordings: dict[int, list[Case]] = {}
     for case in cases:
         recordings.setdefault(id(case.recording), []).append(case)
-    again = [
-        {"bag": parts[0].recording.name, "factor": least(like(parts, evidence.unknowns))}
-        for parts in recordings.values()
-    ]
+    another = {id(parts): (parts[0].recording.name, like(parts, evidence.unknowns)) for parts in recordings.values()}
+    again = sorted(((name, least(more), more) for name, more in another.values()), key=lambda each: -each[1])
+    experiments = manoeuvres(group)
+    for each in experiments:
+        mine = [option for option in members if _place_name(option) in each["effects"]]
+        each["factor"] = least(shown_by(mine, evidence.unknowns, again[0][2], nominal))
     return {
         "group": group,
-        "manoeuvres": manoeuvres(group),
+        "manoeuvres": sorted(experiments, key=lambda each: -each["factor"]),
         "factor": least(),
         "seconds": LENGTH,
-        "again": sorted(again, key=lambda each: -each["factor"]),
+        "again": [{"bag": name, "factor": factor} for name, factor, _ in again],
     }
 
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from diagnose_tools import made_up
 
+from coman_reduced_model.core.base.nominal import load_nominal
+from coman_reduced_model.core.effects.catalogue import CATALOGUE
+from coman_reduced_model.diagnose.inference.another import shown_by
 from coman_reduced_model.diagnose.inference.evidence import Evidence, scores
-from coman_reduced_model.diagnose.inference.isolability import APART, Expectation, isolability, shows, taken_for
+from coman_reduced_model.diagnose.inference.isolability import APART, Expectation, isolability, rivals, shows, taken_for
 from coman_reduced_model.diagnose.inference.prior import prior_variance
 from coman_reduced_model.diagnose.physics.hypotheses import candidates
 
@@ -83,6 +86,34 @@ def test_what_was_found_could_be_something_like_it():
     assert [option.effect for option, _ in rivals] == ["hysteresis"] and rivals[0][1] < APART
     values[0] = 30.0
     assert not taken_for(evidence(), OPTIONS, NAMES["backlash"], values)
+
+
+def play_against_hysteresis(more: np.ndarray | None) -> float:
+    """Expected log Bayes factor, if there is play."""
+    values = np.zeros(len(KNOWN))
+    values[0] = 1.0
+    found = rivals(Expectation(evidence(), more), OPTIONS, NAMES["backlash"], values)
+    return {option.effect: factor for option, factor in found}["hysteresis"]
+
+
+def test_an_experiment_that_measures_an_effect_distinguishes_it_from_what_looks_alike():
+    """It counts as a measurement of the parameters, as exact as the file says."""
+    here = evidence()
+    for effect in ("backlash", "hysteresis"):
+        more = shown_by([NAMES[effect]], KNOWN, np.zeros_like(here.gram), load_nominal())
+        row = np.array([each.effect == effect for each in KNOWN]) / (0.05 * 2.0)
+        assert more == pytest.approx(np.outer(row, row))
+        assert play_against_hysteresis(more) > APART > play_against_hysteresis(None)
+
+
+def test_a_walk_without_the_effect_says_more_than_the_same_walk_again(monkeypatch):
+    here = evidence()
+    monkeypatch.setattr(CATALOGUE["backlash"], "absent", True)
+    without = shown_by([NAMES["backlash"]], KNOWN, here.gram, load_nominal())
+    assert not without[0].any() and not without[:, 0].any()
+    assert without[1:, 1:] == pytest.approx(here.gram[1:, 1:])
+
+    assert play_against_hysteresis(without) > play_against_hysteresis(here.gram) + APART
 
 
 def test_what_does_not_show_could_be_anything():

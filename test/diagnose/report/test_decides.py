@@ -45,9 +45,11 @@ def test_a_group_has_its_manoeuvres_and_what_more_of_each_recording_adds():
     made = diagnosis()
     (found,) = with_group(made, GROUP)
     assert found["group"] == list(GROUP)
-    assert [(each["effects"], each["sentence"]) for each in found["manoeuvres"]] == [
+    assert sorted((each["effects"], each["sentence"]) for each in found["manoeuvres"]) == [
         ([name], CATALOGUE[name.partition("@")[0]].experiment) for name in GROUP
     ]
+    gains = [each["factor"] for each in found["manoeuvres"]]
+    assert gains == sorted(gains, reverse=True) and gains[0] > found["factor"]
     assert {each["bag"] for each in found["again"]} == {"train", "hold"}
     factors = [each["factor"] for each in found["again"]]
     assert factors == sorted(factors, reverse=True) and all(each > found["factor"] for each in factors)
@@ -61,7 +63,7 @@ def test_a_group_has_its_manoeuvres_and_what_more_of_each_recording_adds():
 def test_what_the_recordings_would_distinguish_is_not_said_to_need_more_of_them():
     (found,) = with_group(diagnosis(), GROUP)
     few, many = (said({**found, "factor": factor}) for factor in (2.9, 3.1))
-    assert "2.9 nats, and 3 are needed; with 20 s more like" in few and "several effects" not in few
+    assert "; without it is 2.9 nats, and 3 are needed." in few and "several effects" not in few
     assert "3.1 nats, and 3 are enough" in many and "if backlash of LKneeSag alone were there" in many
 
 
