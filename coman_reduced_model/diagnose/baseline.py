@@ -94,7 +94,7 @@ def baseline(
     report = progress or (lambda fraction, what: None)
     given, config, population = config, with_structure(config), population or load_nominal()
     readings = read_bags(bags, config, urdf, names, between(report, 0.0, READ))
-    checked = check_recordings(readings, len(bags), config, [], whole=True)
+    checked = check_recordings(readings, len(bags), config, [], whole=True, nominal=population)
     known = unknowns(checked.train[0][0], checked.train[0][1], population)
     nothing = np.zeros(len(known))
     cases = []

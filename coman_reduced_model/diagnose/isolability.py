@@ -66,11 +66,11 @@ def isolability(
     config = with_structure(config)
     readings = read_bags([*bags, *others], config, urdf, names, between(report, 0.0, READ))
     n = len(bags)
-    checked = check_recordings(readings[:n], n, config, [], whole=True)
+    checked = check_recordings(readings[:n], n, config, [], whole=True, nominal=nominal)
     for line in (*checked.not_checked, *of_another_robot(nominal, checked.train[0][1].robot.mass)):
         if notice:
             notice(line)
-    further = [prepare(reading.recording, reading.robot, config) for reading in readings[n:]]
+    further = [prepare(reading.recording, reading.robot, config, nominal) for reading in readings[n:]]
     for path, each in zip(others, further, strict=True):
         for line in limitations([each]):
             if notice:

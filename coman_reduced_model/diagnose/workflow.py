@@ -65,7 +65,7 @@ def diagnose(
         free_runs.start(paths, config)  # the nominal prediction, in another process
 
         readings = read_bags(paths, config, urdf, names, between(report, 0.0, READ))
-        checked = check_recordings(readings, len(train), config, assumed)
+        checked = check_recordings(readings, len(train), config, assumed, nominal=nominal)
         for line in checked.clocks_apart:
             if notice:
                 notice(line)

@@ -324,7 +324,18 @@ def header() -> str:
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # limits: chosen by hand, not learnt.
 #     experiment: standard deviation of a parameter by an experiment that measures it [of its reach]: by a scale to 1 %,
-#     a gauge to 1 mrad, a tap to 1 ms
+#     a gauge to 1 mrad, a tap to 1 ms.
+#     blow_seen: share of a blow at landing that the forces show beside the load that comes.
+#     blow_apart [m/s], slide_apart [m], share_apart [of the usual]: by which a landing is unlike most.
+#     scuff: force on a foot in the air that is the ground [weights].
+#     torque_sure: torque whose sign is sure [weights times m].
+#     sole_turned: tilt by the IMU with which a sole is not flat [rad]. sole_edge: beyond it, it may turn [half a sole].
+#     play_seen: what smoothed encoders surely show [rad].
+#     walk_to_walk: by which a value differs between walks [of it].
+#     imu_off: tilt by the IMU that is another frame [rad].
+#     Of the monitor. load_rises: mean force of a load that only rises while a foot lands [of the load after it].
+#     torque_rate: of the needed torque at which a delay counts half [weights times COM height / s].
+#     deflection [rad], deflection_rate [rad/s]: beyond which noise of `stiffness` grows, by errors of gains and clocks.
 # floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]. A simulator whose sensors have no
 #     noise at all must not make every hair's breadth an effect.
 # sensors: the least noise that any sensor is taken to have: force in weights, moment in weights times the length of a

@@ -39,14 +39,9 @@ if TYPE_CHECKING:
 
 # [s] after a landing until the impact is over, then until the load of the foot is known: between samples at 200 Hz.
 IMPACT_S, LANDED_S = 0.0125, 0.0325
-_RISING = 0.75  # of that load: largest mean force during the impact if the load only rises
 _MIN_DISTANCE = 0.015  # [rad] that a joint moves in a phase, both ways together, for `drag`
 _MIN_LOOKS = 8  # for `stiffness` and `late`
-_RATE = 0.3  # [1/s] of weight times COM height: rate of the needed torque at which a delay counts half
 _RESIDUAL_SHARE = 0.5  # of the variance of the needed torque: with a larger residual, `late` is not known
-# Deflection [rad] and its rate [rad/s] beyond which the nominal noise of `stiffness` grows in proportion to them, by
-# errors of gains and clocks.
-_DEFLECTION, _DEFLECTION_RATE = 0.004, 0.05
 _STANDS_OUT = 3.0  # standard deviations of what a foot sensor reads without load
 _GAP_S = 0.05  # longest time between two looks over which a spring is integrated
 _MAX_WINDOW_NS = 2_000_000_000  # longest window of the force balance
@@ -150,7 +145,8 @@ class Laws:
         self.noise = np.array([single, single, double, double, double])
         self.drift = np.array([row.drift**2 for row in rows])
         self._variance = robots**2
-        self._rate_variance = (_RATE * scale["Nm"]) ** 2
+        self._limits = learnt.limits
+        self._rate_variance = (learnt.limits["torque_rate"] * scale["Nm"]) ** 2
         # What an effect describes is watched for changes alone.
         if any(CATALOGUE[effect.name].springs is not Effect.springs for effect in config.effects):
             self._variance[self._spring] = 0.0
@@ -261,7 +257,7 @@ class Laws:
         (impact, impact_s), (load, load_s) = self._impulses
         if not self._impulses[:, 1].all():
             return np.nan
-        return float(max(impact - _RISING * load / load_s * impact_s, 0.0))
+        return float(max(impact - self._limits["load_rises"] * load / load_s * impact_s, 0.0))
 
     def _mean_sums(self, looks: float) -> Records:
         """`JOINT_SUMS` (nl,) over a number of looks."""
@@ -272,7 +268,8 @@ class Laws:
         s = self._mean_sums(self.looks)
         variance = np.maximum(s["deflection_2"] - s["deflection"] ** 2, 1e-16)
         rate_variance = np.maximum(s["rate_2"] - s["rate"] ** 2, 0.0)
-        growth = 1.0 + variance / _DEFLECTION**2 + rate_variance / _DEFLECTION_RATE**2
+        large, fast = self._limits["deflection"], self._limits["deflection_rate"]
+        growth = 1.0 + variance / large**2 + rate_variance / fast**2
         covariance = s["deflection_residual"] - s["spring_residual"] * s["deflection"]
         return np.asarray(covariance / np.sqrt(variance * growth))
 

@@ -22,8 +22,6 @@ _SELDOM_S = 0.0085  # [s] between samples, from which on a blow cannot be seen
 _LANDED_S = (0.02, 0.055)  # [s] after the landing: where it came down
 _SLID_S = 0.03  # [s] where it is at the end of its slide, or so long before the other foot begins to leave the ground
 _SHORTEST_SLIDE_S = 0.12  # [s] after the landing, until then the other foot has to stand
-STUMBLE, STUMBLE_SHARE = 0.002, 0.5  # [m], and share of the usual, by which a slide differs when a robot stumbles
-UNLIKE = 0.01  # [m/s], and STUMBLE_SHARE of the usual, by which a blow at landing differs from most
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ def usual_slides(recording: Recording, ticks: Integers, world: World) -> tuple[S
         mine = np.array([slide.foot == foot for slide in slides], dtype=bool)
         if not mine.any():
             continue
-        alike = _alike(whole[mine], STUMBLE)
+        alike = _alike(whole[mine], world.limits["slide_apart"], world)
         if alike.mean() > 0.5:
             usual[np.flatnonzero(mine)[alike]] = True
     return tuple(slide for slide, kept in zip(slides, usual, strict=True) if kept)
@@ -82,7 +80,7 @@ def slide_lengths(world: World, q: Array, slides: Sequence[Slide]) -> Array:
     return out
 
 
-def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
+def blows(recording: Recording, ticks: Integers, world: World) -> Array:
     """(m,) [Ns] of the blows at landing, at the tick before; NaN elsewhere.
 
     Beyond what shakes the foot as long afterwards, when it stands.
@@ -102,10 +100,11 @@ def blows(recording: Recording, ticks: Integers, mass: float) -> Array:
                 shaken += [_largest(force[window])] if recording.valid[window].all() else []
     if not shaken:
         return np.full(len(ticks), np.nan)
+    least = world.limits["blow_apart"] * world.robot.mass
     # A blow that comes after the next foot has left is not seen: most landings decide, if they are alike.
     for landings in of_foot.values():
         seen = np.array([tick for tick in landings if np.isfinite(out[tick])], dtype=np.intp)
-        if len(seen) and (alike := _alike(out[seen], UNLIKE * mass)).mean() > 0.5:
+        if len(seen) and (alike := _alike(out[seen], least, world)).mean() > 0.5:
             out[seen[~alike]] = np.nan
     return np.asarray(out - np.mean(shaken))
 
@@ -138,7 +137,7 @@ def _landings(phase: Integers, ticks: Integers) -> Iterator[tuple[Foot, int, int
             yield Foot(phase[i - 1]).other, tick, left, i, leaves
 
 
-def _alike(values: Array, least: float) -> Booleans:
+def _alike(values: Array, least: float, world: World) -> Booleans:
     """(k,) those of values (k,) that are much like their median: within `least`, or a share of it."""
     middle = float(np.median(values))
-    return np.asarray(np.abs(values - middle) < max(least, STUMBLE_SHARE * abs(middle)))
+    return np.asarray(np.abs(values - middle) < max(least, world.limits["share_apart"] * abs(middle)))

@@ -18,14 +18,11 @@ from .world import World
 TICKS = 25.0  # [Hz] at which residuals are looked at
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
-SCUFF, SCUFF_SHARE = 6.0, 0.01  # standard deviations, and share of the weight, beyond which a foot in the air touches
-TAKEN_UP = 0.0024  # [m] of lever of the weight: the torque beyond which its sign is sure
-TIPPED = 0.004  # [rad] by which a sole that is believed flat has turned, in truth
+SCUFF = 6.0  # standard deviations beyond which a foot in the air touches, if they are as much as it may be
 TIPPED_SHARE = 0.8  # of the time
 EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
-EDGE, EDGE_SHARE = 0.85, 0.5  # of half a sole, beyond which it may turn on its edge; of the time: then soles are wrong
+EDGE_SHARE = 0.5  # of the time on an edge: then soles are wrong
 BEARS = 0.05  # of the weight, on a foot of which the centre of pressure means something
-SEEN = 0.001  # [rad] of play that smoothed encoders surely show
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ def masks(recording: Recording, world: World) -> Masks:
     segment = number[ticks]
     share = np.where(phase == Phase.LEFT, 1.0, np.where(phase == Phase.RIGHT, 0.0, recording.left_share))
     share = np.clip(smooth(share[:, None])[:, 0], 0.0, 1.0)
-    blow, taken_up = blows(recording, ticks, world.robot.mass), _taken_up(recording, world)[ticks]
+    blow, taken_up = blows(recording, ticks, world), _taken_up(recording, world)[ticks]
     slides = usual_slides(recording, ticks, world)
     stride = in_stride(phase, RATE)[ticks]
     return Masks(
@@ -134,7 +131,7 @@ def not_on_edges(where: Masks, recording: Recording, world: World) -> Masks:
             wrench = wrench - np.median(wrench[where.air[foot]], axis=0)
         pressed = np.stack([-wrench[:, 4], wrench[:, 3]]) / np.maximum(wrench[:, 2], 1e-9)
         off = np.abs(pressed.T - 0.5 * np.array([x0 + x1, y0 + y1])) / (0.5 * np.array([x1 - x0, y1 - y0]))
-        edge |= (load > BEARS) & (off > EDGE).any(axis=1)
+        edge |= (load > BEARS) & (off > world.limits["sole_edge"]).any(axis=1)
     for kind in (where.double, ~where.double):
         mine = where.steady & kind
         if edge[mine].sum() > EDGE_SHARE * mine.sum():
@@ -153,7 +150,8 @@ def _scuffs(force: Array, air: Booleans, world: World) -> Booleans:
     if not air.any():
         return air
     off = np.abs(force - np.median(force[air]))
-    far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), SCUFF_SHARE * world.robot.mass * world.gravity)
+    least = world.limits["scuff"] * world.robot.mass * world.gravity
+    far = off > max(SCUFF * 1.4826 * float(np.median(off[air])), least)
     return np.asarray(np.convolve(far, np.ones(3), "same") > 0)
 
 
@@ -166,7 +164,7 @@ def with_taken_up(where: Masks, before: Recording, recording: Recording, world: 
 
 def sure_torque(world: World) -> float:
     """Beyond it, the sign of a joint's torque is sure [Nm]."""
-    return TAKEN_UP * world.robot.mass * world.gravity
+    return world.limits["torque_sure"] * world.robot.mass * world.gravity
 
 
 def _taken_up(recording: Recording, world: World) -> Array:
@@ -185,7 +183,7 @@ def _taken_up(recording: Recording, world: World) -> Array:
         smoothed = smooth(law)
         low, high = np.percentile(smoothed, (3.0, 97.0))  # about their middle: an encoder's zero says nothing of an end
         middle = 0.5 * (low + high)
-        seen = np.clip((barely_smooth(law) - middle) / max(SEEN, 0.5 * (high - low)), -1.0, 1.0)
+        seen = np.clip((barely_smooth(law) - middle) / max(world.limits["play_seen"], 0.5 * (high - low)), -1.0, 1.0)
         seen *= 1.0 - noise_share(smoothed - middle, noise[j])
         borne = barely_smooth(borne)
         loaded = np.clip(np.abs(borne) / sure - 1.0, 0.0, 1.0)
@@ -193,7 +191,7 @@ def _taken_up(recording: Recording, world: World) -> Array:
     return smooth(out)
 
 
-def on_flat_soles(where: Masks, residuals: Mapping[str, Array]) -> Masks:
+def on_flat_soles(where: Masks, residuals: Mapping[str, Array], world: World) -> Masks:
     """Without the ticks at which, by the IMU, it stood on the edge of a foot: rigid soles explain nothing there.
 
     Unless that is nearly always: then little would be left, and the robot `staggers`.
@@ -204,7 +202,7 @@ def on_flat_soles(where: Masks, residuals: Mapping[str, Array]) -> Masks:
         if tilt is not None and where.air[Foot.LEFT].any() and where.air[Foot.RIGHT].any():
             # What it usually is on this foot: an encoder of one leg may be off, or the IMU.
             left, right = (_usual(tilt[where.air[foot]]) for foot in (Foot.RIGHT, Foot.LEFT))
-            tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > TIPPED
+            tipped |= np.abs(tilt - where.share * left - (1.0 - where.share) * right) > world.limits["sole_turned"]
     tipped = np.convolve(tipped, np.ones(3), "same") > 0
     if where.steady.any() and tipped[where.steady].mean() > TIPPED_SHARE:
         return replace(where, staggers=True)

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
+from ...core.base.nominal import Nominal, load_nominal
 from ...core.base.types import Array, Foot
 from ...core.config.schema import Config
 from ...core.effects.hysteresis import FRICTION
@@ -38,6 +40,7 @@ class World:
         lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
         slip: (2,) how far the left, the right foot slides back each time after it has landed [m].
         impulse: of the ground on each landing foot beyond the load that it takes over [Ns].
+        limits: what nominal robots do, by name (`Nominal.limits`).
     """
 
     robot: Robot
@@ -65,9 +68,11 @@ class World:
     lead: float = 0.0
     slip: Array = field(default_factory=lambda: np.zeros(2))
     impulse: float = 0.0
+    limits: Mapping[str, float] = field(default_factory=lambda: load_nominal().limits)
 
     @classmethod
-    def nominal(cls, robot: Robot, config: Config) -> World:
+    def nominal(cls, robot: Robot, config: Config, nominal: Nominal | None = None) -> World:
+        """Of a robot and its configuration, among nominal robots (default: the shipped population)."""
         stiffness = np.full(len(robot.joint_names), np.nan)
         damping = stiffness.copy()
         for foot, leg in ((Foot.LEFT, config.robot.left), (Foot.RIGHT, config.robot.right)):
@@ -78,7 +83,7 @@ class World:
         slips_at, warming = none + FRICTION, none + TIME
         return cls(
             robot, model, stiffness, damping, config.robot.gravity, none, none, none, none + CREEP, none, slips_at,
-            none, warming,
+            none, warming, limits=(nominal or load_nominal()).limits,
         )  # fmt: skip
 
     @property

@@ -30,23 +30,24 @@ from .prior import prior_variance
 from .reference import Reference, reference
 from .usual import Usual
 
-FAR = 0.2  # [rad] by which no trunk leans unknown to its legs
 STEADY_S = 1.0  # [s] of standing steadily, on one or two feet, that a recording must have
 Prepared = tuple[Recording, World, Masks]
 
 
-def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
+def prepare(recording: Recording, robot: Robot, config: Config, nominal: Nominal | None = None) -> Prepared:
     """A recording with the nominal state of its robot and the masks of its residuals.
 
     Raises:
         BagError: the robot hardly ever stands steadily.
     """
-    recording, world = _with_known(recording, World.nominal(robot, config), config)
+    recording, world = _with_known(recording, World.nominal(robot, config, nominal), config)
     where = masks(recording, world)
     state = evaluate(recording, world, where)
     for axis in ("roll", "pitch"):
         tilt = state.residuals.get(f"tilt/{axis}")
-        if tilt is not None and np.isfinite(tilt).any() and (off := abs(np.nanmedian(tilt))) > FAR:
+        if tilt is None or not np.isfinite(tilt).any():
+            continue
+        if (off := abs(np.nanmedian(tilt))) > world.limits["imu_off"]:
             warning = (
                 f"the IMU's {axis} is {np.degrees(off):.0f} degrees off by the legs: another frame? It is not used"
             )
@@ -55,7 +56,7 @@ def prepare(recording: Recording, robot: Robot, config: Config) -> Prepared:
     where, quiet = not_on_edges(where, recording, world), without_noise(recording, world)
     if recording.up is not None:  # soles that are soft turn without being on their edge
         soft = world.changed(softness=softness(quiet, world, where, state))
-        where = on_flat_soles(where, evaluate(recording, soft, where, state).residuals)
+        where = on_flat_soles(where, evaluate(recording, soft, where, state).residuals, world)
     world = world.changed(softness=softness(quiet, world, where, state))
     if where.staggers:
         warning = "nearly always on the edge of a foot by the IMU: the balance of forces shows little of it"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.base.nominal import Nominal
 from ...core.config.schema import Config
 from ...core.effects.catalogue import CATALOGUE
 from ...errors import BagError, ConfigError
@@ -77,6 +78,7 @@ def check_recordings(
     config: Config,
     assumed: Sequence[tuple[str, str]],
     whole: bool = False,
+    nominal: Nominal | None = None,
 ) -> Checked:
     """Prepare the recordings; a held-out one that hardly ever stands steadily is left out.
 
@@ -84,6 +86,7 @@ def check_recordings(
         readings: of the `train_count` training bags, then of the held-out ones.
         assumed: effects by name and place that must be candidates of these recordings.
         whole: no part of a training recording is kept for choosing and confirming, as where effects are assumed.
+        nominal: what nominal robots are like; default: the shipped population.
 
     Raises:
         BagError: a training bag hardly ever stands steadily.
@@ -93,7 +96,7 @@ def check_recordings(
     paths, left_out = [], []
     for i, reading in enumerate(readings):
         try:
-            prepared.append(prepare(reading.recording, reading.robot, config))
+            prepared.append(prepare(reading.recording, reading.robot, config, nominal))
             paths.append(reading.path)
         except BagError as error:
             if i < train_count:

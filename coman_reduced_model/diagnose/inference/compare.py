@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...core.base.nominal import Nominal
 from ...core.base.types import Array
 from ...core.effects.unknown import Unknown
 from ..physics.hypotheses import Candidate, candidates
@@ -26,7 +27,6 @@ from .variability import MEMBERS, widths_of
 LEAST_SHOWN = 1.0  # nats that a whole reach of a parameter must be worth in selecting recordings, that they count
 FROM = (1.0, 0.25)  # of the reach of a shift in time, where it is looked for
 SHOWN = 0.1  # share of a prior variance that a recording takes away, from which on it shows a direction
-STRETCH = 0.1  # of a value, by which it may differ from walk to walk
 
 
 def compare(finding: Finding, cache: CaseCache, rivals: Sequence[Candidate]) -> list[Explanation]:
@@ -99,7 +99,7 @@ class _Trial:
         held = [select for _, select in evidences if select is not None]
         if not held or (self.option and not shown(held[0], self.option)):
             return _Judged(fit, fit.log, np.nan)
-        prior = trained(self.finding.known, fit, self.released)
+        prior = trained(self.finding.known, fit, self.released, self.finding.nominal)
         return _Judged(fit, fit.log, max(each.posterior(*prior).log for each in held))
 
 
@@ -163,12 +163,12 @@ def _weighed(cases: Sequence[Case], noises: Sequence[dict[str, Noise]]) -> Evide
     return pooled(weighed(case.problem, case.evidence.at, noise) for case, noise in pairs)
 
 
-def trained(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> tuple[Array, Array]:
+def trained(known: Sequence[Unknown], fit: Fit, released: Sequence[int], nominal: Nominal) -> tuple[Array, Array]:
     """Prior mean and variance (P,) on other recordings: released parameters stay about where training has them."""
     mean, variance = np.zeros(len(known)), prior_variance(known, precise=fit.precise)
     covariance = fit.covariance
     for i in released:
-        mean[i], variance[i] = fit.x[i], covariance[i, i] + (STRETCH * fit.x[i]) ** 2
+        mean[i], variance[i] = fit.x[i], covariance[i, i] + (nominal.limits["walk_to_walk"] * fit.x[i]) ** 2
     return mean, variance
 
 
@@ -178,6 +178,7 @@ def confirmation(
     held: Sequence[Case],
     option: Candidate,
     chosen: Sequence[int],
+    nominal: Nominal,
     without_it: Sequence[Case] = (),
 ) -> float:
     """Log evidence [nats] of other recordings for an effect as trained against none of it, beside the chosen ones.
@@ -191,7 +192,7 @@ def confirmation(
     evidence = evidence_of(held)
     if not shown(evidence, option):
         return float("nan")
-    mean, variance = trained(known, fit, chosen)
+    mean, variance = trained(known, fit, chosen, nominal)
     mine = [i for i in option.unknowns if not known[i].shape]  # a shape is nothing without the others
     others = [i for i in chosen if i not in mine]
     without_mean = mean.copy()

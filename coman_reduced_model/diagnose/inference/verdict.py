@@ -116,6 +116,7 @@ def _confirm(
                 confirming,
                 effect.option,
                 finding.released,
+                finding.nominal,
                 _unshifted(finding, cache, checked, nominal_cases, effect.option),
             )
             for effect in (finding.chosen if confirming else ())

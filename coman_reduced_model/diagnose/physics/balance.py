@@ -53,7 +53,6 @@ from .motion import (
     yielding_of,
 )
 
-SEEN = 0.8  # of a blow: the rest cannot be distinguished from the load that comes (on the virtual robot)
 AXES = ("x", "y", "z")
 
 
@@ -170,7 +169,7 @@ def evaluate(recording: Recording, world: World, where: Masks, before: State | N
         out |= {
             f"plan/{axis}": np.where(where.steady & ~where.double, gap[:, k], np.nan) for k, axis in enumerate("xy")
         }
-    out["landing/z"] = where.blow - SEEN * world.impulse
+    out["landing/z"] = where.blow - world.limits["blow_seen"] * world.impulse
     out["slide/x"] = np.full(len(ticks), np.nan)
     for value, slide in zip(slid, where.slides, strict=True):
         out["slide/x"][slide.tick] = value + slide.share * world.slip[FEET.index(slide.foot)]

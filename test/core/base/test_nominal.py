@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 import yaml
+from conftest import ROOT
 
 from coman_reduced_model.core.base.nominal import SECTIONS, load_nominal
 from coman_reduced_model.errors import ConfigError
+from coman_reduced_model.judge.learn import header
 
 
 def test_the_shipped_population_is_whole():
@@ -79,11 +83,21 @@ def test_widths_that_a_file_of_an_earlier_version_lacks_are_those_of_the_populat
 
 def test_noise_of_sensors_may_be_a_robots_own_and_else_is_that_of_the_population(tmp_path):
     path, population = tmp_path / "mine.yaml", load_nominal()
-    plain = population.plain() | {"floor": {"force": 2.0}, "sensors": {"count": 0.001}}
+    plain = population.plain() | {"floor": {"force": 2.0}, "sensors": {"count": 0.001}, "limits": {"scuff": 0.02}}
     path.write_text(yaml.safe_dump(plain))
     mine = load_nominal(path)
     assert mine.floor == {**population.floor, "force": 2.0} and len(mine.floor) > 1
     assert mine.sensors == {**population.sensors, "count": 0.001} and len(mine.sensors) > 1
+    assert mine.limits == {**population.limits, "scuff": 0.02} and len(mine.limits) > 1
+
+
+def test_limits_are_those_that_the_code_reads_and_are_described():
+    sources = [path.read_text() for path in (ROOT / "coman_reduced_model").rglob("*.py")]
+    read = {name for text in sources for name in re.findall(r'limits\["(\w+)"\]', text)}
+    assert read == set(load_nominal().limits) and all(value > 0.0 for value in load_nominal().limits.values())
+    comment = (ROOT / "config/nominal.yaml").read_text().partition("\nsource:")[0]
+    assert all(re.search(rf"\b{name}\b", comment) for name in read)
+    assert comment + "\n" == header()
 
 
 @pytest.mark.parametrize(

@@ -39,18 +39,21 @@ def test_a_step_that_was_mostly_stood_on_an_edge_is_left_out_unless_most_are(ste
     up = np.column_stack([np.zeros(len(t)), 0.02 * (1.0 + since) * edge, np.ones(len(t))])
     rocked = recording.changed(phase=phase, up=up, left_share=np.where(since < 0.2, 0.5, step % 2 == 0))
     where = masks(rocked, world)
-    flat = on_flat_soles(where, evaluate(rocked, world, where).residuals)
+    flat = on_flat_soles(where, evaluate(rocked, world, where).residuals, world)
     single, at = flat.steady & ~flat.double, t[flat.ticks]
     assert not single[edge[flat.ticks]].any()
     rest = single[(at > 0.74) & (at < 0.92)]
     assert not rest.any() if steps == 1 else rest.all()
     assert single[(at > 3.3) & (at < 3.8)].all() and not flat.staggers
+    # What is an edge is what the population, or the robot's own baseline, says.
+    wide = world.changed(limits={**world.limits, "sole_turned": 0.1})
+    assert on_flat_soles(where, evaluate(rocked, world, where).residuals, wide).steady.sum() == where.steady.sum()
 
 
 def test_who_is_nearly_always_on_an_edge_staggers():
     recording, world = swaying(Phase.DOUBLE), standing()[1]
     where = masks(recording, world)
-    found = on_flat_soles(where, evaluate(recording, world, where).residuals)
+    found = on_flat_soles(where, evaluate(recording, world, where).residuals, world)
     assert found.staggers and found.steady.sum() == where.steady.sum()
 
 

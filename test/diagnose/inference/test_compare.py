@@ -83,7 +83,7 @@ def test_another_recording_speaks_for_a_spring_that_is_soft_there_too_and_agains
 
     def nats(recording: Recording) -> float:
         held = examine((recording, world, masks(recording, world)), cache.known, at)
-        return confirmation(cache.known, fit, [held], option, list(option.unknowns))
+        return confirmation(cache.known, fit, [held], option, list(option.unknowns), load_nominal())
 
     assert nats(softer) > 10.0 and nats(nominal) < -10.0
     unknown = np.where(np.arange(softer.q.shape[1]) == index(joint), np.nan, softer.motor_q)

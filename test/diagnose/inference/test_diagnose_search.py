@@ -110,7 +110,7 @@ def test_the_confirming_recording_drops_what_it_denies(monkeypatch, nats, left, 
     monkeypatch.setattr(verdicts, "examine", lambda *_: "confirming")
     monkeypatch.setattr(verdicts, "settled", settled)
     monkeypatch.setattr(
-        verdicts, "confirmation", lambda known, fit, held, option, chosen, unshifted: nats[option.effect]
+        verdicts, "confirmation", lambda known, fit, held, option, chosen, nominal, unshifted: nats[option.effect]
     )
     cache, checked = SimpleNamespace(known=known, at=lambda at, which: []), SimpleNamespace(confirm=[recording])
     assert verdicts._confirm(finding, cache, checked, [recording], assumed) == against
