@@ -106,33 +106,32 @@ class _Trial:
 def _explanation(trial: _Trial, judged: _Judged, gains: tuple[float, float], ways: int) -> Explanation:
     left = leftover([*trial.train, *trial.hold], judged.fit, trial.released)
     pulled = pulls(trial.finding.known, judged.fit, trial.released)
-    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled)
+    at = trial.train[0].evidence.at
+    return Explanation(trial.option, judged.fit, float(gains[0]), float(gains[1]), ways, left, pulled, at=at)
 
 
 def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list[Case], list[Case]]:
     """Cases of training and selecting bags around the values with a rival.
 
-    Where streams are shifted in time, all derivatives are those of the shifted streams: by unshifted ones, other
-    parameters would take up what the shift does not explain.
+    Where a rival shifts streams in time, all derivatives are those of the shifted streams: by unshifted ones, other
+    parameters would take up what the shift does not explain. A shift that was found before stays where it was found,
+    with what is linear there: by derivatives along other streams a rival would find another one.
     """
     released = [*finding.released, *rival.unknowns]
     if rival.effect in CLOCKS:
         at, _, _ = settle(_nearer(finding, cache, rival), cache, released)
         return cache.at(at, "train"), cache.at(at, "hold")
-    at, train, _ = settle(finding, cache, released, 1)
+    shifts = [i for i in finding.released if finding.known[i].effect in CLOCKS]
+    at, train, _ = settle(finding, cache, released, 1, shifts)
     if np.array_equal(at, finding.at):
         return train, finding.hold
-    if cache.has(at) or _shifts(finding):
+    if cache.has(at):
         return cache.at(at, "train"), cache.at(at, "hold")
+    moved = [i for i in released if i not in shifts]
     select = [
-        examine(each, finding.known, at, case, released) for each, case in zip(cache.hold, finding.hold, strict=True)
+        examine(each, finding.known, at, case, moved) for each, case in zip(cache.hold, finding.hold, strict=True)
     ]
     return train, select
-
-
-def _shifts(finding: Finding) -> bool:
-    """Whether a shift of a stream is part of what was found before: then each rival moves it."""
-    return any(finding.known[i].effect in CLOCKS for i in finding.released)
 
 
 def _nearer(finding: Finding, cache: CaseCache, rival: Candidate) -> Finding:

@@ -10,6 +10,7 @@ from statistics import median
 import numpy as np
 
 from ...core.base.nominal import Nominal
+from ...core.base.types import Array
 from ..physics.hypotheses import Candidate
 from .evidence import Fit
 from .floor import law_of
@@ -32,6 +33,7 @@ class Explanation:
         leftover: by group of residuals [noise floors].
         pulled: by width, root mean square of the parameters that vary on nominal robots [standard deviations].
         together: of nothing more, how far all of them are pulled, see `pulled_together`.
+        at: (P,) deviations around which it is linear.
     """
 
     option: Candidate | None
@@ -42,6 +44,7 @@ class Explanation:
     leftover: Mapping[str, float]
     pulled: Mapping[str, float]
     together: float = 0.0
+    at: Array | None = None
 
     def features(self, nominal: Nominal) -> dict[str, float]:
         """By name: what decides, see decide.py."""

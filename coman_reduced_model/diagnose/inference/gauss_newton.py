@@ -31,7 +31,7 @@ SETTLED = 0.05  # of the reach, or a standard deviation where that is less, and 
 
 
 def settle(
-    finding: Finding, cache: CaseCache, released: Sequence[int], rounds: int = ROUNDS
+    finding: Finding, cache: CaseCache, released: Sequence[int], rounds: int = ROUNDS, held: Sequence[int] = ()
 ) -> tuple[Array, list[Case], Fit]:
     """Values (P,) at which the linearisation and the estimate of the released parameters agree; their cases and fit.
 
@@ -41,6 +41,9 @@ def settle(
     worse ones are kept. So is where the finding is, if what is linear there explains clearly more (`CLEARLY`) than the
     effect itself does, by new derivatives too, and is possible: a spring that softens in steps is no cubic one. Shifts
     in time are too far from linear for that.
+
+    Args:
+        held: released parameters whose linearisation stays where it is.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
@@ -53,7 +56,7 @@ def settle(
         fit.x[i] >= known[i].low and known[i].effect not in CLOCKS for i in released
     )
     for left in reversed(range(rounds)):
-        at, cases, fit = _gauss_newton(cache, released, at, cases, fit)
+        at, cases, fit = _gauss_newton(cache, released, at, cases, fit, held)
         if possible and best is None and start[2].log > fit.log + CLEARLY:
             cases = cache.at(at, "train")  # with the old derivatives it may look worse than it is
             fit = evidence_of(cases).fit(released)
@@ -70,31 +73,33 @@ def settle(
 
 
 def _gauss_newton(
-    cache: CaseCache, released: Sequence[int], at: Array, like: Sequence[Case], fit: Fit
+    cache: CaseCache, released: Sequence[int], at: Array, like: Sequence[Case], fit: Fit, held: Sequence[int] = ()
 ) -> tuple[Array, list[Case], Fit]:
     """Gauss-Newton from the values `at` (P,); the derivatives by all other parameters are those of the cases `like`.
 
     Args:
         fit: of these cases.
+        held: of the released ones, those whose values stay.
     """
     known, cases = cache.known, list(like)
-    key = at.tobytes(), like[0].evidence.at.tobytes(), *released
+    moving = [i for i in released if i not in held]
+    key = at.tobytes(), like[0].evidence.at.tobytes(), *released, *held
     if key in cache.converged:  # rivals are compared again when the best of them was refused
         at = cache.converged[key]
-        cases = cache.near(at, like, released)
+        cases = cache.near(at, like, moving)
         return at, cases, evidence_of(cases).fit(released)
     reach = np.array([unknown.reach for unknown in known])
     longest = reach.copy()
     last = np.zeros(len(known))
     for _ in range(STEPS):
-        step = _values(known, fit, released) - at
+        step = _values(known, fit, moving, at) - at
         longest[step * last < 0.0] *= 0.5
         last = np.clip(step, -longest, longest)
         at = at + last
-        cases = cache.near(at, like, released)
+        cases = cache.near(at, like, moving)
         fit = evidence_of(cases).fit(released)
         tolerance = np.minimum(SETTLED * reach, np.sqrt(np.diag(fit.covariance))) + SETTLED * np.abs(at)
-        if np.all(np.abs(_values(known, fit, released) - at) <= tolerance):
+        if np.all(np.abs(_values(known, fit, moving, at) - at) <= tolerance):
             break
     cache.converged[key] = at
     return at, cases, fit
@@ -107,9 +112,9 @@ def settled(finding: Finding, cache: CaseCache, released: Sequence[int]) -> tupl
     return at, cases, evidence_of(cases).fit(released)
 
 
-def _values(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> Array:
-    """Deviations (P,) to linearise around: those of the released parameters, not below their lower bounds."""
-    at = np.zeros(len(known))
-    for i in released:
+def _values(known: Sequence[Unknown], fit: Fit, moving: Sequence[int], at: Array) -> Array:
+    """Deviations (P,) to linearise around: `at`, with parameters that move, not below their lower bounds."""
+    at = at.copy()
+    for i in moving:
         at[i] = max(fit.x[i], known[i].low)
     return at

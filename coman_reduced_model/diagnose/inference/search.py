@@ -70,8 +70,8 @@ def search(
         names = tuple(dict.fromkeys(explanations[1 + k].option.name for k in found.group))  # type: ignore[union-attr]
         finding.chosen.append(ChosenEffect(best.option, best.gain, best.confirmed, found.named, names))
         if best.option.effect in CLOCKS:  # far from nominal, it is found only from where it was found before
-            finding.at = finding.at.copy()
-            finding.at[list(best.option.unknowns)] = best.fit.x[list(best.option.unknowns)]
+            assert best.at is not None
+            finding.at = best.at
             finding.train = cache.at(finding.at, "train")
         finding.at, finding.train, finding.fit = settled(finding, cache, finding.released)
         finding.hold = cache.at(finding.at, "hold")

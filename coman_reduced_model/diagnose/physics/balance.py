@@ -289,9 +289,11 @@ def _joints(
     if world.yielding:
         yielding = _yielded(world.yielding, world, recording, ticks, torques, smoothed)
     measured = np.zeros(len(robot.joint_names), dtype=bool) if efforts is None else smoothed.complete(efforts)
-    between = torques[:0] if measured.all() else _on_grid(torques, ticks)
+    legs = np.concatenate([robot.legs[foot] for foot in FEET])
+    asked = [j for j in legs if not measured[j]]  # of these joints, motion and ground say what their springs bear
+    between = dict(zip(asked, _on_grid(torques[:, asked], ticks).T, strict=True)) if asked else {}
     out: dict[str, Array] = {}
-    for j in np.concatenate([robot.legs[foot] for foot in FEET]):
+    for j in legs:
         name = robot.joint_names[j]
         lost = None
         if recording.tau is not None and efforts is not None and measured[j]:
@@ -299,7 +301,7 @@ def _joints(
             elastic = smoothed.stretch(world, j, efforts)[ticks]
             lost = smoothed.slipped(world, j, recording.tau)[ticks] if world.lost[j] else None
         else:
-            elastic = spring_stretch(world, j, between[:, j])[ticks - ticks[0]]
+            elastic = spring_stretch(world, j, between[j])[ticks - ticks[0]]
         borne = world.stiffness[j] * elastic
         if warmed is not None:
             elastic = elastic / np.maximum(1.0 + warmed[:, j], SOFTEST)
@@ -307,7 +309,7 @@ def _joints(
             play = where.taken_up[:, j] if where.taken_up[:, j].any() else np.tanh(borne / sure_torque(world))
             bent = elastic + 0.5 * world.play[j] * play
             if world.lost[j]:
-                bent = bent + (slipped(world, j, between[:, j])[ticks - ticks[0]] if lost is None else lost)
+                bent = bent + (slipped(world, j, between[j])[ticks - ticks[0]] if lost is None else lost)
             out[f"spring/{name}"] = stretch[:, j] - (bent if yielding is None else bent + yielding[:, j])
     return out
 

@@ -17,7 +17,7 @@ from coman_reduced_model.diagnose.data.masks import masks, part_of
 from coman_reduced_model.diagnose.data.recording import Recording
 from coman_reduced_model.diagnose.data.signals import lagged
 from coman_reduced_model.diagnose.inference import compare as comparison
-from coman_reduced_model.diagnose.inference.case import Case, examine
+from coman_reduced_model.diagnose.inference.case import Case, evidence_of, examine
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
 from coman_reduced_model.diagnose.inference.compare import _settled, compare, confirmation
 from coman_reduced_model.diagnose.inference.decide import nats_for_alarm, odds
@@ -29,7 +29,7 @@ from coman_reduced_model.diagnose.inference.explanation import (
     standing_out,
     worst_leftover,
 )
-from coman_reduced_model.diagnose.inference.finding import Finding
+from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding
 from coman_reduced_model.diagnose.inference.gauss_newton import settled
 from coman_reduced_model.diagnose.physics.hypotheses import Candidate, candidates
 
@@ -121,6 +121,17 @@ def test_a_shift_in_time_is_judged_by_derivatives_of_the_shifted_streams():
         again = examine(prepared, cache.known, case.evidence.at)
         np.testing.assert_allclose(case.problem.columns[key], again.problem.columns[key])
         assert np.abs(case.problem.columns[key] - finding.train[0].problem.columns[key]).max() > 1e-3
+    # Once it is found, other effects are compared along it: each has values of its own, the shift stays.
+    finding.at = case.evidence.at
+    finding.chosen = [ChosenEffect(late, 100.0, 100.0)]
+    finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
+    finding.fit = evidence_of(finding.train).fit(finding.released)
+    soft = next(o for o in candidates(cache.known) if o.effect == "joint_stiffness" and o.where == "LKneeSag")
+    for beside in (each for several in _settled(finding, cache, soft) for each in several):
+        assert beside.evidence.at[late.unknowns[0]] == finding.at[late.unknowns[0]]
+        np.testing.assert_allclose(
+            beside.problem.columns[key][:, late.unknowns], again.problem.columns[key][:, late.unknowns]
+        )
 
 
 def test_what_fits_better_by_all_else_is_no_evidence(monkeypatch):
