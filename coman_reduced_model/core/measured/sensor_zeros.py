@@ -41,7 +41,6 @@ WORSE = 2.0  # times as far from the weight, from which zeros do not explain the
 SHARE = 0.5  # of what the total force is off by: where feet in the air read less, no zeros are learnt
 BEARS = 0.1  # share of the weight: where both feet read less, the robot jumps or hangs
 FIRST_S, MEMORY_S, GAP_S = 0.5, 1.0, 0.05  # [s] of total force that are needed, and that count; of one sample at most
-LEARNT_S = FIRST_S + MEMORY_S  # [s] in which zeros that matter are noticed
 EVERY_NS = 20_000_000  # between measurements
 # Standard deviations, of forces in weights and of moments in weights times a metre.
 PRIOR = (1.0, 0.01)

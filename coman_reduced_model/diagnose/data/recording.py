@@ -19,7 +19,6 @@ from ...core.base.types import Array, Booleans, Foot, Integers, Phase, Sample
 from ...core.config.schema import Config
 from ...core.effects.base import Effect
 from ...core.measured.odometry import FootOdometry
-from ...core.measured.sensor_zeros import LEARNT_S
 from ...core.measured.support import SupportDetector
 from ...core.predictor import Predictor
 from ...core.robot.robot import Robot
@@ -154,10 +153,9 @@ def load(
             if not of_world(type(effect)):
                 for sample in samples:
                     effect.correct(sample)
-        computed, measured = pipeline.predictor.computed, samples
+        computed, measured, zeros = pipeline.predictor.computed, samples, np.zeros(2)
         begin, end, back = longest_run([sample.stamp_ns for sample in measured], config.streams.restart_gap)
         warnings = (*session.warnings, *_other_runs(measured[begin:end], back))
-        zeros = np.zeros((end - begin, 2))
         if computed is None:
             zeros = _zeros(samples[begin:end], pipeline.predictor)
         else:
@@ -197,17 +195,14 @@ def of_world(kind: type[Effect]) -> bool:
 
 
 def _zeros(samples: list[Sample], predictor: Predictor) -> Array:
-    """(n, 2) by sample, what both sensors read vertically without load [N], where that is so much that it hides phases.
+    """(2,) what both sensors read vertically without load [N], where that is so much that it hides the phases.
 
-    As the predictor learns it, from the past alone. Only phases are freed of it: zeros are unknowns of the diagnosis.
+    As the predictor learns it, in the end. Only phases are freed of it: zeros are unknowns of the diagnosis.
     """
-    out = np.zeros((len(samples), 2))
-    for zeros, sample in zip(out, samples, strict=True):
+    for sample in samples:
         predictor.link.update(sample.q, sample.qd)
         predictor.zeros.corrected(sample, predictor.link)
-        if predictor.zeros.active:
-            zeros[:] = [predictor.zeros.of(foot)[2] for foot in FEET]
-    return out
+    return predictor.zeros.both[[2, 8]]  # of those that explain something
 
 
 def _grid(
@@ -220,8 +215,7 @@ def _grid(
     config: Config,
     warnings: tuple[str, ...],
 ) -> Recording:
-    whole = [i for i, s in enumerate(samples) if s.left_wrench is not None and s.right_wrench is not None]
-    complete = [samples[i] for i in whole]
+    complete = [s for s in samples if s.left_wrench is not None and s.right_wrench is not None]
     if len(complete) < 10 or (complete[-1].stamp_ns - complete[0].stamp_ns) * 1e-9 < _SHORTEST:
         why = f" ({warnings[0]})" if warnings else ""
         text = f"{name}: less than {_SHORTEST:g} s of joint states with both wrenches: nothing to diagnose{why}"
@@ -248,10 +242,6 @@ def _grid(
     rows = {field: rows_of(complete, field) for field in ("left_wrench", "right_wrench", "q", "motor_q", "tau")}
     left, right, q, motor_q, tau = (None if each is None else resample(at, each, t) for each in rows.values())
     assert left is not None and right is not None and q is not None
-    zeros = zeros[whole][order]
-    if zeros.any():  # what they are is known some time after they begin to matter
-        known = at[np.argmax(zeros.any(axis=1))]
-        valid &= (t < known - LEARNT_S) | (t >= known)
     forces = np.array([[s.left_wrench[2], s.right_wrench[2]] for s in complete]) - zeros  # type: ignore[index]
     phases, shares, supports = _phases(stamps, forces, robot.mass * config.robot.gravity, config)
     later = np.searchsorted(at, t).clip(0, len(at) - 1)  # the sample at each time, or after it

@@ -155,15 +155,12 @@ def test_a_real_robot_whose_sensors_read_hundreds_of_newtons() -> None:
     phases = {}
     for name in ("zeroed", "raw"):
         with coman.Session(folder / name, config) as session:
-            made = [(p.stamp_ns, p.support.phase) for p in session.predictions() if np.isfinite(p.support.total_force)]
-            phases[name] = np.array([phase for _, phase in made])
+            phases[name] = np.array([p.support.phase for p in session.predictions()])
             zeros = session.pipeline.predictor.zeros
     assert np.mean(phases["raw"] != phases["zeroed"]) < 0.02
-    # A diagnosis has the phases of the node, without the time in which zeros are noticed.
-    recording_of, _ = load(folder / "raw", config)
-    at = 1e-9 * np.array([stamp_ns - made[0][0] for stamp_ns, _ in made])
-    same = recording_of.phase == phases["raw"][np.searchsorted(at, recording_of.t).clip(0, len(at) - 1)]
-    assert same[recording_of.valid].mean() > 0.999 and 0.3 < recording_of.t[recording_of.valid][0] < 1.5
+    # A diagnosis takes what is known in the end.
+    raw, zeroed = (load(folder / name, config)[0].phase for name in ("raw", "zeroed"))
+    assert np.mean(raw != zeroed) < 0.001
     # What the right sensor reads in the air, and what the left one, which never leaves the ground, has too little.
     np.testing.assert_allclose(zeros.of(Foot.RIGHT)[:3], [269.0, 79.0, -114.5], atol=5.0)
     assert zeros.of(Foot.LEFT)[2] == pytest.approx(-214.0, abs=10.0)
