@@ -66,7 +66,7 @@ def first_comparison(bags: Path, stored: Path, nominal: Nominal) -> list[dict[st
     """The explanations that a diagnosis of a case compares first, as plain values; kept in a file."""
     if not stored.is_file():
         try:
-            write_file(stored, json.dumps(_first_comparison(checked_case(bags), nominal)))
+            write_file(stored, json.dumps(_first_comparison(checked_case(bags, nominal), nominal)))
         except ComanError:
             return None
     found: list[dict[str, Any]] = json.loads(stored.read_text(encoding="utf-8"))
@@ -81,7 +81,7 @@ def with_baseline(
         try:
             config = load_config(bags / "robot.yaml")
             own = baseline(sorted(healthy.iterdir()), config, population=nominal).nominal
-            write_file(stored, pickle.dumps((own, _first_comparison(checked_case(bags), own))))
+            write_file(stored, pickle.dumps((own, _first_comparison(checked_case(bags, own), own))))
         except ComanError:
             return None
     found: tuple[Nominal, list[dict[str, Any]]] = pickle.loads(stored.read_bytes())
@@ -276,7 +276,7 @@ def with_leftover(
 
 def _made_with(nominal: Nominal, *more: Mapping[str, Any]) -> str:
     """Part of the names of files that depend on these figures, and on what is kept of a comparison."""
-    figures = nominal.widths, nominal.precise, nominal.trust, nominal.repeats, *more
+    figures = nominal.widths, nominal.precise, nominal.limits, nominal.trust, nominal.repeats, *more
     text = json.dumps([COMPARISON, ALL, *(dict(sorted(each.items())) for each in figures)])
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 

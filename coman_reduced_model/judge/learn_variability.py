@@ -105,7 +105,7 @@ def _beyond(known: Sequence[Unknown], usual: Mapping[str, float]) -> Array:
     ])  # fmt: skip
 
 
-def checked_case(bags: Path, whole: bool = False) -> Checked:
+def checked_case(bags: Path, nominal: Nominal, whole: bool = False) -> Checked:
     """The recordings of a case; `whole`: no recording is divided where another cannot be used.
 
     Raises:
@@ -113,14 +113,14 @@ def checked_case(bags: Path, whole: bool = False) -> Checked:
     """
     config = with_structure(load_config(bags / "robot.yaml"))
     readings = read_bags([bags / bag for bag in BAGS], config, None, None, lambda done, what: None)
-    return check_recordings(readings, 1, config, [], whole=whole)
+    return check_recordings(readings, 1, config, [], whole=whole, nominal=nominal)
 
 
 def linear_evidence(bags: Path, stored: Path, nominal: Nominal) -> tuple[list[ByLaw], dict[str, float]] | None:
     """Evidence of each recording of a clean case, linear about nominal, and its `repeats`; kept in a file."""
     if not stored.is_file():
         try:
-            checked = checked_case(bags, whole=True)
+            checked = checked_case(bags, nominal, whole=True)
         except ComanError:
             return None
         recordings = [*checked.train, *checked.select, *checked.confirm]
