@@ -39,6 +39,7 @@ def diagnosed(train: list[Path], hold: Path, out: Path) -> tuple[float, float, s
     wall, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     found = json.loads(done.stdout)
     names = ", ".join(f"{each['name']} {each['where']}".strip() for each in found["effects"])
+    names += " (minor)" if found["only_minor"] else ""
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall, names or found["verdict"]
 
 

@@ -77,7 +77,8 @@ def verdict(sensors: SensorOptions, hidden: Sequence[Disturbance], seed: int) ->
             result = diagnose(bags[:1], bags[1:], config).result
         except ComanError as error:
             return str(error).partition(": ")[2][:60]
-    return " and ".join(f"{e['name']} {e['where']}".strip() for e in result["effects"]) or str(result["verdict"])
+    names = " and ".join(f"{e['name']} {e['where']}".strip() for e in result["effects"]) or str(result["verdict"])
+    return f"{names} (minor)" if result["only_minor"] else names
 
 
 if __name__ == "__main__":

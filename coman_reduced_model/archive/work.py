@@ -202,7 +202,8 @@ class DiagnosisTask:
                 return {"status": BAD, "reason": text, "findings": [{}]}
         result = found.result
         common = {"verdict": result["verdict"], "sentence": result["sentence"]}
-        effects = [{**common, **_effect(effect)} for effect in result["effects"]]
+        named = result["effects"] if result["verdict"] == "effect" else []  # minor ones are in the sentence
+        effects = [{**common, **_effect(effect)} for effect in named]
         return {"status": OK, "reason": None, "findings": effects or [common]}
 
 

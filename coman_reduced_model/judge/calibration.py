@@ -55,7 +55,7 @@ def calibration(cases: Sequence[Case]) -> dict[str, Any]:
         "reliability": rows,
         "error": error,
         "roc": roc([1.0 - _none(case) for case in clean], [1.0 - _none(case) for case in known]),
-        "outside": dict(Counter((case["verdict"] or {}).get("verdict", "failed") for case in outside)),
+        "outside": dict(Counter(_word(case["verdict"]) for case in outside)),
         "intervals": [sum(inside), len(inside)],
         "power": power([size for case in judged if (size := size_of(case)) is not None]),
     }
@@ -183,6 +183,13 @@ def _class(name: str) -> str:
 def _clear(answer: Mapping[str, Any]) -> bool:
     """Medium or strong; of a pair both."""
     return all(level != "weak" for level in answer["levels"])
+
+
+def _word(verdict: Mapping[str, Any] | None) -> str:
+    """The verdict, `effect` wherever it names one; `failed`: there is none."""
+    if verdict is None:
+        return "failed"
+    return "effect" if names_effects(verdict) else str(verdict["verdict"])
 
 
 def _none(case: Case) -> float:

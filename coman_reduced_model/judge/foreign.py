@@ -189,7 +189,7 @@ def _true_of(kinds: Mapping[str, str], answers: Mapping[str, Mapping[str, Any]])
 
 
 def outcome(answer: Mapping[str, Any], verdict: Mapping[str, Any] | None, also_true: set[str]) -> dict[str, Any]:
-    """`right`, `miss`, `wrong` or `failed`, and what was named.
+    """`right`, `miss`, `wrong` or `failed`, and what was named, minor or not.
 
     Args:
         answer: hidden and right.

@@ -323,13 +323,14 @@ def header() -> str:
 # precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # limits: chosen by hand, not learnt.
-#     experiment: standard deviation of a parameter by an experiment that measures it [of its reach]: by a scale to 1 %,
-#     a gauge to 1 mrad, a tap to 1 ms.
+#     experiment: standard deviation of a parameter by an experiment that measures it [of its reach]: 1 mrad by a gauge,
+#     1.5 ms by a tap, 0.3 % of the weight by a scale.
 #     blow_seen: share of a blow at landing that the forces show beside the load that comes.
 #     blow_apart [m/s], slide_apart [m], share_apart [of the usual]: by which a landing is unlike most.
-#     scuff: force on a foot in the air that is the ground [weights].
+#     scuff: force from which a foot in the air touches the ground [weights].
 #     torque_sure: torque whose sign is sure [weights times m].
-#     sole_turned: tilt by the IMU with which a sole is not flat [rad]. sole_edge: beyond it, it may turn [half a sole].
+#     sole_turned: tilt by the IMU with which a sole is not flat [rad].
+#     sole_edge: how far out a foot bears that may turn [half a sole].
 #     play_seen: what smoothed encoders surely show [rad].
 #     walk_to_walk: by which a value differs between walks [of it].
 #     imu_off: tilt by the IMU that is another frame [rad].

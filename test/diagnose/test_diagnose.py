@@ -101,8 +101,8 @@ def refused(tmp_path, capsys):
 # --- verdicts ---
 
 
-def named(result: dict, name: str, where: str) -> dict:
-    assert result["verdict"] == "effect", result["sentence"]
+def named(result: dict, name: str, where: str, minor: bool = False) -> dict:
+    assert (result["verdict"], result["only_minor"]) == ("none" if minor else "effect", minor), result["sentence"]
     assert [(effect["name"], effect["where"]) for effect in result["effects"]] == [(name, where)]
     return result["effects"][0]["parameters"]
 
@@ -189,7 +189,7 @@ def test_backlash_is_found_its_joint_named_and_the_model_runs(bags, diagnose, tm
 def test_the_hidden_effect_is_named_at_its_place(case, where, channel, bags, diagnose):
     train, held = bags(case)
     result, _ = diagnose(train, "--holdout", held)
-    parameters = named(result, case, where)
+    parameters = named(result, case, where, minor=case == "foot_slip")  # for which the prediction does not care
     key, value = next((key, v) for key, v in HIDDEN[case][1].items() if key in parameters)
     assert parameters[key]["value"] == pytest.approx(value, rel=0.3)
     if channel:
@@ -272,7 +272,7 @@ def test_what_no_effect_explains_is_said(bags, diagnose):
     assert {effect["name"] for effect in result["effects"]} <= {"wrench_delay"}
     if result["verdict"] != "effect":
         assert result["too_much"]
-        assert "most of it in the" in result["sentence"] or "leaves more than on nominal robots" in result["sentence"]
+        assert "than on nominal robots" in result["sentence"] or "times as much is left" in result["sentence"]
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ class Nominal:
         most: by the same names, what physics allows at most.
         source: where the figures come from; `kinds`: by axis, the kinds of worlds (sim/worlds) that they were learnt
             on, all but those of `monitor`, which has its own.
-        limits: by name, figures that were chosen by hand, as the file says.
+        limits: by name, figures chosen by hand: what counts as sure, unlike or seen, as the file says.
         floor: by law, what the best of sensors leaves of its residuals [rad, Nm, N, m, Ns]: quieter ones do not count.
         sensors: the least noise that any sensor is taken to have: `force` in weights, `moment` in weights times the
             length of a foot, `count` of an encoder [rad], `tilt` of a direction [1], `com` of the measured COM [m].
@@ -125,6 +125,10 @@ def load_nominal(path: str | Path = "") -> Nominal:
     nominal = _read(path)  # each time: a baseline may be learnt again while a node runs
     if nominal.widths.get("external_force.reach", 0.0) > 1.0:  # in weights
         raise ConfigError(f"{path}: of an earlier version, with widths in N and Nm: learn it again (coman baseline)")
+    if unknown := set(nominal.limits) - set(population.limits):
+        raise ConfigError(
+            f"{path}: limits: {', '.join(sorted(unknown))}: unknown; known: {', '.join(population.limits)}"
+        )
     names = ("widths", "limits", "floor", "sensors", "trust", "repeats", "leftover", "most")
     both = {name: {**getattr(population, name), **getattr(nominal, name)} for name in names}
     nominal = replace(nominal, **both)
@@ -202,6 +206,15 @@ def _finite(values: Mapping[str, Any] | None) -> dict[str, float]:
     return found
 
 
+def _limits(values: Mapping[str, Any] | None) -> dict[str, float]:
+    """Numbers above 0 by name."""
+    found = _finite(values)
+    for name, value in found.items():
+        if value <= 0.0:
+            raise ValueError(f"limits: {name}: {value}, not above 0")
+    return found
+
+
 def _pairs(values: Mapping[str, Any] | None) -> dict[str, tuple[float, float]]:
     """The same of two numbers each."""
     pairs = {name: (a, b) for name, (a, b) in (values or {}).items()}
@@ -226,7 +239,7 @@ def _read(path: str | Path) -> Nominal:
             precise=_finite(document.get("precise")),
             sheets=_finite(document.get("sheets")),
             most=_finite(document.get("most")),
-            limits=_finite(document.get("limits")),
+            limits=_limits(document.get("limits")),
             floor=_finite(document.get("floor")),
             sensors=_finite(document.get("sensors")),
             source=dict(document.get("source") or {}),

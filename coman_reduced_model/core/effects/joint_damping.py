@@ -24,7 +24,7 @@ class JointDamping(Effect):
     )
     sentence: ClassVar[str] = "the damping of {at} is {scale} of nominal"
     experiment: ClassVar[str] = (
-        "all other joints held, small pushes after which the robot swings about this one (the decay of coman identify)"
+        "small pushes while only this joint gives way, as in the decay of coman identify: how fast its swing dies away"
     )
     exact: ClassVar[bool] = False
     law: ClassVar[tuple[str, str] | None] = ("spring", "torque rate")

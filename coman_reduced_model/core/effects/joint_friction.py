@@ -34,7 +34,7 @@ class JointFriction(Effect):
     sentence: ClassVar[str] = "{at} has {coulomb} of friction"
     further: ClassVar[str] = " and creeps below {creep}"
     experiment: ClassVar[str] = (
-        "the same gait at half and at twice the speed: friction does not grow with it, damping does"
+        "the joint moved slowly both ways: its torque changes sign with the motion, and does not grow with the speed"
     )
     exact: ClassVar[bool] = False
     law: ClassVar[tuple[str, str] | None] = ("torque", "speed")

@@ -33,7 +33,9 @@ class StiffnessDrift(Effect):
     sentence: ClassVar[str] = "the spring of {at} grows stiffer by {change_size} while the robot walks"
     opposite: ClassVar[str] = "the spring of {at} grows softer by {change_size} while the robot walks"
     further: ClassVar[str] = " with a time constant of {time}"
-    experiment: ClassVar[str] = "the same walk at the beginning and after some minutes, and again when all is cold"
+    experiment: ClassVar[str] = (
+        "the joint loaded to a known torque when all is cold, and again after some minutes of walking"
+    )
     exact: ClassVar[bool] = False
     law: ClassVar[tuple[str, str] | None] = ("spring", "torque")
 

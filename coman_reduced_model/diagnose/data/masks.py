@@ -18,7 +18,7 @@ from .world import World
 TICKS = 25.0  # [Hz] at which residuals are looked at
 _REACH = round(2.5 * SMOOTHING * RATE)  # [samples] that it takes from each side
 _AIR_S = 0.12  # [s] after lift-off until a foot counts as unloaded
-SCUFF = 6.0  # standard deviations beyond which a foot in the air touches, if they are as much as it may be
+SCUFF = 6.0  # standard deviations beyond which a foot in the air touches; at least the limit `scuff`
 TIPPED_SHARE = 0.8  # of the time
 EDGE_STEP = 0.5  # of a step so stood: the rest of it is no better
 EDGE_SHARE = 0.5  # of the time on an edge: then soles are wrong

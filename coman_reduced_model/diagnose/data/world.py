@@ -40,7 +40,7 @@ class World:
         lead: share of the springs' sag under the planned torques by which motors are commanded ahead.
         slip: (2,) how far the left, the right foot slides back each time after it has landed [m].
         impulse: of the ground on each landing foot beyond the load that it takes over [Ns].
-        limits: what nominal robots do, by name (`Nominal.limits`).
+        limits: figures by name (`Nominal.limits`).
     """
 
     robot: Robot
@@ -56,6 +56,7 @@ class World:
     slips_at: Array
     drift: Array
     warming: Array
+    limits: Mapping[str, float]
     slope: Array = field(default_factory=lambda: np.zeros(2))
     pull: Array = field(default_factory=lambda: np.zeros(2))
     tilting: float = 0.0
@@ -68,7 +69,6 @@ class World:
     lead: float = 0.0
     slip: Array = field(default_factory=lambda: np.zeros(2))
     impulse: float = 0.0
-    limits: Mapping[str, float] = field(default_factory=lambda: load_nominal().limits)
 
     @classmethod
     def nominal(cls, robot: Robot, config: Config, nominal: Nominal | None = None) -> World:
@@ -83,7 +83,7 @@ class World:
         slips_at, warming = none + FRICTION, none + TIME
         return cls(
             robot, model, stiffness, damping, config.robot.gravity, none, none, none, none + CREEP, none, slips_at,
-            none, warming, limits=(nominal or load_nominal()).limits,
+            none, warming, (nominal or load_nominal()).limits,
         )  # fmt: skip
 
     @property

@@ -22,7 +22,8 @@ class CaseCache:
         train, hold: recordings as `prepare` returns them; those of `hold` help to select.
         nominal: how nominal robots vary.
         known: all parameters of these recordings, P of them, with the spreads that this robot shows.
-        converged: by starting point and released parameters, the values (P,) where Gauss-Newton ended.
+        converged: by starting point, the case whose derivatives count, and released and held parameters, the values
+            (P,) where Gauss-Newton ended.
     """
 
     def __init__(

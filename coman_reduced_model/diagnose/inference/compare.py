@@ -115,7 +115,7 @@ def _settled(finding: Finding, cache: CaseCache, rival: Candidate) -> tuple[list
 
     Where a rival shifts streams in time, all derivatives are those of the shifted streams: by unshifted ones, other
     parameters would take up what the shift does not explain. A shift that was found before stays where it was found,
-    with what is linear there: by derivatives along other streams a rival would find another one.
+    unless the rival is one too: by derivatives along other streams a rival would find another one.
     """
     released = [*finding.released, *rival.unknowns]
     if rival.effect in CLOCKS:

@@ -43,7 +43,7 @@ def settle(
     in time are too far from linear for that.
 
     Args:
-        held: released parameters whose linearisation stays where it is.
+        held: released parameters that stay where they are linearised; the fit moves them yet.
     """
     known, cases = finding.known, finding.train
     at = np.zeros(len(known))  # dropped effects start at zero
@@ -79,7 +79,7 @@ def _gauss_newton(
 
     Args:
         fit: of these cases.
-        held: of the released ones, those whose values stay.
+        held: see `settle`.
     """
     known, cases = cache.known, list(like)
     moving = [i for i in released if i not in held]

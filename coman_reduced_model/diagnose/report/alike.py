@@ -41,10 +41,10 @@ def decides(each: Mapping[str, Any]) -> str:
     offers = [(one["sentence"], one["factor"]) for one in each["manoeuvres"][:_MANOEUVRES]]
     offers.append((f"{each['seconds']:.0f} s more like {best['bag']}", best["factor"]))
     text = f"To decide between {', '.join(names[:_NAMES])}{more}: "
-    text += "; or ".join(f"{offer} ({factor:.1f} nats)" for offer, factor in offers)
+    text += "; or ".join(f"{offer}: {factor:.1f} nats" for offer, factor in offers)
     text += (
-        f". In brackets: the expected log Bayes factor of {names[0]} against what is most like it, with that; without "
-        f"it is {each['factor']:.1f} nats, and {APART:g} are {'needed' if open_yet else 'enough'}."
+        f". That is the expected log Bayes factor of {names[0]} against what is most like it, once it is done; now it "
+        f"is {each['factor']:.1f} nats, and {APART:g} are {'needed' if open_yet else 'enough'}."
     )
     if not open_yet:
         text += (

@@ -42,7 +42,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     """The result of the steps before.
 
     Args:
-        config: nominal model, which the diagnosis keeps where the verdict is not `effect`.
+        config: nominal model, which the diagnosis keeps where nothing is named.
         began: time.perf_counter() at the start [s].
     """
     finding, effects, named = found.finding, predicted.effects, found.verdict == "effect"
@@ -55,10 +55,10 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     if not named:
         for effect, chosen in zip(effects, finding.chosen, strict=True):
             effect.update(in_model=False, left_out=_why_suspected(found, chosen.option.name))
-    minor = named and only_minor(effects)
     pulled_too_far = bool(finding.steps and finding.steps[0][1].pulled)
     # What was assumed was not asked for; a weight that is off, and all that is pulled, are never nothing.
-    word = "none" if minor and found.probabilities and not (found.weight.off or pulled_too_far) else found.verdict
+    minor = named and only_minor(effects) and bool(found.probabilities)
+    minor = minor and not (found.weight.off or pulled_too_far)
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
     if not held:
@@ -68,7 +68,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         not_checked.append("the COM was predicted over less than two steps: an effect may make it worse")
     result = {
         "schema_version": SCHEMA_VERSION,
-        "verdict": word,
+        "verdict": "none" if minor else found.verdict,
         "effects": effects if named else [],
         "suspected": [] if named else effects,
         "only_minor": minor,
@@ -144,8 +144,8 @@ def explained(finding: Finding, chosen: ChosenEffect, entry: Mapping[str, Any]) 
 
 
 def only_minor(effects: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether there are effects, and none of them explains a share that matters."""
-    return bool(effects) and all(each["minor"] for each in effects)
+    """Whether no effect matters to the prediction; one that the model would have but for its errors may well do."""
+    return bool(effects) and all(each["minor"] and each["left_out"] in ("", MEASURED) for each in effects)
 
 
 def could_be(

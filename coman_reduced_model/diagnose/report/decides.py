@@ -72,8 +72,8 @@ def _group(
         return {"group": group}
     members = [option for option in options if _place_name(option) in group]
 
-    def least(more: Array | None = None) -> float:
-        return rivals(Expectation(evidence, more), members, first, values)[0][1]
+    def least(more: Array | None = None, of: Sequence[Candidate] = members) -> float:
+        return rivals(Expectation(evidence, more), of, first, values)[0][1]
 
     recordings: dict[int, list[Case]] = {}
     for case in cases:
@@ -83,7 +83,10 @@ def _group(
     experiments = manoeuvres(group)
     for each in experiments:
         mine = [option for option in members if _place_name(option) in each["effects"]]
-        each["factor"] = least(shown_by(mine, evidence.unknowns, again[0][2], nominal))
+        more = shown_by(mine, evidence.unknowns, again[0][2], nominal)
+        # What measures others says something of these alone.
+        itself = [option for option in members if _place_name(option) == group[0]]
+        each["factor"] = least(more, members if group[0] in each["effects"] else [*itself, *mine])
     return {
         "group": group,
         "manoeuvres": sorted(experiments, key=lambda each: -each["factor"]),

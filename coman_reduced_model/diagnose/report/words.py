@@ -100,7 +100,11 @@ def _verdict(result: Mapping[str, Any]) -> str:
     text = "; ".join(effect_sentence(effect, result["only_minor"]) for effect in result["effects"])
     if not result["probabilities"]:  # nothing was compared
         text = f"assumed: {text}" + (f"; the confirming recording speaks against {denied}" if denied else "")
-    return f"no effect that matters to the prediction was found; minor: {text}" if result["only_minor"] else text
+    if result["only_minor"]:
+        text = f"no effect that matters to the prediction was found; minor: {text}"
+        text += f"; the confirming recording speaks against {denied}" if denied else ""
+        text += f"; but {most}, unexplained" if most else ""
+    return text
 
 
 def meaning(result: Mapping[str, Any]) -> str:

@@ -123,6 +123,8 @@ def test_limits_are_those_that_the_code_reads_and_are_described():
         ("widths: {a.spread: 1.0}\nparameters: {mass@root_joint: [0.1]}", "a value of a wrong kind"),
         ("widths: {a.spread: 1.0}\nleftover: {force/x: [1.0, .nan]}", "force/x: nan"),
         ("widths: {a.spread: 1.0}\nsource: [1]", "a value of a wrong kind"),
+        ("widths: {a.spread: 1.0}\nlimits: {scuff: 0.0}", "limits: scuff: 0.0"),
+        ("widths: {a.spread: 1.0}\nlimits: {scuf: 0.1}", "limits: scuf: unknown; known: experiment"),
         ("widths: {", "is not YAML"),
     ],
 )

@@ -63,7 +63,7 @@ def test_a_group_has_its_manoeuvres_and_what_more_of_each_recording_adds():
 def test_what_the_recordings_would_distinguish_is_not_said_to_need_more_of_them():
     (found,) = with_group(diagnosis(), GROUP)
     few, many = (said({**found, "factor": factor}) for factor in (2.9, 3.1))
-    assert "; without it is 2.9 nats, and 3 are needed." in few and "several effects" not in few
+    assert "; now it is 2.9 nats, and 3 are needed." in few and "several effects" not in few
     assert "3.1 nats, and 3 are enough" in many and "if backlash of LKneeSag alone were there" in many
 
 
