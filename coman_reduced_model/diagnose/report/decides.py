@@ -78,14 +78,14 @@ def _group(
     recordings: dict[int, list[Case]] = {}
     for case in cases:
         recordings.setdefault(id(case.recording), []).append(case)
-    another = {id(parts): (parts[0].recording.name, like(parts, evidence.unknowns)) for parts in recordings.values()}
-    again = sorted(((name, least(more), more) for name, more in another.values()), key=lambda each: -each[1])
+    another = [(parts[0].recording.name, like(parts, evidence.unknowns)) for parts in recordings.values()]
+    again = sorted(((name, least(more), more) for name, more in another), key=lambda each: -each[1])
+    itself = [option for option in members if _place_name(option) == group[0]]
     experiments = manoeuvres(group)
     for each in experiments:
         mine = [option for option in members if _place_name(option) in each["effects"]]
         more = shown_by(mine, evidence.unknowns, again[0][2], nominal)
         # What measures others says something of these alone.
-        itself = [option for option in members if _place_name(option) == group[0]]
         each["factor"] = least(more, members if group[0] in each["effects"] else [*itself, *mine])
     return {
         "group": group,

@@ -60,6 +60,20 @@ def test_a_group_has_its_manoeuvres_and_what_more_of_each_recording_adds():
     assert "backlash of LKneeSag, joint stiffness of RKneeSag" in text and "20 s more like" in text
 
 
+def test_what_measures_another_effect_is_worth_what_it_says_of_that_one():
+    def gains(*names: str) -> dict[str, float]:
+        (found,) = with_group(diagnosis(), names)
+        return {name: each["factor"] for each in found["manoeuvres"] for name in each["effects"]}
+
+    three, stiffness, encoder = (
+        gains(*GROUP, "encoder_bias@LKneeSag"),
+        gains(*GROUP),
+        gains(GROUP[0], "encoder_bias@LKneeSag"),
+    )
+    assert three[GROUP[1]] == pytest.approx(stiffness[GROUP[1]]) != pytest.approx(encoder["encoder_bias@LKneeSag"])
+    assert three["encoder_bias@LKneeSag"] == pytest.approx(encoder["encoder_bias@LKneeSag"])
+
+
 def test_what_the_recordings_would_distinguish_is_not_said_to_need_more_of_them():
     (found,) = with_group(diagnosis(), GROUP)
     few, many = (said({**found, "factor": factor}) for factor in (2.9, 3.1))
