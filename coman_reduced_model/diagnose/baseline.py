@@ -2,8 +2,8 @@
 """`coman baseline`: what is usual for one robot, by recordings of it when nothing was wrong.
 
 The record of the population is the prior; what the recordings say of each parameter, and how much it varies from one
-to the next, replaces it. Of what has a limit (`most` in nominal.yaml: masses, stiffness, zeros, gains), what is beyond
-it stays out, and is reported: a baseline must not hide that a robot weighs more than its URDF.
+to the next, replaces it. Of what has a limit (`most` in nominal.yaml: masses, stiffness, gains, zeros of encoders and
+torques), what is beyond it stays out, and is reported: a baseline must not hide that a robot weighs more than its URDF.
 """
 
 from __future__ import annotations
