@@ -56,7 +56,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
         for effect, chosen in zip(effects, finding.chosen, strict=True):
             effect.update(in_model=False, left_out=_why_suspected(found, chosen.option.name))
     pulled_too_far = bool(finding.steps and finding.steps[0][1].pulled)
-    # What was assumed was not asked for; a weight that is off, and all that is pulled beside the effects, are much.
+    # What was assumed was not asked for; a weight that is off, and what is still pulled too far, are never nothing.
     minor = named and only_minor(effects) and bool(found.probabilities)
     minor = minor and not (found.weight.off or finding.steps[-1][1].pulled)
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
