@@ -80,13 +80,15 @@ def _verdict(result: Mapping[str, Any]) -> str:
     most = most or (f"more is left in the {worst}, than on nominal robots" if worst else "")
     likely = _likely(result["probabilities"])
     denied = " and ".join(spaced(name) for name in result["contradicted"])
+    against = f"; the confirming recording speaks against {denied}" if denied else ""
+    unexplained = f"; but {most}, unexplained" if most else ""
     if result["verdict"] == "none" and not result["only_minor"]:
         text = "nothing is missing that this data could show"
         if doubtful(result):
             text = "no alarm, as some nominal robots look like this too; but perhaps something is missing"
             text += f": {likely}" if likely else ""
-            text += f"; the confirming recording speaks against {denied}" if denied else ""
-        return f"{text}; but {most}, unexplained" if most else text
+            text += against
+        return text + unexplained
     if result["verdict"] == "not_excited":
         return "nothing was found, but this recording only stands: most effects could not show"
     if result["verdict"] == "unknown":
@@ -99,11 +101,9 @@ def _verdict(result: Mapping[str, Any]) -> str:
         return "something is missing that no effect of the catalogue explains" + (f": {most}" if most else "")
     text = "; ".join(effect_sentence(effect, result["only_minor"]) for effect in result["effects"])
     if not result["probabilities"]:  # nothing was compared
-        text = f"assumed: {text}" + (f"; the confirming recording speaks against {denied}" if denied else "")
+        text = f"assumed: {text}{against}"
     if result["only_minor"]:
-        text = f"no effect that matters to the prediction was found; minor: {text}"
-        text += f"; the confirming recording speaks against {denied}" if denied else ""
-        text += f"; but {most}, unexplained" if most else ""
+        text = f"no effect that matters to the prediction was found; minor: {text}{against}{unexplained}"
     return text
 
 
