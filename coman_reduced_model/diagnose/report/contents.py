@@ -26,6 +26,7 @@ from ..inference.isolability import Expectation, isolability, shows, taken_for
 from ..inference.predicted_com import Errors, rms
 from ..inference.prediction import Predicted
 from ..inference.search import smallest, total
+from ..inference.variability import widths_of, with_own
 from ..inference.verdict import Found, apart, too_much
 from ..physics.hypotheses import Candidate, candidates
 from ..result import MODEL_FILE, Diagnosis
@@ -167,9 +168,18 @@ def groups(evidence: Evidence, options: Sequence[Candidate]) -> list[list[str]]:
 
 
 def pulled(finding: Finding) -> dict[str, float]:
-    """By kind of parameter, how far what varies on nominal robots is from nominal [standard deviations]."""
+    """By kind of parameter, how far what varies on nominal robots is from nominal [standard deviations].
+
+    Of what each recording has of its own (zeros of foot sensors), that of the recording which is furthest off.
+    """
     assert finding.fit is not None
-    found = pulls(finding.known, finding.fit, finding.released)
+    known = finding.known
+    found = pulls(known, finding.fit, finding.released)
+    of_each = with_own([case.evidence for case in finding.cases], finding.fit)
+    each_pulls = [pulls(known, fit, finding.released) for fit in of_each]
+    for name, members in widths_of(known).items():
+        if name in found and all(known[i].own for i in members):
+            found[name] = max(pulls_of[name] for pulls_of in each_pulls)
     rows = {name.removesuffix(".spread"): round(value, 2) for name, value in found.items() if value > 1.0}
     return dict(sorted(rows.items(), key=lambda item: -item[1]))
 

@@ -25,6 +25,7 @@ from coman_reduced_model.diagnose.inference.effects import effect_entries, far_f
 from coman_reduced_model.diagnose.inference.explanation import Odds
 from coman_reduced_model.diagnose.inference.finding import ChosenEffect, Finding, judged, size
 from coman_reduced_model.diagnose.physics.hypotheses import candidates, unknowns
+from coman_reduced_model.diagnose.report.contents import pulled
 from coman_reduced_model.diagnose.report.words import effect_sentence
 
 
@@ -166,6 +167,21 @@ def test_what_is_far_from_nominal_beside_the_effects_is_listed():
     option = next(each for each in candidates(known) if each.unknowns == (soft,))
     finding.chosen = [ChosenEffect(option, 9.0, 9.0)]
     assert [row["name"] for row in far_from_nominal(finding)] == ["encoder_bias"]
+
+
+@pytest.mark.slow
+def test_zeros_of_one_recording_are_among_what_is_pulled(newton_metres=5.0):
+    recording, world = standing()
+    wrench = {foot: each + newton_metres * (np.arange(6) == 4) for foot, each in recording.wrench.items()}
+    off = recording.changed(name="off", wrench=wrench)
+    made = [(each, world, masks(each, world)) for each in (recording, off)]
+    cache = CaseCache(made[:1], made[1:], EXACT_TORQUES)
+    finding = Finding(cache.known, np.zeros(len(cache.known)))
+    finding.train, finding.hold = cache.at(finding.at, "train"), cache.at(finding.at, "hold")
+    finding.fit = finding.train[0].evidence.fit()
+    assert "zero_ty" in pulled(finding)
+    finding.hold = finding.train
+    assert "zero_ty" not in pulled(finding)
 
 
 def test_rivals_that_are_compared_again_converge_to_the_same_values(monkeypatch):
