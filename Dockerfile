@@ -10,7 +10,7 @@ RUN apt-get update \
     && apt-get install --yes --no-install-recommends python3-pip \
     && rosdep update --rosdistro jazzy \
     && rosdep install --from-paths . msg_defs --ignore-src --rosdistro jazzy -y \
-    && pip install --no-cache-dir "typer>=0.12.5" rich \
+    && pip install --no-cache-dir --ignore-installed "typer>=0.12.5" rich \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /workspace
 RUN . /opt/ros/jazzy/setup.sh \

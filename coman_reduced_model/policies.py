@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from .core.base.stream_names import REFERENCE
-from .topics import DESCRIPTION, INPUT_TOPICS, OUTPUT_TYPES, PLANNED_DEFLECTION, TF_STATIC
+from .topics import DESCRIPTION, INPUT_TOPICS, OF_PREDICTOR, PLANNED_DEFLECTION
 
 _PARAMETERS = (
     "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters", "set_parameters",
@@ -34,13 +34,12 @@ def policies() -> tuple[Policy, ...]:
     """Of the three nodes, from the table of topics."""
     sensors = tuple(topic for topic in INPUT_TOPICS.values() if topic != INPUT_TOPICS[REFERENCE])
     plan = INPUT_TOPICS[REFERENCE]
-    outputs = tuple(topic for topic in OUTPUT_TYPES if topic not in (DESCRIPTION, TF_STATIC))
     common = tuple(f"~/{name}" for name in _PARAMETERS)
     return (
         Policy(
             "predictor",
             (*sensors, plan, DESCRIPTION),
-            (*outputs, PLANNED_DEFLECTION, "com/markers"),
+            OF_PREDICTOR,
             ("~/reset", *common),
         ),
         Policy("trajectory", (), (plan, f"{plan}_path"), ("~/start", "~/stop", "~/reset", *common)),

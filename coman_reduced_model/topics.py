@@ -41,6 +41,10 @@ OUTPUT_TYPES = {
     TF_STATIC: TRANSFORMS,
     DESCRIPTION: STRING,
 }
+# What the predictor publishes: played from a bag beside a predictor, nobody can tell which is which.
+OF_PREDICTOR = (
+    *(topic for topic in OUTPUT_TYPES if topic not in (DESCRIPTION, TF_STATIC)), PLANNED_DEFLECTION, "com/markers",
+)  # fmt: skip
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 

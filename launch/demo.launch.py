@@ -7,22 +7,25 @@ from launch.actions import OpaqueFunction
 from coman_reduced_model.resources import config_path
 from coman_reduced_model.ros.runtime.launching import (
     TOPICS,
+    clock,
     declare,
     find_files,
     include,
     node,
     remappings,
     rviz,
-    switch,
 )
+from coman_reduced_model.topics import DESCRIPTION
 
 SHARED = ("config", "namespace", "remap", "log_level")
 
 
 def virtual_robot(context):
-    links = rviz(context, urdf=config_path("coman.urdf").read_text())  # of the robot of all worlds but other bodies
-    clock = {"use_sim_time": switch("use_sim_time")}
-    return [node("virtual_robot", clock, remap=remappings(context, *TOPICS)), *links]
+    moved = remappings(context, *TOPICS)
+    # Links of the robot of all worlds but other bodies; the predictor takes the description that the robot publishes.
+    own = [*moved, (DESCRIPTION, f"~/{DESCRIPTION}")]
+    links = rviz(context, own, urdf=config_path("coman.urdf").read_text())
+    return [node("virtual_robot", *clock(context), remap=moved), *links]
 
 
 def generate_launch_description():

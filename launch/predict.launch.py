@@ -5,11 +5,11 @@ from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from coman_reduced_model.ros.runtime.launching import TOPICS, declare, find_files, node, remappings, rviz, switch
+from coman_reduced_model.ros.runtime.launching import TOPICS, clock, declare, find_files, node, remappings, rviz
 
 
 def predictor(context):
-    parameters = [{"use_sim_time": switch("use_sim_time")}]
+    parameters = clock(context)
     urdf = LaunchConfiguration("urdf").perform(context)
     if urdf:  # an empty text would hide what the configuration names
         parameters.append({"robot.urdf": urdf})

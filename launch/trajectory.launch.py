@@ -5,11 +5,11 @@ from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from coman_reduced_model.ros.runtime.launching import declare, find_files, node, remappings, switch
+from coman_reduced_model.ros.runtime.launching import clock, declare, find_files, node, remappings, switch
 
 
 def trajectory(context):
-    parameters = [{"use_sim_time": switch("use_sim_time")}]
+    parameters = clock(context)
     gait = LaunchConfiguration("gait").perform(context)
     if gait:  # an empty text would hide what the configuration names
         parameters.append({"gait.name": gait})

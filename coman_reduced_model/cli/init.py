@@ -59,7 +59,7 @@ def init(
     from ..core.robot.discover import find_legs
     from ..core.robot.robot import Robot
     from ..output import check_file, write_file
-    from ..topics import TopicNames
+    from ..topics import DESCRIPTION, TopicNames
 
     check_file(out, force)
     if urdf is None and bag is None:
@@ -75,6 +75,8 @@ def init(
     config = config_from_flat(draft.values, source, out.parent)
     Robot(text, config.robot, source)
     remaps = [f"--remap {each}" for each in found.remaps] if found else []
+    if urdf is None and (described := names(DESCRIPTION)) != f"/{DESCRIPTION}":
+        remaps.append(f"--remap {DESCRIPTION}:={described}")
     write_file(out, _yaml(draft, source, bag, remaps))
     warn([*legs.notes, *draft.notes])
     result = {"config": str(out), "mass_kg": robot.mass, **draft.values, "guesses": draft.guesses, "remaps": remaps}

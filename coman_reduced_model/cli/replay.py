@@ -44,7 +44,7 @@ def replay(
 
     Its messages stay on this machine unless you set `ROS_AUTOMATIC_DISCOVERY_RANGE`.
     """
-    from ..topics import TopicNames
+    from ..topics import PREDICTION, TopicNames
 
     TopicNames(namespace, remap or ())  # says what is wrong with a name better than rcl does
     # Nobody who replays a bag at a desk means to drive a robot on the network.
@@ -62,9 +62,11 @@ def replay(
     rclpy.init(args=["--ros-args", *arguments] if arguments else [], signal_handler_options=SignalHandlerOptions.NO)
     node = player = None
     try:
-        node = rclpy.create_node("replay", namespace=namespace or None)
+        node = rclpy.create_node("replay", namespace=namespace.strip("/") or None)
         player = Replay(node, bag, tuple(topic.lstrip("/") for topic in exclude or ()))
         warn([*player.bag.warnings, *(f"{topic}: not played: {why}" for topic, why in player.progress.skipped.items())])
+        if player.has(PREDICTION):
+            warn([f"plays {PREDICTION} as recorded, beside that of any predictor that runs (--exclude {PREDICTION})"])
         time.sleep(wait)
         awaited = [topic.lstrip("/") for topic in listener or ()]
         warn([f"--await {each}: the bag has no such topic: not waited for" for each in awaited if not player.has(each)])

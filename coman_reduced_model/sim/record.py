@@ -214,9 +214,9 @@ class _Destination:
 
     def __init__(self, out: str | Path, force: bool) -> None:
         self.bag = Path(out)
-        self.truth = self.bag.with_name(f"{self.bag.name}.truth.npz")
         if not self.bag.name:
             raise OutputError(f"{out}: no name for a bag")
+        self.truth = self.bag.with_name(f"{self.bag.name}.truth.npz")
         check_file(self.truth, force)
         self._folder = OutputFolder(self.bag, force)
         self._partial = self.truth.with_name(f".part.{self.truth.name}")

@@ -72,6 +72,16 @@ def test_topics_that_are_named_are_taken(tmp_path, urdf, capsys):
     assert json.loads(capsys.readouterr().out)["topics"]["joint_states"] == "/walker/motor_states"
 
 
+def test_a_description_in_a_namespace_is_among_what_is_said(tmp_path, capsys):
+    bag = write_bag(tmp_path / "bag", walk(2.0), namespace="/walker")
+    out = tmp_path / "robot.yaml"
+    assert run(["init", "--bag", str(bag), "--namespace", "walker", "--out", str(out), "--json"]) == 0
+    arguments = [word for remap in json.loads(capsys.readouterr().out)["remaps"] for word in remap.split()]
+    assert "robot_description:=/walker/robot_description" in arguments
+    assert "robot_description:=/walker/robot_description" in out.read_text()
+    assert run(["check", str(bag), "--config", str(out), *arguments]) == 0
+
+
 @pytest.mark.slow
 def test_a_real_robot(tmp_path, capsys):
     """An iCub: other names, wrenches in the frames of its feet, no shapes but meshes that are not there."""

@@ -6,9 +6,11 @@ from __future__ import annotations
 import ast
 import importlib.util
 import re
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from synthetic import walk, write_bag
 
 FILES = sorted((ROOT / "launch").glob("*.py"))
 SHIPPED = str(ROOT / "config/coman.yaml")
@@ -89,11 +91,25 @@ def test_use_sim_time_may_be_written_as_python_does(launching, context, file, fu
     module, _ = description(ROOT / f"launch/{file}.launch.py")
     (node,) = getattr(module, function)(context)
     (declared,) = launching.declare("use_sim_time")
-    assert {"true", "True", "false", "False"} == set(declared.choices)
+    assert {"", "true", "True", "false", "False"} == set(declared.choices)
     assert launching.switch("use_sim_time").evaluate(context) is True and node.node_package == "coman_reduced_model"
+    assert len(launching.clock(context)) == 1
+    context.launch_configurations["use_sim_time"] = ""  # what the configuration says counts
+    assert launching.clock(context) == []
 
 
-def test_rviz_comes_with_our_layout_and_the_links_of_the_bag(launching, context):
+def test_a_bag_is_played_without_what_a_predictor_said(launching, context):
+    from launch.utilities import perform_substitutions
+
+    context.launch_configurations.update({"bag": "~/walk1", "rate": "1.0", "joint_states": "/arm/joint_states"})
+    (played,) = description(ROOT / "launch/replay.launch.py")[0].player(context)
+    words = [perform_substitutions(context, [*each]) for each in played.cmd[1:]]
+    assert str(Path("~/walk1").expanduser()) in words and "/arm/joint_states" in words
+    left_out = {words[i + 1] for i, word in enumerate(words) if word == "--exclude"}
+    assert {"com/prediction", "tf"} <= left_out and not left_out & {"joint_states", "tf_static", "robot_description"}
+
+
+def test_rviz_comes_with_our_layout_and_the_links_of_the_bag(launching, context, tmp_path):
     predictor = description(ROOT / "launch/predict.launch.py")[0].predictor
     robot_state = description(ROOT / "launch/replay.launch.py")[0].robot_state
     context.launch_configurations["bag"] = str(ROOT / "bags/stand")
@@ -101,3 +117,19 @@ def test_rviz_comes_with_our_layout_and_the_links_of_the_bag(launching, context)
     context.launch_configurations["rviz"] = "True"
     assert [node.node_package for node in predictor(context)] == ["coman_reduced_model", "rviz2"]
     assert [node.node_package for node in robot_state(context)] == ["robot_state_publisher"]
+    # A bag may have no description, or one of another name.
+    context.launch_configurations.update({"bag": "no_such_bag", "config": str(tmp_path / "mine.yaml")})
+    (tmp_path / "coman.urdf").write_bytes((ROOT / "config/coman.urdf").read_bytes())
+    (tmp_path / "mine.yaml").write_text("/**:\n  ros__parameters:\n    robot.urdf: coman.urdf\n")
+    assert [node.node_package for node in robot_state(context)] == ["robot_state_publisher"]
+    bag = write_bag(tmp_path / "bag", walk(0.2), namespace="/walker")
+    context.launch_configurations.update({"bag": str(bag), "config": SHIPPED})
+    context.launch_configurations["remap"] = "robot_description:=/walker/robot_description"
+    assert [node.node_package for node in robot_state(context)] == ["robot_state_publisher"]
+
+
+def test_the_robot_of_a_demonstration_describes_itself(launching, context):
+    """Links for RViz alone must not tell the predictor of another robot."""
+    context.launch_configurations.update({"rviz": "true", "joint_states": "/arm/joint_states"})
+    robot, links = description(ROOT / "launch/demo.launch.py")[0].virtual_robot(context)
+    assert (robot.node_package, links.node_package) == ("coman_reduced_model", "robot_state_publisher")

@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,9 @@ from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
 from coman_reduced_model.core.base.stream_names import IMU, JOINTS, REFERENCE
-from coman_reduced_model.messages import prediction_from, reference_from, stamp_of
+from coman_reduced_model.core.config.schema import Config
+from coman_reduced_model.core.gait.walk import Walk
+from coman_reduced_model.messages import prediction_from, reference_from, reference_to, ros_types, stamp_of
 from coman_reduced_model.ros.interface import qos
 from coman_reduced_model.ros.interface.diagnostic_report import IN_TIME
 from coman_reduced_model.ros.tools.paced_clock import PacedClock
@@ -157,3 +160,22 @@ def test_the_virtual_robot_takes_a_world(start, peer, tmp_path):
         (tmp_path / "tall.yaml").write_text("robot: tall\n")
         bad = start.node("virtual_robot", virtual_robot__world=str(tmp_path / text) if "." in text else text)
         assert bad.wait() == 2 and words in bad.output and "Traceback" not in bad.output
+
+
+def test_the_virtual_robot_stays_where_it_is_if_a_plan_is_out_of_its_reach(start, peer):
+    """Such as one of a larger robot; a plan that it can follow is followed after that."""
+    robot = start.node("virtual_robot", output__diagnostics_rate=5.0)
+    robot.wait_for("ready: coman")
+    plan = peer.publisher(ComReference, REFERENCE, qos.sensor_output())
+    near = Walk(Config()).reference(0)
+    far = replace(near, com=near.com + [0.0, 0.0, 0.4])
+
+    def told(reference):
+        stamp = int(peer.node.get_clock().now().nanoseconds)
+        plan.publish(reference_to(ros_types(), replace(reference, stamp_ns=stamp)))
+        peer.spin(0.05)
+        return peer.statuses.get("virtual_robot: simulation", (0, "", {"references refused": "0"}))
+
+    peer.wait(lambda: int(told(far)[2]["references refused"]) > 2, "it is refused, again and again")
+    peer.wait(lambda: "follows" in told(near)[1], "the robot follows")
+    assert robot.stop() == 0 and "Traceback" not in robot.output

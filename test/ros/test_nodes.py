@@ -84,6 +84,7 @@ BAD_CONFIGURATIONS = {
     "wrong choice": "model.stiffness: fulll",
     "inconsistent": "support.contact_off: 0.8",
     "unknown effect": "effects.active: [magic]",
+    "quality of service": "qos_overrides./joint_states.subscription.reliability: reliabel",
 }
 
 
@@ -105,6 +106,8 @@ def test_bad_configuration_is_refused_as_on_the_command_line(start, ros_domain, 
         ("trajectory", "gait.name:=moonwalk", "moonwalk"),
         ("predictor", "robot.urdf:=/nowhere/robot.urdf", "/nowhere/robot.urdf"),
         ("trajectory", "virtual_robot.rate:=7.0", "virtual_robot.rate"),
+        ("predictor", "qos_overrides./joint_states.subscription.reliability:=best-effort", "best_effort"),
+        ("predictor", "qos_overrides./joint_states.subscription.depth:=true", "a whole number"),
     ],
 )
 def test_bad_parameter_is_refused_in_one_line(start, ros_domain, executable, parameter, wanted):

@@ -17,10 +17,13 @@ from synthetic import T0, walk, write_bag
 
 from coman_reduced_model.bag.reader import Bag
 from coman_reduced_model.bag.session import Session
+from coman_reduced_model.bag.types import bag_types
+from coman_reduced_model.bag.writer import BagWriter
 from coman_reduced_model.core.config.schema import Config
-from coman_reduced_model.messages import prediction_to, ros_types
+from coman_reduced_model.messages import STRING, prediction_to, ros_types
 from coman_reduced_model.ros.interface import qos
 from coman_reduced_model.ros.tools.replay import Replay
+from coman_reduced_model.topics import TF_STATIC
 
 ENCODER = {"spring/LKneeSag", "feet/pitch"}  # channels that an encoder of the left knee is in
 
@@ -100,6 +103,21 @@ def test_replay_keeps_time_and_order_and_latches_the_description(peer, recorded_
     steps = np.diff(clocks)
     assert np.median(steps) == pytest.approx(0.005, abs=1e-6) and (steps < 0.0).sum() == 1
     assert progress.messages == 2 * progress.total and not peer.node.count_subscribers("com/reference")
+    replay.close()
+
+
+def test_all_static_transforms_are_latched_and_names_that_ros_does_not_have_are_left_out(peer, tmp_path):
+    """Each node that publishes them has sent its own message. Texts here, as not each ROS has the type."""
+    types, camera = bag_types(), "/camera-1/name"
+    with BagWriter(tmp_path / "bag", {TF_STATIC: STRING, camera: STRING}, (TF_STATIC,)) as bag:
+        for i, link in enumerate(("camera", "lidar")):
+            bag.write(TF_STATIC, T0 + i, types.String(data=link))
+        bag.write(camera, T0 + 2, types.String(data="front"))
+    replay, links = Replay(peer.node, tmp_path / "bag"), []
+    assert list(replay.progress.skipped) == [camera]
+    peer.node.create_subscription(peer.types.String, "tf_static", lambda m: links.append(m.data), qos.latched(100))
+    peer.wait(lambda: len(links) == 2, "both transforms")
+    assert sorted(links) == ["camera", "lidar"]
     replay.close()
 
 

@@ -16,6 +16,11 @@ from ...resources import config_path
 from .schema import FILES, Config, config_from_flat, parameter_table
 
 NODES = ("predictor", "trajectory", "virtual_robot")
+QOS = {  # what ROS 2 allows, by policy
+    "reliability": ("reliable", "best_effort", "system_default", "best_available"),
+    "durability": ("volatile", "transient_local", "system_default", "best_available"),
+    "history": ("keep_last", "keep_all", "system_default"),
+}
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -83,8 +88,11 @@ def read_sections(path: Path, node: str) -> tuple[dict[str, Any], dict[str, Any]
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: {section}: wanted 'ros__parameters:' below a node's name or '/**'")
         flat = _flat_yaml(body["ros__parameters"])
-        flat = {key: value for key, value in flat.items() if key != "robot_description" and not is_ros_own(key)}
         name = str(section).rsplit("/", 1)[-1]
+        if name in ("**", "*", *NODES):
+            for key, value in flat.items():
+                check_qos(f"{path}: {key}", value)
+        flat = {key: value for key, value in flat.items() if key != "robot_description" and not is_ros_own(key)}
         if name in ("**", "*", node):
             if (namespace := str(section).rpartition("/")[0].strip("/")) and "*" not in namespace:
                 namespaces[namespace] = str(section)
@@ -102,6 +110,21 @@ def read_sections(path: Path, node: str) -> tuple[dict[str, Any], dict[str, Any]
 def is_ros_own(key: str) -> bool:
     """Parameters that every ROS 2 node has."""
     return key in ("use_sim_time", "start_type_description_service") or key.startswith("qos_overrides.")
+
+
+def check_qos(key: str, value: Any) -> None:
+    """Check an override of a quality of service, by the name of its parameter; others pass.
+
+    Raises:
+        ConfigError: ROS 2 has no such value.
+    """
+    policy = key.rpartition(".")[2]
+    if "qos_overrides./" not in key:
+        return
+    if policy == "depth" and not (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
+        raise ConfigError(f"{key}: {value!r} is not allowed (allowed: a whole number)")
+    if policy in QOS and not (isinstance(value, str) and value.lower() in QOS[policy]):
+        raise ConfigError(f"{key}: {value!r} is not allowed (allowed: {', '.join(QOS[policy])})")
 
 
 def _flat_yaml(tree: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:

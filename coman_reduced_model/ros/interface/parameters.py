@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ...core.base.parameter import Parameter
-from ...core.config.files import is_ros_own, read_sections
+from ...core.config.files import check_qos, is_ros_own, read_sections
 from ...core.config.schema import Config, config_from_flat, parameter_table
 from ...errors import ComanError, ConfigError
 from ...topics import DESCRIPTION
@@ -100,6 +100,8 @@ def declare(node: ConfiguredNode, own: Own, on_change: Callable[[Config], None])
         ConfigError: says key, value and what is allowed.
     """
     all_given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))  # to parameters, whatever its annotation says
+    for name, parameter in all_given.items():
+        check_qos(name, parameter.value)
     given = {name: parameter.value for name, parameter in all_given.items() if not is_ros_own(name)}
     description = str(given.pop(DESCRIPTION, ""))
     config = config_from_flat(given, "parameters", _directory(given.get("robot.urdf"), given.get("monitor.baseline")))

@@ -40,9 +40,9 @@ def display_output() -> QoSProfile:
     return _profile(10, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 
 
-def latched() -> QoSProfile:
-    """robot_description and com/reference_path: a late subscriber gets the last one."""
-    return _profile(1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+def latched(depth: int = 1) -> QoSProfile:
+    """robot_description, com/reference_path and tf_static: a late subscriber gets the last one, or the last `depth`."""
+    return _profile(depth, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def clock_output() -> QoSProfile:

@@ -96,7 +96,8 @@ class VirtualRobotNode(ConfiguredNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.display_output())
 
     def _begin(self) -> None:
-        self._place(Walk(self.config).reference(0))
+        self._first = Walk(self.config).reference(0)
+        self._place(self._first)
         self.create_subscription(
             ComReference, REFERENCE, self._on_reference, qos.sensor_input(), qos_overriding_options=qos.overridable()
         )
@@ -117,18 +118,30 @@ class VirtualRobotNode(ConfiguredNode):
         self._timer.set_rate(config.output.diagnostics_rate)
 
     def _place(self, reference: Reference) -> None:
-        """Put the robot where a reference has it, at rest: it waits for a plan that stands still."""
+        """Put the robot where a reference has it, at rest: it waits for a plan that stands still.
+
+        Raises:
+            ConfigError: the legs cannot reach it; the robot stays where it is.
+        """
         began = time.monotonic()
         start = self._now() - DELAY_NS + self._placing_ns  # from when on it can walk
         seed = self.config.virtual_robot.seed + self._places
-        self.robot = robot_of(self.world, seed=seed, start_ns=start)
+        robot = robot_of(self.world, seed=seed, start_ns=start)
         stride = stride_s(gait_of(self.config))
         lead = self.config.virtual_robot.lead
-        self.motion = StreamMotion(self._legs, reference, start, self.world.upper, stride, lead, self._planned)
-        self.robot.reset(self.motion, self.motion.start)
-        self._start, self._following = start, False
+        motion = StreamMotion(self._legs, reference, start, self.world.upper, stride, lead, self._planned)
+        robot.reset(motion, motion.start)
+        self.robot, self.motion, self._start, self._following = robot, motion, start, False
         self._places += 1
         self._placing_ns = round(1.2e9 * (time.monotonic() - began))
+
+    def _place_again(self, last: Reference) -> None:
+        """Put the robot where the last reference has it, or where it stood first if the legs cannot reach that."""
+        try:
+            self._place(last)
+        except ConfigError as error:
+            self._problem = str(error)
+            self._place(self._first)
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
@@ -166,7 +179,7 @@ class VirtualRobotNode(ConfiguredNode):
         if lag > _HOPELESS_NS:
             self._skip(lag)
         elif lag < -_HOPELESS_NS:  # the clock was set back: its stamp would be later than those of the next plan
-            self._place(replace(self.motion.last, stamp_ns=0))
+            self._place_again(replace(self.motion.last, stamp_ns=0))
         for _ in range(20):  # then other callbacks have their turn
             if self._stamp() > target:
                 break
@@ -174,7 +187,7 @@ class VirtualRobotNode(ConfiguredNode):
                 readings = self.robot.step()
             except EngineError as error:
                 self.get_logger().warning(f"{error}; the robot stands again")
-                self._place(self.motion.last)
+                self._place_again(self.motion.last)
                 break
             self._publish(readings)
             self._periods += 1
@@ -189,7 +202,7 @@ class VirtualRobotNode(ConfiguredNode):
             f"too slow for real time: {lag * 1e-9:.1f} s behind, set forward (lower virtual_robot.rate, or a faster "
             "machine)"
         )
-        self._place(self.motion.last)
+        self._place_again(self.motion.last)
 
     def _publish(self, readings: Readings) -> None:
         types = self.types

@@ -45,7 +45,11 @@ _ARGUMENTS = {
         ["", *_SWITCH],
     ),
     "namespace": ("", "namespace of the nodes and their topics", None),
-    "use_sim_time": ("false", "take the time from /clock (simulation, bag)", _SWITCH),
+    "use_sim_time": (
+        "",
+        "take the time from /clock (simulation, bag); empty: as the configuration says, or not",
+        ["", *_SWITCH],
+    ),
     "remap": ("", "other topics, as OLD:=NEW with commas between several", None),
     **{name: (topic, f"topic instead of {topic}", None) for name, topic in TOPICS.items()},
     "rviz": ("false", "show robot, COM and predictions in RViz", _SWITCH),
@@ -66,6 +70,12 @@ def declare(*names: str, **defaults: str) -> list[DeclareLaunchArgument]:
 def switch(name: str) -> ParameterValue:
     """The launch argument of that name as a parameter that is true or false."""
     return ParameterValue(LaunchConfiguration(name), value_type=bool)
+
+
+def clock(context: LaunchContext) -> list[dict]:
+    """`use_sim_time` as a parameter, if it is given: an empty text would hide what the configuration says."""
+    given = LaunchConfiguration("use_sim_time").perform(context)
+    return [{"use_sim_time": switch("use_sim_time")}] if given else []
 
 
 def find_files(*names: str) -> OpaqueFunction:
@@ -111,17 +121,26 @@ def node(executable: str, *parameters: dict, remap: list[tuple[str, str]] | None
     )
 
 
-def rviz(context: LaunchContext, **urdf: str) -> list[Node]:
+def rviz(context: LaunchContext, remap: list[tuple[str, str]] | None = None, **urdf: str) -> list[Node]:
     """If the argument of that name says so, RViz with our layout; with `urdf=` (text) robot_state_publisher instead."""
     if LaunchConfiguration("rviz").perform(context).lower() != "true":
         return []
-    parameters: list[dict] = [{"use_sim_time": switch("use_sim_time")}]
+    parameters = clock(context)
     arguments = None if urdf else ["-d", str(share_path() / "rviz" / "coman.rviz")]
     if urdf:
         parameters.append({DESCRIPTION: ParameterValue(urdf["urdf"], value_type=str)})
     name = "robot_state_publisher" if urdf else "rviz2"
     namespace = LaunchConfiguration("namespace")
-    return [Node(package=name, executable=name, namespace=namespace, parameters=parameters, arguments=arguments)]
+    return [
+        Node(
+            package=name,
+            executable=name,
+            namespace=namespace,
+            parameters=parameters,
+            remappings=remap,
+            arguments=arguments,
+        )
+    ]
 
 
 def include(file: str, *handed_on: str, **fixed: str) -> IncludeLaunchDescription:

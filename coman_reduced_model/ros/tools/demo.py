@@ -31,7 +31,7 @@ from ...errors import BagError, ConfigError
 from ...messages import COM_PREDICTION, matrix_from, prediction_from, stamp_of
 from ...resources import version
 from ...schemas import VERSION as SCHEMA_VERSION
-from ...topics import PREDICTION
+from ...topics import OF_PREDICTOR, PREDICTION
 from ..interface.diagnostic_report import Level
 from ..runtime.processes import NodeFailed, Nodes
 from .listener import Listener
@@ -118,7 +118,9 @@ def run_demo(
         listener = stack.enter_context(Listener("demo", on_prediction))
         with Bag(path) as bag:
             planned = plan_of(bag, config)
-        replay = Replay(listener.node, path, (REFERENCE,) if planned else ())
+        # What a predictor said while the bag was recorded would be taken for what this one says.
+        recorded = (*(topic.lstrip("/") for topic in OF_PREDICTOR), "diagnostics")
+        replay = Replay(listener.node, path, (*recorded, REFERENCE) if planned else recorded)
         stack.callback(replay.close)
         needed = _needed(replay, config)
         nodes.start("predictor", {"use_sim_time": True})

@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from ...bag.reader import Bag
@@ -24,13 +26,17 @@ from ...topics import DESCRIPTION
 from ..interface import qos
 
 _CLOCK_NS = 5_000_000  # /clock at 200 Hz or more, so that timers in the bag's time are on time
-_LATCHED = (DESCRIPTION, "tf_static")
+_AT_ONCE = (DESCRIPTION, "tf_static")
+_LATCHED = (*_AT_ONCE, "reference_path")
 _SLEEP_NS = 200_000  # less is not worth asking the scheduler for
 
 
-def _latched(topic: str) -> bool:
-    """In any namespace."""
-    return topic.rpartition("/")[2] in _LATCHED
+def _profile(topic: str, count: int) -> QoSProfile:
+    """Of a topic with so many messages, in any namespace: each publisher of static transforms has sent some of them."""
+    name = topic.rpartition("/")[2]
+    if name not in _LATCHED:
+        return qos.sensor_output()
+    return qos.latched(max(count, 1) if name == "tf_static" else 1)
 
 
 @dataclass
@@ -49,7 +55,7 @@ class Replay:
     """Publishers for the topics of a bag."""
 
     def __init__(self, node: Node, path: str | Path, exclude: Collection[str] = ()) -> None:
-        """Open the bag and advertise its topics; the latched ones (robot_description) are sent at once.
+        """Open the bag and advertise its topics; robot_description and tf_static are sent at once.
 
         Args:
             node: publishes; topics are made relative to its namespace.
@@ -74,16 +80,18 @@ class Replay:
             except (ImportError, AttributeError, ValueError):
                 self.progress.skipped[topic] = f"its type {kind} is not installed"
                 continue
-            profile = qos.latched() if _latched(name) else qos.sensor_output()
-            self._publishers[topic] = node.create_publisher(
-                found, name, profile, qos_overriding_options=qos.overridable()
-            )
+            try:
+                self._publishers[topic] = node.create_publisher(
+                    found, name, _profile(name, self.bag.counts[topic]), qos_overriding_options=qos.overridable()
+                )
+            except NameValidationException:  # other recorders allow more
+                self.progress.skipped[topic] = "it is no name of a ROS 2 topic"
         if not self._publishers:
             raise BagError(f"{path}: no topic to play; topics of the bag: {', '.join(self.bag.topics)}")
-        self._latched = [topic for topic in self._publishers if _latched(topic)]
-        self._played = [topic for topic in self._publishers if topic not in self._latched]
+        at_once = [topic for topic in self._publishers if topic.rpartition("/")[2] in _AT_ONCE]
+        self._played = [topic for topic in self._publishers if topic not in at_once]
         self.progress.total = sum(self.bag.counts[topic] for topic in self._played)
-        for topic, _, raw in self.bag.raw(self._latched):
+        for topic, _, raw in self.bag.raw(at_once):
             self._publishers[topic].publish(raw)
 
     def has(self, topic: str) -> bool:
