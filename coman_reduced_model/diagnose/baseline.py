@@ -38,6 +38,7 @@ from .physics.hypotheses import unknowns
 LEAST_BAGS = 2
 PLAUSIBLE = 2.0  # standard deviations of the population, by which a parameter is taken over at most
 PULLED = 2.0  # the same, from which on it is reported
+OF_FLOOR = ("ground_slope", "external_force")  # in axes of a recording's first sole: the next may begin otherwise
 SCATTER = 0.5  # of the population's scatter of what laws leave, that a robot has at least
 READ, EXAMINED = 0.5, 0.4  # of the work
 
@@ -141,6 +142,8 @@ def of_cases(cases: Sequence[Case], population: Nominal) -> Baseline:
         if "spread" in unknown.widths:
             usual = _plausible(float(mean[i]), unknown, population)
             own_spread = min(float(np.sqrt(variance[i] + between_bags[i])), float(np.sqrt(prior[i])))
+            if unknown.effect in OF_FLOOR:
+                usual, own_spread = 0.0, float(np.sqrt(prior[i]))
             parameters[unknown.name] = unknown.usual + usual, own_spread
     left = [leftover([case], fit, []) for case in cases]
     pulled = {name.removesuffix(".spread"): value for name, value in pulls(known, fit, []).items() if value > PULLED}

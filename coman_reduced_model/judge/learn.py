@@ -41,7 +41,7 @@ from ..diagnose.inference.decide import ALL
 from ..diagnose.inference.effects import CONFIDENCE
 from ..diagnose.inference.explanation import by_law
 from ..diagnose.inference.finding import Finding
-from ..diagnose.inference.search import rivals_of
+from ..diagnose.inference.search import possible, rivals_of
 from ..diagnose.physics.hypotheses import candidates
 from ..errors import ComanError
 from ..output import to_json, write_file
@@ -56,7 +56,7 @@ from .weights import SHOWN, Example, by_left_out, learn_decision
 
 LEAST_SCATTER = 0.15  # of the logarithm of what a law leaves
 FOLDS = 2
-COMPARISON = 9  # grows where comparisons that are kept in files would come out otherwise
+COMPARISON = 10  # grows where comparisons that are kept in files would come out otherwise
 SHARED = 2  # errors of an effect that those of all others are worth
 TENTHS = 10
 TINY = 1e-12  # of a width
@@ -96,6 +96,8 @@ def _first_comparison(checked: Checked, nominal: Nominal) -> list[dict[str, Any]
     rivals = rivals_of(finding, candidates(cache.known))
     rows = []
     for each in compare(finding, cache, rivals):
+        if each.option and not possible(cache.known, each):  # as a diagnosis has it
+            continue
         deviation, option, parameters = np.sqrt(np.diag(each.fit.covariance)), each.option, {}
         for i in option.unknowns if option else ():
             known = cache.known[i]
@@ -191,7 +193,7 @@ def learn(
     with workers(jobs) as pool:
         others = [nominal] * FOLDS
         if not keep_widths:
-            begun = _made_with(nominal, nominal.most, nominal.floor, nominal.sensors)
+            begun = _made_with(nominal)
             clean = [
                 (fold, (run / "bags" / name, run / "learn" / f"{name}.{begun}.laws.pkl"))
                 for fold, (run, name, answer) in zip(folds, cases, strict=True)
@@ -276,7 +278,8 @@ def with_leftover(
 
 def _made_with(nominal: Nominal, *more: Mapping[str, Any]) -> str:
     """Part of the names of files that depend on these figures, and on what is kept of a comparison."""
-    figures = nominal.widths, nominal.precise, nominal.limits, nominal.trust, nominal.repeats, *more
+    of_robots = nominal.widths, nominal.most, nominal.precise
+    figures = *of_robots, nominal.limits, nominal.floor, nominal.sensors, nominal.trust, nominal.repeats, *more
     text = json.dumps([COMPARISON, ALL, *(dict(sorted(each.items())) for each in figures)])
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
@@ -319,7 +322,8 @@ def header() -> str:
 #     core/effects and diagnose/physics/hypotheses.py name; usual: what nominal robots have of it. sheets: the same by
 #     data sheets and what is common, where learning begins. most: what they allow at most. In weights: pulls and
 #     what sinks; in weights times half the length of a foot: friction, zeros of torques, what turns or yields; in
-#     masses of the robot: loads, blows. All else in SI.
+#     masses of the robot: loads, blows; in masses times lengths of a leg: where loads are; in lengths of a leg: where
+#     the trunk's COM is. All else in SI.
 # precise: by the same names, widths of robots on which all of a part, the foot sensors or all else, is precise.
 # trust: by law, the share of its information that counts: with which recordings of the same robot agree best.
 # limits: chosen by hand, not learnt.

@@ -7,6 +7,8 @@ import numpy as np
 
 from .types import Array
 
+FAST = 1.0  # [m/s] no COM moves over its sole
+
 
 def shifted(values: Array, by: float, rate: float) -> Array:
     """Values `by` seconds later (n, k), at a rate [Hz]: what a stream that is late by that should have said.
@@ -29,6 +31,20 @@ def shifted(values: Array, by: float, rate: float) -> Array:
         used = weight != 0.0  # a whole shift takes what is there, gaps in the neighbours or not
         out[used] += weight[used, None] * values[np.clip(low[used] + k - 1, 0, n - 1)]
     return out
+
+
+def apart(values: Array, rate: float) -> tuple[Array, Array]:
+    """A COM over the stance sole (n, k) [m], without its jumps where the other sole becomes it, and these jumps (n, k).
+
+    What moves faster than FAST has jumped, by what it moved beside its speed before.
+    """
+    moved = np.diff(values, axis=0)
+    fast = np.abs(moved).max(axis=1) > FAST / rate
+    usual = np.where(fast[:, None], np.nan, moved)
+    last = np.maximum.accumulate(np.where(fast, 0, np.arange(len(moved))))
+    jumps = np.where(fast[:, None], moved - np.nan_to_num(usual[last]), 0.0)
+    jumps = np.concatenate((np.zeros_like(values[:1]), np.cumsum(jumps, axis=0)))
+    return values - jumps, jumps
 
 
 def lagged(values: Array, time_constant: float, rate: float) -> Array:

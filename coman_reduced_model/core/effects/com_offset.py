@@ -43,7 +43,7 @@ class ComOffset(Effect):
         out = []
         for key, axis in zip("xyz", trunk.placement.rotation.T, strict=True):
             # Walking hardly shows the height of a COM: nominal robots' scatter of it, and no more.
-            prior = about.widths("com_offset.z" if key == "z" else "com_offset", "reach")
+            prior = about.widths(f"com_offset.{'height' if key == 'z' else 'shift'}", "reach", times=about.leg)
             out.append(cls.unknown(key, lever_plus(trunk.parentJoint, axis.copy()), step=0.005, **prior))
         return out
 

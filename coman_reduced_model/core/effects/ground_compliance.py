@@ -26,7 +26,8 @@ class GroundCompliance(Effect):
     No encoder sees what gives way there, but the foot's wrench shows it. Both are given as angles of the leg's
     joints: what they would have to do on hard ground to move the trunk as much is added to what they are measured to
     do, and the compliance of the ground to that of their springs. So the measured COM stands above level ground, and
-    the springs between it and the motors are all there are.
+    the springs between it and the motors are all there are. Velocities stay as measured: those of what gives way, some
+    mm/s, are left out.
     """
 
     name: ClassVar[str] = "ground_compliance"

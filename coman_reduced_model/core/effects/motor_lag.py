@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..base.delays import lagged
+from ..base.delays import apart, lagged
 from ..base.parameter import Parameter
 from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
-from .unknown import PLAN, About, Change, Unknown
+from .unknown import PLAN, About, Change, Measured, Unknown, World
 
 if TYPE_CHECKING:
     from ..base.types import Array, Reference, Sample
@@ -63,7 +63,9 @@ class MotorLag(Effect):
         for k, planned in enumerate(plan.preview_com):
             now, ahead_vel[k] = self._plan.step(now, last, planned, plan.preview_dt)
             ahead[k], last = now, planned
-        return replace(plan, com=com, com_vel=com_vel, preview_com=ahead, preview_com_vel=ahead_vel)
+        late = round(1e9 * self.values["time_constant"])  # to first order, as soles move with their joints
+        steps = None if plan.steps is None else replace(plan.steps, stamp_ns=plan.steps.stamp_ns + late)
+        return replace(plan, com=com, com_vel=com_vel, preview_com=ahead, preview_com_vel=ahead_vel, steps=steps)
 
     @classmethod
     def unknowns(cls, about: About) -> list[Unknown]:
@@ -107,4 +109,8 @@ class _Lag:
 
 
 def _behind(array: str) -> Change:
-    return lambda r, w, x: (r.changed(**{array: lagged(getattr(r, array), x, r.rate)}), w)
+    def change(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+        values, jumps = apart(getattr(r, array), r.rate) if array == PLAN else (getattr(r, array), 0.0)
+        return r.changed(**{array: lagged(values, x, r.rate) + jumps}), w
+
+    return change

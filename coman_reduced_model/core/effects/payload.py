@@ -48,7 +48,8 @@ class Payload(Effect):
         mass = about.widths("payload.mass", "reach", times=robot.mass)
         out = [cls.unknown("mass", _heavier, step=0.1, low=-0.8 * trunk, **mass)]
         for k, key in enumerate("xyz"):
-            out.append(cls.unknown(key, _moved(k), unit="kg m", step=0.1, **about.widths(f"payload.{key}", "reach")))
+            moment = about.widths(f"payload.moment_{key}", "reach", times=robot.mass * about.leg)
+            out.append(cls.unknown(key, _moved(k), unit="kg m", step=0.1, **moment))
         return out
 
 

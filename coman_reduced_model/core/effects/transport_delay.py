@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..base.delays import shifted
+from ..base.delays import apart, shifted
 from ..base.parameter import Parameter
 from ..base.stream_names import MOTORS, REFERENCE
 from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
-from .unknown import PLAN, About, Change, Unknown
+from .unknown import PLAN, About, Change, Measured, Unknown, World
 
 
 class TransportDelay(Effect):
@@ -47,4 +47,8 @@ class TransportDelay(Effect):
 
 
 def _later(array: str) -> Change:
-    return lambda r, w, x: (r.changed(**{array: shifted(getattr(r, array), -x, r.rate)}), w)
+    def change(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+        values, jumps = apart(getattr(r, array), r.rate) if array == PLAN else (getattr(r, array), 0.0)
+        return r.changed(**{array: shifted(values, -x, r.rate) + jumps}), w
+
+    return change

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from ..base.nominal import Nominal
 from ..base.types import Array, Foot, Integers
+from ..robot.limits import leg_length
 from ..robot.robot import Robot
 
 PLAN, LINKS = "plan", "all"  # a second way for the same effect to show itself, not a place
@@ -182,6 +183,11 @@ class About:
     def weight(self) -> float:
         """[N]."""
         return self.robot.mass * self.gravity
+
+    @property
+    def leg(self) -> float:
+        """[m] of a stretched leg."""
+        return leg_length(self.robot)
 
     @property
     def edge(self) -> float:

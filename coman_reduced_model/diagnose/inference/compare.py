@@ -230,6 +230,13 @@ def pulled_together(cases: Sequence[Case], fit: Fit, released: Sequence[int]) ->
     return float(np.mean(out)) if out else 0.0
 
 
+def still_pulled(finding: Finding) -> bool:
+    """Whether all that varies is pulled too far beside the effects that were chosen in the end."""
+    assert finding.fit is not None
+    weights = finding.nominal.decision["selected" if len(finding.before[1]) > 1 else "alone"]
+    return pulled_together(finding.cases, finding.fit, finding.released) > weights.get("together", np.inf)
+
+
 def pulls(known: Sequence[Unknown], fit: Fit, released: Sequence[int]) -> dict[str, float]:
     """By width, how far its parameters are pulled from nominal [standard deviations, root mean square].
 

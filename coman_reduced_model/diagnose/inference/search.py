@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.effects.base import Effect as BaseEffect
 from ...core.effects.catalogue import CATALOGUE
-from ...core.effects.unknown import LINKS, PLAN, Unknown
+from ...core.effects.unknown import FEET, LINKS, PLAN, Unknown
 from ...progress import Progress
 from ..data.recording import lifts_a_foot
 from ..physics.hypotheses import Candidate, candidates
@@ -90,17 +90,22 @@ def _left(options: Sequence[Candidate], finding: Finding) -> Iterator[Candidate]
     """Candidates beside the effects that were chosen."""
     chosen = [effect.option for effect in finding.chosen]
     taken = {i for option in chosen for i in option.unknowns}
-    kin = {CLASSES[option.effect] for option in chosen if option.effect in CLASSES}
     loaded = any(option.effect in LOADS for option in chosen)
     for option in options:
         again = any(option.effect == other.effect and option.place == other.place for other in chosen)
         if not (
             again
             or taken.intersection(option.unknowns)
-            or CLASSES.get(option.effect) in kin
+            or any(_alike(option, other) for other in chosen)
             or (loaded and option.effect in LOADS)
         ):
             yield option
+
+
+def _alike(option: Candidate, other: Candidate) -> bool:
+    """Whether they are of one class and could be one effect: not at two joints."""
+    same = option.effect in CLASSES and CLASSES[option.effect] == CLASSES.get(other.effect)
+    return same and (option.place == other.place or option.place in FEET or other.place in FEET)
 
 
 def _rivals(found: Sequence[Score]) -> list[Score]:

@@ -18,7 +18,7 @@ from ...schemas import VERSION as SCHEMA_VERSION
 from ..inference.at_size import at_share, at_values
 from ..inference.case import Case, evidence_of
 from ..inference.check import Checked
-from ..inference.compare import pulls
+from ..inference.compare import pulls, still_pulled
 from ..inference.effects import MEASURED, far_from_nominal
 from ..inference.evidence import ONE_A_STEP, Evidence
 from ..inference.finding import ChosenEffect, Finding
@@ -59,7 +59,7 @@ def build_diagnosis(checked: Checked, found: Found, predicted: Predicted, config
     pulled_too_far = bool(finding.steps and finding.steps[0][1].pulled)
     # What was assumed was not asked for; a weight that is off, and what is still pulled too far, are never nothing.
     minor = named and only_minor(effects) and bool(found.probabilities)
-    minor = minor and not (found.weight.off or finding.steps[-1][1].pulled)
+    minor = minor and not (found.weight.off or still_pulled(finding))
     undecided = found.verdict == "unknown" or doubtful({"probabilities": found.probabilities})
     not_checked = list(checked.not_checked)
     if not held:

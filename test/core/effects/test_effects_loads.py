@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from synthetic import T0, description, posture, robot, velocity, walk
 
 from coman_reduced_model.core.base.stream_names import MOTORS
-from coman_reduced_model.core.base.types import Phase, Reference, Sample
+from coman_reduced_model.core.base.types import Phase, PlannedSteps, Reference, Sample
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.catalogue import build_effects
 from coman_reduced_model.core.predictor import Predictor
@@ -117,6 +117,16 @@ def test_motors_lag_behind_what_they_echo():
         error = np.nanmax(np.abs(values(results, name) - values(lagged, name)))
         effect = np.nanmax(np.abs(values(ideal, name) - values(lagged, name)))
         assert error < 0.02 * effect, name
+
+
+def test_planned_steps_lag_as_the_plan_does():
+    (effect,), _ = build_effects(config("motor_lag", time_constant=0.03).effects, robot())
+    zero, eye, still = np.zeros(3), np.eye(4), np.zeros(12)
+    steps = PlannedSteps(T0, 0.02, np.zeros((5, 3)), np.zeros((5, 14)), np.zeros(5, dtype=int))
+    plan = Reference(T0, zero, zero, zero, zero, eye, eye, Phase.DOUBLE, 0, 0.02, np.zeros((5, 3)), np.zeros((5, 3)))
+    sample = Sample(T0, still, still, reference=replace(plan, steps=steps))
+    effect.correct(sample)
+    assert sample.reference.steps.stamp_ns == T0 + 30_000_000 and steps.stamp_ns == T0
 
 
 def test_the_plan_lags_with_its_preview():

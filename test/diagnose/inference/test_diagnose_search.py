@@ -16,7 +16,7 @@ from coman_reduced_model.core.base.types import Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.effects.unknown import PLAN
 from coman_reduced_model.diagnose.data.masks import masks
-from coman_reduced_model.diagnose.inference import gauss_newton
+from coman_reduced_model.diagnose.inference import gauss_newton, search
 from coman_reduced_model.diagnose.inference import verdict as verdicts
 from coman_reduced_model.diagnose.inference.case import examine, prepare
 from coman_reduced_model.diagnose.inference.case_cache import CaseCache
@@ -167,6 +167,17 @@ def test_what_is_far_from_nominal_beside_the_effects_is_listed():
     option = next(each for each in candidates(known) if each.unknowns == (soft,))
     finding.chosen = [ChosenEffect(option, 9.0, 9.0)]
     assert [row["name"] for row in far_from_nominal(finding)] == ["encoder_bias"]
+
+
+def test_two_joints_may_have_lost_motion_and_one_joint_has_it_once():
+    recording, world = standing()
+    known = unknowns(recording, world)
+    options = candidates(known)
+    worn = next(each for each in options if each.name == "backlash@LKneeSag")
+    finding = Finding(known, np.zeros(len(known)), chosen=[ChosenEffect(worn, 9.0, 9.0)])
+    left = {option.name for option in search._left(options, finding)}
+    assert {"backlash@RAnkSag", "hysteresis@RAnkSag"} <= left
+    assert not left & {"backlash@LKneeSag", "hysteresis@LKneeSag", "hysteresis@left", "backlash"}
 
 
 @pytest.mark.slow
