@@ -29,6 +29,7 @@ WITH_REFERENCE = ("planned", "deflected", "clairvoyant")
 _CAPACITY = 4096  # pending predictions a horizon: 2 s at 2 kHz
 _REMEMBERED = 2048  # errors of the model a horizon: 10 s and more
 _SPACING_NS, _NEAR_NS = 5_000_000, 50_000_000  # between them; within which two of them say what was between
+_BROKE_NS = 150_000_000  # without a sample on the ground, after which what was predicted is not judged
 _EVERY_NS = 20_000_000  # between new weights of the blend
 
 
@@ -146,6 +147,8 @@ class HorizonJudge:
         Returns:
             What is published, (n, 5, 3) in the axes of the sole: COM [m], `covariance` in three rows, `model_share`.
         """
+        if stamp_ns - self._last_ns > _BROKE_NS:  # nobody knows where the COM was meanwhile
+            self._pending.used[:] = 0
         reweigh = self._blended and stamp_ns - self._weighed_ns >= _EVERY_NS
         if kind == REPEATED and not self._repeated:
             self._repeated = True

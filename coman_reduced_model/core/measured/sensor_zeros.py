@@ -108,7 +108,8 @@ class SensorZeros:
                     self._watch_air((left, right), link)
             if not self.active:
                 return sample
-        if sample.stamp_ns >= self._next_ns:
+        bears = max(abs(left[2] - self._x[2]), abs(right[2] - self._x[8])) > BEARS * self.weight
+        if sample.stamp_ns >= self._next_ns and bears:
             self._P += np.diag(self._variance(WANDERS, 2)) * EVERY_NS * 1e-9
             self._measure(np.concatenate([left, right]), link)
             self._next_ns = sample.stamp_ns + EVERY_NS

@@ -38,7 +38,8 @@ class Ground(NamedTuple):
     Attributes:
         source: imu, plan, or none: the last slope that was known stays, level if none was.
         roll, pitch: [rad] about x, y of `odom`, as in the effect `ground_slope`.
-        doubtful: whether nobody knows, and forces along the soles speak against level ground or are not measured.
+        doubtful: whether nobody knows, or a plan says that it is level, and forces along the soles speak against that
+            or, where nobody knows, are not measured.
     """
 
     source: str
@@ -93,7 +94,8 @@ class Slope:
         if up is not None:
             self._up += fresh * (R @ up - self._up)
             self._decide()
-        else:
+        # A plan that is level may know of no slope.
+        if up is None or (source == "plan" and self._measured and not self.tilted):
             self._doubt(sample, link, foot, fresh)
             self.doubted |= self.doubtful
 

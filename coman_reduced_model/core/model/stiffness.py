@@ -69,4 +69,4 @@ def spring_damper(J: Array, K_q: Array, D_q: Array, length: float, limit: float)
             scale = (length if i < 3 else 1.0) * (length if j < 3 else 1.0)
             K_c[i, j] = 0.5 * (K[i, j] + K[j, i]) / scale
             D[i, j] /= scale
-    return K_c, D, near_singular
+    return K_c, D, near_singular and n >= rows  # what fewer joints than rows cannot move is no posture's fault

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.input_warning import InputWarning, WarningKind
+from ..base.pose import LEVEL
 from ..base.stream_names import JOINTS, MOTORS, WRENCHES
-from ..base.types import Foot, Sample
+from ..base.types import Array, Foot, Sample
 from ..config.schema import Config
-from ..measured.sensor_zeros import CLEARANCE, MOST_KILOGRAMS, SensorZeros, in_kilograms
+from ..measured.odometry import FootOdometry
+from ..measured.sensor_zeros import CLEARANCE, FEET, MOST_KILOGRAMS, SensorZeros, in_kilograms
+from ..measured.slope import Slope
 from ..streams.possible import Refusals
 from .held import HeldValues
 from .signs import Signs
@@ -49,6 +52,7 @@ class Plausibility:
         self._signs = Signs(robot, self._weight)
         self._held = HeldValues()
         self._turned_wrenches = Turned(self._weight, robot.config.gravity)
+        self._odometry, self._slope = FootOdometry(), Slope(robot)
         legs = {*config.robot.left.joints, *config.robot.right.joints}
         self._of_legs = np.array([name in legs for name in robot.joint_names])
         self.reconfigure(config)
@@ -60,12 +64,20 @@ class Plausibility:
         self._signs.weight = self._turned_wrenches.weight = self._weight
         self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more is never in the air
 
+    def restart(self) -> None:
+        """The next sample may have any stamp, and does not follow the last one; what was seen is kept."""
+        self._held.restart()
+        self._turned_wrenches.restart()
+        self._odometry.reset()
+        self._slope.reset()
+        self._next = 0
+
     def reset(self) -> None:
         """Forget the past."""
         self._signs.reset()
         self._held.reset()
         self._turned_wrenches.reset()
-        self._next = 0
+        self.restart()
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._much = 0  # looks at which a foot reads more than it does in kilograms
@@ -103,7 +115,9 @@ class Plausibility:
         self._posture.update(sample.q, sample.qd)
         raw = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         wrenches = raw if zeros is None else {foot: wrench - zeros.of(foot) for foot, wrench in raw.items()}
-        self._turned_wrenches.update(self._posture, sample.stamp_ns, wrenches, left + right)
+        self._turned_wrenches.update(
+            self._posture, sample.stamp_ns, wrenches, left + right, self._down(sample, wrenches)
+        )
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
         higher = Foot.NONE if abs(height) <= CLEARANCE else Foot.RIGHT if height > 0.0 else Foot.LEFT
         loaded = {  # by its sensor, or because the other one is in the air
@@ -118,6 +132,13 @@ class Plausibility:
         self._air_force[higher] += in_air
         self._other_force[higher] += other
         self._swapped += abs(in_air) > max(abs(other), 0.5 * self._weight)
+
+    def _down(self, sample: Sample, wrenches: Mapping[Foot, Array]) -> Array:
+        """(3,) direction of gravity in the axes of the sole that bears most, as far as IMU or plan say."""
+        foot = Foot.LEFT if wrenches[Foot.LEFT][2] >= wrenches[Foot.RIGHT][2] else Foot.RIGHT
+        T = self._odometry.update(foot, *(x for each in FEET for x in (self._posture.R[each], self._posture.p[each])))
+        self._slope.update(sample, self._posture, foot, T)
+        return T[:3, :3].T @ self._slope.down if self._slope.tilted else LEVEL
 
     @property
     def carried(self) -> float | None:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Wrenches turned about the vertical: the ZMP goes where the motion of the COM does not ask for it.
 
-The ZMP is sum_k s_k (p_k + c_k), with load share s_k, place p_k and CoP c_k of each foot k, horizontal, in the frame
-of the support sole. By the COM it is x - (z / g) x''. A wrench turned by an angle turns its c_k alike and nothing
-else. With horizontal vectors as complex numbers a quarter of a turn is a factor of i, and each hypothesis (both turned
-alike, or one of them) is one quadratic form of the same products.
+The ZMP is sum_k s_k (p_k + c_k), with load share s_k, place p_k and CoP c_k of each foot k, along the ground, in the
+frame of the support sole. By the COM it is x - (z / g) x'', with x where gravity points from the COM to the ground. A
+wrench turned by an angle turns its c_k alike and nothing else. With vectors along the ground as complex numbers a
+quarter of a turn is a factor of i, and each hypothesis (both turned alike, or one of them) is one quadratic form of
+the same products.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..base.input_warning import InputWarning, WarningKind
+from ..base.pose import LEVEL
 from ..base.stream_names import WRENCHES
 from ..base.types import Array, Foot
 from ..robot.robot import Posture
@@ -44,15 +46,23 @@ class Turned:
         self._weights = dict.fromkeys(WRENCHES, 0.0)
         self._products = {foot: np.zeros((3, 3), dtype=complex) for foot in WRENCHES}
         self._total, self._samples = 0.0, 0  # of both vertical forces [N] as they are read, in all samples
+        self.restart()
+
+    def restart(self) -> None:
+        """The next look does not follow the last one."""
         self._begin(Foot.NONE)
 
     def _begin(self, foot: Foot) -> None:
         self._foot, self._looks, self._mean = foot, 0, np.zeros(3, dtype=complex)
 
-    def update(self, posture: Posture, stamp_ns: int, wrenches: Mapping[Foot, Array], read: float) -> None:
+    def update(
+        self, posture: Posture, stamp_ns: int, wrenches: Mapping[Foot, Array], read: float, down: Array = LEVEL
+    ) -> None:
         """Take a look: the posture of the joints, and the wrenches (6,) of both feet without what is known of zeros.
 
-        `read`: sum of both vertical forces as the sensors read them [N].
+        Args:
+            read: sum of both vertical forces as the sensors read them [N].
+            down: (3,) direction of gravity in the axes of the sole that bears most.
         """
         total = float(sum(wrench[2] for wrench in wrenches.values()))
         self._total += read
@@ -67,7 +77,7 @@ class Turned:
         R, p = posture.sole_to_sole(foot, foot.other)
         share = wrenches[foot.other][2] / total
         turn = complex(R[0, 0], R[1, 0])
-        asked = complex(com[0], com[1]) - share * complex(p[0], p[1])
+        asked = complex(com[0], com[1]) - share * complex(p[0], p[1]) - com[2] / down[2] * complex(down[0], down[1])
         own, other = (complex(-wrenches[each][4], wrenches[each][3]) / total for each in (foot, foot.other))
         feet = (own, turn * other) if foot == Foot.LEFT else (turn * other, own)
         velocity = complex(com_vel[0], com_vel[1])

@@ -15,6 +15,7 @@ WALKS = (0.01, 1.0)  # of the weight: how far an external force wanders in the r
 WANDERED, LEARNT = 0.05, 0.3  # [s] over which corrections of the force add up, and memory of what they add up to
 LASTS = 0.1  # [s] for which an error by a step of an encoder lasts
 FASTEST = 2.0  # [s] memory of the white noise
+EVEN = 1.2  # times the shortest interval between samples: third differences want them alike
 LEAST = 1e-5  # [m] of white noise at least
 JUDGED = 2.0  # [s] memory of the NIS
 LATELY = 0.05  # [s] memory of the squared innovations by which the published covariance is scaled
@@ -38,6 +39,7 @@ class Memory(NamedTuple):
     constant: Array  # (3,) variance of an external force by what is constant [N^2]
     scalars: Array  # (3,) share of the memory of `white` that is known; mean NIS; NIS of the last sample [1]
     squares: Array  # (3,) mean of the last squared innovations, each in its own variance [1]
+    steps: Array  # (3,) between the measured COM of `past` [s]
 
 
 class Noise(NamedTuple):
@@ -51,7 +53,7 @@ class Noise(NamedTuple):
     aslant: Array  # (3,) weight of the robot less what it is on level ground, in the axes of the support sole [N]
 
 
-SIZES = (SIZE, SIZE * SIZE, 9, 9, 12, 3, 6, 3, 3, 3, 3, 3)  # of the fields of `Memory`
+SIZES = (SIZE, SIZE * SIZE, 9, 9, 12, 3, 6, 3, 3, 3, 3, 3, 3)  # of the fields of `Memory`
 
 
 @compiled
@@ -63,7 +65,7 @@ def memory_of(block: Array) -> Memory:
     return Memory(
         block[:SIZE], P, rounding.reshape(3, 3), constants.reshape(3, 3), past.reshape(4, 3), block[at : at + 3],
         block[at + 3 : at + 9].reshape(2, 3), block[at + 9 : at + 12], block[at + 12 : at + 15],
-        block[at + 15 : at + 18], block[at + 18 : at + 21], block[at + 21 : at + 24],
+        block[at + 15 : at + 18], block[at + 18 : at + 21], block[at + 21 : at + 24], block[at + 24 : at + 27],
     )  # fmt: skip
 
 
@@ -172,14 +174,15 @@ def _follow(
 @compiled
 def _learn_white(memory: Memory, com: Array, dt: float) -> None:
     """By third differences of the measured COM (3,) [m]."""
-    past, share = memory.past, 1.0 - np.exp(-dt / FASTEST)
+    past, steps, share = memory.past, memory.steps, 1.0 - np.exp(-dt / FASTEST)
+    steps[0], steps[1], steps[2] = steps[1], steps[2], dt
     third = np.empty(3)
     for i in range(3):
         for k in range(3):
             past[k, i] = past[k + 1, i]
         past[3, i] = com[i]
         third[i] = past[3, i] - 3.0 * past[2, i] + 3.0 * past[1, i] - past[0, i]
-    if all_finite(third):
+    if all_finite(third) and steps.max() <= EVEN * steps.min():
         for i in range(3):
             memory.white[i] += share * (third[i] * third[i] / 20.0 - memory.white[i])
         memory.scalars[0] += share * (1.0 - memory.scalars[0])

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 GAP = 0.1  # [s] without a sample after which it begins again
 WALK = 0.1  # of the natural angular velocity: how far that of the trunk wanders in the root of a second, at first
+BRIDGED_NS = 300_000_000  # without a message of the IMU, after which the encoders take its place
 EVERY_NS = 100_000_000  # between new covariances by what is constant
 _LEVEL, _NO_TURN, _STILL = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
 
@@ -53,6 +54,7 @@ class TrunkFilter:
         """Forget the past, but not how the IMU is mounted."""
         self._at.walks[:] = (WALK * self._natural) ** 2
         self._foot, self._source = Foot.NONE, BY_ENCODERS
+        self._frame: int | None = None  # of the IMU
         self._stamp_ns = self._imu_ns = self._considered_ns = 0
 
     def update(self, now: Now, steps: Array) -> TrunkRotation:
@@ -67,12 +69,14 @@ class TrunkFilter:
             if imu.orientation is not None and all_finite(imu.orientation):
                 source, oriented, orientation = BY_IMU, new, imu.orientation
             gyro, turning = imu.angular_velocity, new
+        elif imu is None and self._source == BY_IMU and sample.stamp_ns - self._imu_ns < BRIDGED_NS:
+            source, frame = BY_IMU, self._frame  # the next message will come
         dt = (sample.stamp_ns - self._stamp_ns) * 1e-9
         goes_on = self._foot != Foot.NONE and source == self._source and 0.0 < dt <= GAP
         if source == BY_IMU and not (goes_on or oriented):  # it was there before the filter began
             oriented = True
         what = BEGINS if not goes_on else GOES_ON if foot == self._foot else CHANGES
-        self._stamp_ns, self._foot, self._source = sample.stamp_ns, foot, source
+        self._stamp_ns, self._foot, self._source, self._frame = sample.stamp_ns, foot, source, frame
         robot, R_sole = self._robot, link.R[foot]
         R_trunk = link.orientation(robot.base_id)
         R_imu = R_trunk if frame is None else link.orientation(frame)

@@ -101,7 +101,7 @@ class Joiner:
 
         legs = config.robot.left.joints + config.robot.right.joints
         size = len(robot.joint_names)
-        # A joint without motor-side encoder is rigid: its motor position is the link's, filled in by _sample.
+        # A joint outside the legs without motor-side encoder is rigid: its motor has the link's position, by _sample.
         self._maps = {JOINTS: JointMap(robot.joint_names, legs), MOTORS: JointMap(robot.joint_names, legs, math.nan)}
         self._differentiators = {
             name: Differentiator(limits.velocity_window, limits.restart_gap, size) for name in self._maps

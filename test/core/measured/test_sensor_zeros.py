@@ -139,6 +139,26 @@ def test_what_explains_the_total_force_worse_than_no_zeros_is_not_taken_off(walk
     assert not zeros.settled and not zeros.warnings()
 
 
+@pytest.mark.slow
+def test_a_robot_that_is_lifted_keeps_its_zeros(walk) -> None:
+    """It hangs for ten seconds, as on a gantry, and is put down again."""
+    robot, config, samples = walk
+    zeros, link = SensorZeros(robot.mass * config.robot.gravity), robot.posture()
+    left, right = (np.array([0.0, 0.0, force, 0.0, 0.0, 0.0]) for force in (60.0, 40.0))
+    for sample in samples:
+        if sample.left_wrench is not None and sample.right_wrench is not None:
+            link.update(sample.q, sample.qd)
+            read = replace(sample, left_wrench=sample.left_wrench + left, right_wrench=sample.right_wrench + right)
+            zeros.corrected(read, link)
+    before = zeros.both
+    np.testing.assert_allclose(before[[2, 8]], [60.0, 40.0], atol=4.0)
+    for k in range(2000):
+        hanging = replace(read, stamp_ns=read.stamp_ns + (k + 1) * 5_000_000, left_wrench=left, right_wrench=right)
+        zeros.corrected(hanging, link)
+    assert zeros.active
+    np.testing.assert_array_equal(zeros.both, before)
+
+
 def test_reversed_forces_are_no_zeros(walk) -> None:
     robot, config, samples = walk
     predictor = Predictor(robot, config)

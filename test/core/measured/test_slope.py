@@ -94,6 +94,14 @@ def test_without_an_imu_the_plan_knows_it():
 
 
 @pytest.mark.parametrize(("along", "doubtful"), [(0.02, False), (np.tan(PITCH), True)])
+def test_forces_along_the_soles_are_believed_rather_than_a_plan_that_is_level(along, doubtful):
+    zero, half = np.zeros(3), np.array([along * 85.0, 0.0, 85.0, 0.0, 0.0, 0.0])
+    plan = Reference(10**9, zero, zero, zero, zero, np.eye(4), np.eye(4), Phase.DOUBLE, 0)
+    slope = looked(Slope(robot()), left_wrench=half, right_wrench=half, reference=plan)
+    assert slope.known().source == "plan" and slope.known().doubtful is doubtful and slope.doubted is doubtful
+
+
+@pytest.mark.parametrize(("along", "doubtful"), [(0.02, False), (np.tan(PITCH), True)])
 def test_where_nobody_knows_forces_along_the_soles_raise_a_doubt(along, doubtful):
     half = np.array([along * 85.0, 0.0, 85.0, 0.0, 0.0, 0.0])
     slope = looked(Slope(robot()), left_wrench=half, right_wrench=half)

@@ -278,6 +278,19 @@ def test_what_is_not_published_is_not_judged_as_published():
     assert np.isnan(judge.simpler_share()["0.1"]).all()
 
 
+def test_what_was_predicted_of_a_time_in_the_air_is_not_judged():
+    judge, ahead = HorizonJudge((0.1,), blended=False), np.zeros((6, 1, 3))
+    for i in range(200):
+        judge.update(10**9 + i * 5_000_000, np.eye(4), np.zeros(3), np.zeros(3), ahead)
+    before = judge.judged["0.1"].tolist()
+    landed = 10**9 + 199 * 5_000_000 + 1_000_000_000
+    judge.update(landed, np.eye(4), np.array([0.3, 0.0, 0.0]), np.zeros(3), ahead)
+    assert judge.judged["0.1"].tolist() == before and judge.rmse()["0.1"]["model"].tolist() == [0.0] * 3
+    for i in range(40):
+        judge.update(landed + (i + 1) * 5_000_000, np.eye(4), np.zeros(3), np.zeros(3), ahead)
+    assert judge.judged["0.1"][0] > before[0]
+
+
 def test_more_samples_than_can_wait_are_dropped_not_mixed_up():
     """At 10 kHz and two seconds ahead the buffer is full: what is judged is still right."""
     judge = HorizonJudge((2.0,), blended=False)

@@ -116,6 +116,12 @@ def test_a_straight_knee_is_flagged_finite_and_continuous(rows):
         assert modes.min() > 1e-4 and modes.max() < 0.1  # [s] D / K of the joints is 0.002 to 0.022 s
 
 
+def test_a_leg_of_five_joints_is_not_near_singular_for_that(bend=0.6):
+    J = jacobian(bent(robot_of("coman"), bend))[:, :5].copy()
+    K, D, near_singular = spring_damper(J, np.diag([3000.0] * 5), np.diag([10.0] * 5), LENGTH, LIMIT)
+    assert not near_singular and np.isfinite(K).all() and np.isfinite(D).all()
+
+
 @given(seeds, st.sampled_from((Foot.LEFT, Foot.RIGHT)))
 @settings(deadline=None, max_examples=15)
 def test_height_hessian_is_the_second_derivative_of_the_height(seed, foot):

@@ -20,6 +20,9 @@ from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.monitor.plausibility import Plausibility
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.resources import bag_path, config_path
+from coman_reduced_model.sim.contact import Floor
+from coman_reduced_model.sim.worlds import record_world
+from coman_reduced_model.sim.worlds.draw import world_of
 
 PLAIN = Config().replaced({"prediction.horizons": []})
 
@@ -217,6 +220,16 @@ def test_wrenches_turned_about_the_vertical_are_reported(bag, left, right, words
     found = warnings_with_turned_wrenches(bag_path(bag), left, right)
     assert [each.kind for each in found] == [WarningKind.TURNED] * bool(words)
     assert all(each.text.startswith(words) and each.prevents_diagnosis for each in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.1), (0.1, 0.1)])
+def test_on_a_slope_wrenches_are_not_taken_for_turned(tmp_path, roll, pitch):
+    world = replace(
+        world_of("slope"), gait="stand", gait_changes={}, floor=Floor(roll=roll, pitch=pitch), duration_s=4.0
+    )
+    record_world(world, tmp_path / "bag")
+    assert not warnings_with_turned_wrenches(tmp_path / "bag", 0, 0)
 
 
 @pytest.mark.parametrize("force", [-150.0, 100.0, 300.0])

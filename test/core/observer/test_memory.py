@@ -104,3 +104,24 @@ def test_chatter_that_forces_do_not_show_makes_the_velocity_less_sure(calm, shak
 def test_after_the_chatter_it_is_sure_again(calm, shaken):
     late = slice(PUSHED.stop + 400, None)
     assert shaken.sigma[late, 1].mean() < 1.5 * calm.sigma[late, 1].mean()
+
+
+def test_samples_that_are_lost_are_no_noise_of_the_measured_com(n=4000):
+    """By steps of encoders; a third of the samples is missing. Third differences want even steps."""
+    found, rng = [], np.random.default_rng(1)
+    for lost in (0.0, 0.3):
+        block, out = np.zeros(sum(SIZES)), np.empty((ROWS, 3))
+        memory, noise = memory_of(block), Noise(MASS, GRAVITY, (1e-4 * WEIGHT) ** 2, 0.0, 0.0, np.zeros(3))
+        memory.walks[:], memory.constant[:], memory.scalars[1], memory.squares[:] = (0.1 * WEIGHT) ** 2, 1.0, 3.0, 1.0
+        memory.rounding[:] = STEP**2 / 12.0 * np.eye(3)
+        kept = np.flatnonzero(rng.uniform(size=n) >= lost)
+        for i, k in enumerate(kept):
+            t, pulse = DT * k, 2.0 * np.pi * 1.5
+            com = STEP * np.round(0.05 * np.sin(pulse * t) / STEP) * np.ones(3)
+            felt = MASS * (-(pulse**2) * com + [0.0, 0.0, GRAVITY])
+            dt = DT * (k - kept[i - 1]) if i else DT
+            velocity = 0.05 * pulse * np.cos(pulse * t) * np.ones(3)
+            step = GOES_ON if i else BEGINS, dt, 1
+            take(block, noise, step, np.concatenate([felt, np.zeros(3)]), WRENCH, LEVEL, LEVEL, com, velocity, out)
+        found.append(np.sqrt(memory.white / memory.scalars[0]))
+    np.testing.assert_allclose(found[1], found[0], rtol=0.3)

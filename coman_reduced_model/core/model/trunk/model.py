@@ -16,7 +16,7 @@ The ground can only press on the corners of the soles, and holds them no more th
 that has just landed or is about to leave stands on an edge or a corner, and the springs of its leg hold little, and a
 robot that sways stands on the edges of both. That, not a share of stiffness, is how the load passes from leg to leg.
 The free run follows from the motors, the support phase and its switching times alone; between two restarts it takes
-nothing that is measured. A joint without a motor stream has its link position for that of its motor.
+nothing that is measured. A joint outside the legs without a motor stream has its link position for that of its motor.
 """
 
 from __future__ import annotations
