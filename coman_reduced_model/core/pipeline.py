@@ -169,7 +169,7 @@ class Pipeline:
         last, self._last_stamp = self._last_stamp, sample.stamp_ns
         if last is not None and not 0 < sample.stamp_ns - last <= self._gap:
             self.restarts += 1
-            self.reset(levels=not 0 < sample.stamp_ns - last <= 1e9 * STALE_S, suspicions=False)
+            self.reset(levels=not 0 < sample.stamp_ns - last <= 1e9 * STALE_S)
             self._last_stamp = sample.stamp_ns
         self.samples += 1
         self.plausibility.update(sample, self.predictor.zeros)
@@ -179,16 +179,17 @@ class Pipeline:
             self.monitor.update(self.predictor.sample, self.predictor.link, prediction)
         return prediction
 
-    def reset(self, levels: bool = True, suspicions: bool = True) -> None:
+    def reset(self, levels: bool = True) -> None:
         """Forget the past, as after a gap: odom begins at the next sample. Counters of messages are kept.
+
+        What looked wrong with the input counts from then on: it may have been mended.
 
         Args:
             levels: also those of the monitor, and what it reports.
-            suspicions: also what looked wrong with the input, with its counters.
         """
         self._last_stamp = None
         self.predictor.reset()
-        (self.plausibility.reset if suspicions else self.plausibility.restart)()
+        self.plausibility.reset()
         if self.monitor is not None:
             (self.monitor.reset if levels else self.monitor.interrupt)()
 

@@ -8,16 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from monitor_tools import KNEE, turned
-from synthetic import JOINTS, LEFT, RIGHT, T0, robot, walk
+from synthetic import JOINTS, robot, walk
 
-from coman_reduced_model.core.base.input_warning import WarningKind
 from coman_reduced_model.core.base.types import Flags, Phase
 from coman_reduced_model.core.config.schema import Config
 from coman_reduced_model.core.pipeline import Pipeline
 from coman_reduced_model.errors import ConfigError
 
 SETTINGS = Config().replaced({"prediction.horizons": []})
-OTHER = {LEFT: (RIGHT, "r_sole"), RIGHT: (LEFT, "l_sole")}
 
 
 def feed(pipeline, messages):
@@ -31,30 +29,6 @@ def slipped_walk(seconds):
 
 def channels(pipeline):
     return {each.channel for each in pipeline.status().mismatches}
-
-
-def kinds(pipeline):
-    return [each.kind for each in pipeline.status().warnings]
-
-
-def test_what_looked_wrong_before_a_gap_is_still_said():
-    messages = []
-    for stream, message in walk(4.0):
-        if stream in OTHER:
-            stream, frame = OTHER[stream]
-            message = replace(message, frame_id=frame)
-        messages.append((stream, message))
-    pipeline = Pipeline(robot(), SETTINGS)
-    before = [each for each in messages if each[1].stamp_ns < T0 + 3_000_000_000]
-    after = [each for each in messages if each[1].stamp_ns > T0 + 3_400_000_000]
-    feed(pipeline, before)
-    suspect = dict(pipeline.status().suspect)
-    assert WarningKind.SWAPPED in kinds(pipeline)
-    feed(pipeline, after)
-    assert pipeline.status().restarts == 1 and WarningKind.SWAPPED in kinds(pipeline)
-    assert all(pipeline.status().suspect[name] >= count for name, count in suspect.items())
-    pipeline.reset()
-    assert WarningKind.SWAPPED not in kinds(pipeline) and not pipeline.status().suspect
 
 
 def test_after_a_reset_it_predicts_as_if_just_started():

@@ -37,10 +37,6 @@ class HeldValues:
         """Forget the past."""
         self.times = dict.fromkeys(WRENCHES, 0)
         self.longest = dict.fromkeys(WRENCHES, 0.0)  # [s]
-        self.restart()
-
-    def restart(self) -> None:
-        """The next look does not follow the last one."""
         self._first: dict[Foot, _First] = {}  # by foot that bears load
         self._counted = dict.fromkeys(WRENCHES, False)  # whether `times` counts that value
 

@@ -64,20 +64,14 @@ class Plausibility:
         self._signs.weight = self._turned_wrenches.weight = self._weight
         self._lifts = config.support.contact_off * self._weight  # [N] a foot that reads more is never in the air
 
-    def restart(self) -> None:
-        """The next sample may have any stamp, and does not follow the last one; what was seen is kept."""
-        self._held.restart()
-        self._turned_wrenches.restart()
-        self._odometry.reset()
-        self._slope.reset()
-        self._next = 0
-
     def reset(self) -> None:
         """Forget the past."""
         self._signs.reset()
         self._held.reset()
         self._turned_wrenches.reset()
-        self.restart()
+        self._odometry.reset()
+        self._slope.reset()
+        self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
         self._much = 0  # looks at which a foot reads more than it does in kilograms

@@ -46,10 +46,6 @@ class Turned:
         self._weights = dict.fromkeys(WRENCHES, 0.0)
         self._products = {foot: np.zeros((3, 3), dtype=complex) for foot in WRENCHES}
         self._total, self._samples = 0.0, 0  # of both vertical forces [N] as they are read, in all samples
-        self.restart()
-
-    def restart(self) -> None:
-        """The next look does not follow the last one."""
         self._begin(Foot.NONE)
 
     def _begin(self, foot: Foot) -> None:
