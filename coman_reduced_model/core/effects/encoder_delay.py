@@ -9,7 +9,7 @@ from ..base.delays import shifted
 from ..base.parameter import Parameter
 from ..base.stream_names import JOINTS
 from .base import Effect
-from .unknown import LINKS, About, Change, Measured, Unknown, World
+from .unknown import LINKS, About, Unknown, arrays_changed
 
 
 class EncoderDelay(Effect):
@@ -36,12 +36,6 @@ class EncoderDelay(Effect):
         prior = about.widths("encoder_delay.delay", "spread", "reach")
         ways = {"": ("q",), LINKS: ("q", "tau")} if about.efforts else {"": ("q",)}
         return [
-            cls.unknown("delay", _earlier(arrays), way, step=0.005, low=0.0, **prior) for way, arrays in ways.items()
+            cls.unknown("delay", arrays_changed(arrays, shifted), way, step=0.005, low=0.0, **prior)
+            for way, arrays in ways.items()
         ]
-
-
-def _earlier(arrays: tuple[str, ...]) -> Change:
-    def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:
-        return r.changed(**{array: shifted(getattr(r, array), x, r.rate) for array in arrays}), w
-
-    return apply

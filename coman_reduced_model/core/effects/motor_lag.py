@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..base.delays import apart, lagged
+from ..base.delays import lagged
 from ..base.parameter import Parameter
 from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
-from .unknown import PLAN, About, Change, Measured, Unknown, World
+from .unknown import PLAN, About, Unknown, arrays_changed
 
 if TYPE_CHECKING:
     from ..base.types import Array, Reference, Sample
@@ -75,7 +75,7 @@ class MotorLag(Effect):
         }
         ways = {"": "motor_q", PLAN: "plan"} if about.plan else {"": "motor_q"}
         return [
-            cls.unknown("time_constant", _behind(array), way, step=0.005, low=0.0, **prior[way])
+            cls.unknown("time_constant", arrays_changed([array], lagged), way, step=0.005, low=0.0, **prior[way])
             for way, array in ways.items()
             if about.motors
         ]
@@ -106,11 +106,3 @@ class _Lag:
         slope = (u_1 - u_0) / dt
         y_1 = u_0 + (y - u_0) * decay + slope * (dt + self._T * expm1(-dt / self._T))
         return y_1, (u_1 - y_1) / self._T
-
-
-def _behind(array: str) -> Change:
-    def change(r: Measured, w: World, x: float) -> tuple[Measured, World]:
-        values, jumps = apart(getattr(r, array), r.rate) if array == PLAN else (getattr(r, array), 0.0)
-        return r.changed(**{array: lagged(values, x, r.rate) + jumps}), w
-
-    return change

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..base.delays import apart, shifted
+from ..base.delays import shifted
 from ..base.parameter import Parameter
 from ..base.stream_names import MOTORS, REFERENCE
+from ..base.types import Array
 from .ambiguity import DRIVE_DELAY, Ambiguity
 from .base import Effect
-from .unknown import PLAN, About, Change, Measured, Unknown, World
+from .unknown import PLAN, About, Unknown, arrays_changed
 
 
 class TransportDelay(Effect):
@@ -38,17 +39,13 @@ class TransportDelay(Effect):
         out = []
         if about.motors:
             prior = about.widths("transport_delay.delay", "spread", "reach")
-            out.append(cls.unknown("delay", _later("motor_q"), step=0.005, low=0.0, **prior))
+            out.append(cls.unknown("delay", arrays_changed(["motor_q"], _later), step=0.005, low=0.0, **prior))
         if about.motors and about.plan:
             # Motor states that are measured show it against the plan, those that echo the command do not.
             prior = about.widths("transport_delay.plan", "spread", "reach")
-            out.append(cls.unknown("delay", _later("plan"), PLAN, step=0.005, low=0.0, **prior))
+            out.append(cls.unknown("delay", arrays_changed([PLAN], _later), PLAN, step=0.005, low=0.0, **prior))
         return out
 
 
-def _later(array: str) -> Change:
-    def change(r: Measured, w: World, x: float) -> tuple[Measured, World]:
-        values, jumps = apart(getattr(r, array), r.rate) if array == PLAN else (getattr(r, array), 0.0)
-        return r.changed(**{array: shifted(values, -x, r.rate) + jumps}), w
-
-    return change
+def _later(values: Array, by: float, rate: float) -> Array:
+    return shifted(values, -by, rate)

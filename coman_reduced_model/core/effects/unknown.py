@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 import pinocchio as pin
 
+from ..base.delays import apart
 from ..base.nominal import Nominal
 from ..base.types import Array, Foot, Integers
 from ..robot.limits import leg_length
@@ -184,7 +186,7 @@ class About:
         """[N]."""
         return self.robot.mass * self.gravity
 
-    @property
+    @cached_property
     def leg(self) -> float:
         """[m] of a stretched leg."""
         return leg_length(self.robot)
@@ -220,6 +222,19 @@ def world_elements(name: str, which: Integers | int, change: Callable[[Array, fl
         values = getattr(w, name).copy()
         values[which] = change(values[which], x)
         return r, w.changed(**{name: values})
+
+    return apply
+
+
+def arrays_changed(names: Sequence[str], change: Callable[[Array, float, float], Array]) -> Change:
+    """Changes arrays of the measurement, by themselves, x and the rate of the grid [Hz]; a plan in one frame."""
+
+    def apply(r: Measured, w: World, x: float) -> tuple[Measured, World]:
+        changed = {}
+        for name in names:
+            values, jumps = apart(getattr(r, name), r.rate) if name == PLAN else (getattr(r, name), 0.0)
+            changed[name] = change(values, x, r.rate) + jumps
+        return r.changed(**changed), w
 
     return apply
 

@@ -13,13 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.input_warning import InputWarning, WarningKind
-from ..base.pose import LEVEL
 from ..base.stream_names import JOINTS, MOTORS, WRENCHES
-from ..base.types import Array, Foot, Sample
+from ..base.types import Foot, Sample
 from ..config.schema import Config
-from ..measured.odometry import FootOdometry
-from ..measured.sensor_zeros import CLEARANCE, FEET, MOST_KILOGRAMS, SensorZeros, in_kilograms
-from ..measured.slope import Slope
+from ..measured.sensor_zeros import CLEARANCE, MOST_KILOGRAMS, SensorZeros, in_kilograms
 from ..streams.possible import Refusals
 from .held import HeldValues
 from .signs import Signs
@@ -51,8 +48,7 @@ class Plausibility:
         self._posture = robot.posture()
         self._signs = Signs(robot, self._weight)
         self._held = HeldValues()
-        self._turned_wrenches = Turned(self._weight, robot.config.gravity)
-        self._odometry, self._slope = FootOdometry(), Slope(robot)
+        self._turned_wrenches = Turned(robot, self._weight)
         legs = {*config.robot.left.joints, *config.robot.right.joints}
         self._of_legs = np.array([name in legs for name in robot.joint_names])
         self.reconfigure(config)
@@ -69,8 +65,6 @@ class Plausibility:
         self._signs.reset()
         self._held.reset()
         self._turned_wrenches.reset()
-        self._odometry.reset()
-        self._slope.reset()
         self._next = 0
         self._force = {Foot.LEFT: 0.0, Foot.RIGHT: 0.0}
         self._negative = {Foot.LEFT: 0, Foot.RIGHT: 0}
@@ -109,9 +103,7 @@ class Plausibility:
         self._posture.update(sample.q, sample.qd)
         raw = {Foot.LEFT: sample.left_wrench, Foot.RIGHT: sample.right_wrench}
         wrenches = raw if zeros is None else {foot: wrench - zeros.of(foot) for foot, wrench in raw.items()}
-        self._turned_wrenches.update(
-            self._posture, sample.stamp_ns, wrenches, left + right, self._down(sample, wrenches)
-        )
+        self._turned_wrenches.update(self._posture, sample, wrenches, left + right)
         height = self._posture.sole_to_sole(Foot.LEFT, Foot.RIGHT)[1][2]
         higher = Foot.NONE if abs(height) <= CLEARANCE else Foot.RIGHT if height > 0.0 else Foot.LEFT
         loaded = {  # by its sensor, or because the other one is in the air
@@ -126,13 +118,6 @@ class Plausibility:
         self._air_force[higher] += in_air
         self._other_force[higher] += other
         self._swapped += abs(in_air) > max(abs(other), 0.5 * self._weight)
-
-    def _down(self, sample: Sample, wrenches: Mapping[Foot, Array]) -> Array:
-        """(3,) direction of gravity in the axes of the sole that bears most, as far as IMU or plan say."""
-        foot = Foot.LEFT if wrenches[Foot.LEFT][2] >= wrenches[Foot.RIGHT][2] else Foot.RIGHT
-        T = self._odometry.update(foot, *(x for each in FEET for x in (self._posture.R[each], self._posture.p[each])))
-        self._slope.update(sample, self._posture, foot, T)
-        return T[:3, :3].T @ self._slope.down if self._slope.tilted else LEVEL
 
     @property
     def carried(self) -> float | None:

@@ -17,8 +17,10 @@ import numpy as np
 from ..base.input_warning import InputWarning, WarningKind
 from ..base.pose import LEVEL
 from ..base.stream_names import WRENCHES
-from ..base.types import Array, Foot
-from ..robot.robot import Posture
+from ..base.types import Array, Foot, Sample
+from ..measured.odometry import FootOdometry
+from ..measured.slope import Slope
+from ..robot.robot import Posture, Robot
 
 _WINDOW = 5  # looks, 0.1 s: over which the acceleration of the COM is taken
 _WINDOWS = 10  # on a foot before a warning: 1 s
@@ -35,9 +37,10 @@ _BACK = 1j ** -np.arange(4)  # that turn it back
 class Turned:
     """Products of what the ZMP is by the COM and by both feet, over windows in which the support foot is one."""
 
-    def __init__(self, weight: float, gravity: float) -> None:
-        """Weight of the robot [N], gravity [m/s^2]."""
-        self.weight, self._gravity = weight, gravity
+    def __init__(self, robot: Robot, weight: float) -> None:
+        """The robot, and its weight [N]."""
+        self.weight, self._gravity = weight, robot.config.gravity
+        self._odometry, self._slope = FootOdometry(), Slope(robot)
         self.reset()
 
     def reset(self) -> None:
@@ -46,24 +49,25 @@ class Turned:
         self._weights = dict.fromkeys(WRENCHES, 0.0)
         self._products = {foot: np.zeros((3, 3), dtype=complex) for foot in WRENCHES}
         self._total, self._samples = 0.0, 0  # of both vertical forces [N] as they are read, in all samples
+        self._odometry.reset()
+        self._slope.reset()
         self._begin(Foot.NONE)
 
     def _begin(self, foot: Foot) -> None:
         self._foot, self._looks, self._mean = foot, 0, np.zeros(3, dtype=complex)
 
-    def update(
-        self, posture: Posture, stamp_ns: int, wrenches: Mapping[Foot, Array], read: float, down: Array = LEVEL
-    ) -> None:
+    def update(self, posture: Posture, sample: Sample, wrenches: Mapping[Foot, Array], read: float) -> None:
         """Take a look: the posture of the joints, and the wrenches (6,) of both feet without what is known of zeros.
 
         Args:
+            sample: by whose IMU or plan a slope is known.
             read: sum of both vertical forces as the sensors read them [N].
-            down: (3,) direction of gravity in the axes of the sole that bears most.
         """
         total = float(sum(wrench[2] for wrench in wrenches.values()))
         self._total += read
         self._samples += 1
         foot = Foot.LEFT if wrenches[Foot.LEFT][2] >= wrenches[Foot.RIGHT][2] else Foot.RIGHT
+        down = self._down(posture, sample, foot)
         if total < _LOADED * self.weight or min(wrench[2] for wrench in wrenches.values()) < -0.1 * total:
             self._begin(Foot.NONE)
             return
@@ -78,12 +82,12 @@ class Turned:
         feet = (own, turn * other) if foot == Foot.LEFT else (turn * other, own)
         velocity = complex(com_vel[0], com_vel[1])
         if self._looks == 0:
-            self._since, self._first = stamp_ns, velocity
+            self._since, self._first = sample.stamp_ns, velocity
         self._mean += np.array([asked, *feet])
         self._looks += 1
         if self._looks < _WINDOW:
             return
-        seconds = 1e-9 * (stamp_ns - self._since)
+        seconds = 1e-9 * (sample.stamp_ns - self._since)
         look = self._mean / self._looks
         lead = com[2] / self._gravity * (velocity - self._first) / seconds
         look[0] -= lead
@@ -92,6 +96,12 @@ class Turned:
         self._windows[foot] += 1
         self._weights[foot] += weight
         self._begin(foot)
+
+    def _down(self, posture: Posture, sample: Sample, foot: Foot) -> Array:
+        """(3,) direction of gravity in the axes of the sole of the support foot, as far as IMU or plan say."""
+        T = self._odometry.update(foot, *(x for each in WRENCHES for x in (posture.R[each], posture.p[each])))
+        self._slope.update(sample, posture, foot, T)
+        return T[:3, :3].T @ self._slope.down if self._slope.tilted else LEVEL
 
     def _distance(self, turns: tuple[int, int], feet: Sequence[Foot] = tuple(WRENCHES)) -> float:
         """RMS distance [m] of both ZMPs, with what is measured turned back; of windows with these support feet."""
